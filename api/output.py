@@ -16,6 +16,7 @@ from ..engine.params import ObjectSettings, changed
 from ..engine.progress import Progress
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
+from ..engine.surface.far import near
 from ..engine.surface.files.meshio import SHAPE
 from .pieces import Supports, Tell, go_on, go_to, guard_of, load, progress_of, remnants_of
 from .steps import sheets, spirals
@@ -191,6 +192,7 @@ def run(
         guard.also([*piece.files, *remnants_of(piece.settings)])
         job_folder.refuse(Path(out), guard, written, pictures)
         piece = replace(piece, made=stages.without(piece.result, {"layout"}))
+        piece = replace(piece, made=replace(piece.result, mesh=near(piece.mesh)))
         piece = go_on(piece, names[1:], told.part(0.2, 0.6), lenient=True)
         return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)

@@ -19,6 +19,9 @@ from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
+from ..engine.surface.checking.overlaps import overlaps
+from ..engine.surface.checking.sewing import sewn
+from ..engine.surface.far import about_middle
 from ..engine.surface.files import meshio
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -61,7 +64,10 @@ def load(
     piece = change(piece, settings)
     others = checking.not_quads(piece.source) if remeshed and quads is None and piece.made is None else 0
     if others or quads is not None:
+        before = [replace(one, severity="warning", faces=(), edges=()) for one in overlaps(piece.source)]
         piece = remesh(piece, quads=quads, progress=progress)
+        if piece.made is not None:
+            piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, *before]))
     if others and piece.made is not None:
         piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, checking.remeshed(others)]))
     return change(piece, supports=supports)
@@ -140,7 +146,7 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
 
 def check(piece: Piece) -> list[Finding]:
     """Everything that is wrong with the mesh, errors first; with an error no other stage can run."""
-    return checking.findings(piece.source)
+    return checking.everything(piece.source)
 
 
 def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
@@ -153,7 +159,11 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
     found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted.remesh.smooth, progress_of(progress))
-    made = begun(Piece(piece.name, found.polygons, piece.settings, files=piece.files), piece.edge, piece.height)
+    made = begun(
+        Piece(piece.name, replace(found.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
+        piece.edge,
+        piece.height,
+    )
     if made.made is None:
         return made
     return replace(made, made=replace(made.made, findings=[*made.made.findings, *found.findings]))
@@ -231,6 +241,7 @@ def _from_blender(source: Any) -> Piece:
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
         polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
-        return Piece("mesh", polygons, ObjectSettings())
+        return Piece("mesh", about_middle(polygons), ObjectSettings())
     files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
-    return Piece(*meshio.named(str(source), up), ObjectSettings(), files=files)
+    name, polygons = meshio.named(str(source), up)
+    return Piece(name, sewn(polygons), ObjectSettings(), files=files)

@@ -26,7 +26,7 @@ class Check(StageOperator, bpy.types.Operator):
             from ..engine.surface.checking import check
 
             progress(0.0, "Looking at every face")
-            return check.findings(surface.polygons)
+            return check.everything(surface.polygons)
 
         return work
 

@@ -18,7 +18,7 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     """The polygons that are seen of an object, without its simulated shape, metres; raises ``FlexMapsError`` where there are none."""
     if abs(np.linalg.det(to_metres(obj, context.scene)[:3, :3])) < 1e-30:
         raise FlexMapsError(f"'{obj.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis")
-    return read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+    return read_evaluated(obj, context.scene)
 
 
 def quads_of(polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT) -> requad.Requadded:

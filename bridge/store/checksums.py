@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.runs import stages
-from . import attributes, handles, pose, settings
+from . import attributes, handles, pose, seen, settings
 
 MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
 
@@ -56,7 +56,7 @@ class Checksums:
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
         rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {faces}"
-        return positions.tobytes() + corners.tobytes() + rest.encode()
+        return positions.tobytes() + corners.tobytes() + rest.encode() + seen.state(self._obj)
 
     def _edited(self) -> bmesh.types.BMesh | None:
         """The mesh that is being edited, which is ahead of the object's; None outside edit mode, or where reading takes too long.

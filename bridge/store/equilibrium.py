@@ -15,8 +15,6 @@ What is written:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -25,6 +23,11 @@ import numpy as np
 from ...engine.arrays import Float
 from . import attributes, notes, pose, scans, states
 from .i18n import translate
+from .keys import KEY, OTHER, keys_of
+from .keys import foreign_keys as foreign_keys
+from .keys import key_of as key_of
+from .keys import shown_at as shown_at
+from .keys import shown_positions as shown_positions
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
@@ -32,29 +35,10 @@ if TYPE_CHECKING:
     from ...engine.simulation.simulate import Simulation
     from .surface import Surface
 
-KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "reach", "utilisation"
 
 
 # -- the shape key -----------------------------------------------------------------------------------------------------
-
-
-def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
-    """The shape key of the equilibrium, if it is there."""
-    keys = mesh.shape_keys
-    return None if keys is None else keys.key_blocks.get(KEY)
-
-
-def keys_of(mesh: bpy.types.Mesh) -> list[bpy.types.ShapeKey]:
-    """The shape keys that a simulation wrote: the equilibrium, then other shapes."""
-    keys = mesh.shape_keys
-    return [] if keys is None else [k for k in keys.key_blocks if k.name == KEY or k.name.startswith(OTHER)]
-
-
-def foreign_keys(mesh: bpy.types.Mesh) -> bool:
-    """Whether the user has shape keys beside the basis and ours."""
-    keys = mesh.shape_keys
-    return keys is not None and len(keys.key_blocks) - len(keys_of(mesh)) > 1
 
 
 def forget(obj: bpy.types.Object) -> None:
@@ -106,7 +90,8 @@ def write(
         _put_key(obj, surface, name, vertices).value = float(name == KEY)
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
-    obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
+    if not obj.show_only_shape_key:
+        obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
     slots = simulation.slots()
     room = None if slots is None else 1e3 * slots.of_quads
     values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain, room
@@ -131,37 +116,12 @@ def _put_key(
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows no others
-    positions[used] = vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
+    positions[used] += there - surface.seen[used]  # the user's keys and modifiers go on moving it
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
     return key
-
-
-def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """The vertices, moved by our shape keys alone, in the object's own frame."""
-    basis = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", basis)
-    positions, moved = basis.copy(), np.empty_like(basis)
-    for key in keys_of(mesh):
-        if not key.mute and key.value and len(key.data) == len(mesh.vertices):
-            key.data.foreach_get("co", moved)
-            positions += np.float32(key.value) * (moved - basis)
-    return positions.reshape(-1, 3)
-
-
-@contextmanager
-def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
-    """Show the object meanwhile at the target (0) or at its equilibrium (1)."""
-    before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
-    for key in keys_of(obj.data):
-        key.value, key.mute = (share if key.name == KEY else 0.0), False
-    try:
-        yield
-    finally:
-        for name, value, mute in before:
-            key = obj.data.shape_keys.key_blocks[name]
-            key.value, key.mute = value, mute
 
 
 # -- whether it is good, and still true ------------------------------------------------------------------------------------------

@@ -40,8 +40,10 @@ from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign, fitted, outside
+from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
+from . import seen as seeing
 from .objects import changed_by_modifiers, unusable
 from .surface import Surface
 
@@ -50,6 +52,7 @@ DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness", "protect")
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
+COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
 UNSEALED_NOTES = (
     "An early version of FlexMaps made the notes of earlier stages, and they are left out: run the stages again"
@@ -64,21 +67,21 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
     problem = unusable(obj) or changed_by_modifiers(obj)
     if problem:
         raise FlexMapsError(problem)
+    seen = seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, to_metres(obj, scene))
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
 def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
     """The same in whatever mode, while a hand paints or sculpts."""
+    seen = None if obj.data.is_editmode else seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, to_metres(obj, scene))
+        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
-def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> PolygonMesh:
+def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
     """The polygons that are seen, modifiers applied, but no simulated shape, metres and world axes."""
-    with equilibrium.shown_at(obj, 0.0):
-        depsgraph.update()
-        evaluated = obj.evaluated_get(depsgraph)
+    with equilibrium.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
             return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
@@ -88,12 +91,17 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy
 
 def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
     """From the object's frame to world axes in metres."""
-    matrix = np.array(obj.matrix_world, dtype=float)
+    matrix = seeing.world(obj, scene)
     matrix[:3] *= scene.unit_settings.scale_length
     return matrix
 
 
-def _surface(mesh: bpy.types.Mesh, uid: int, matrix: Float[np.ndarray, "4 4"]) -> Surface:
+def _surface(
+    mesh: bpy.types.Mesh,
+    uid: int,
+    matrix: Float[np.ndarray, "4 4"],
+    seen: Float[np.ndarray, "vertices 3"] | None = None,
+) -> Surface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
     positions = np.empty(3 * len(mesh.vertices), np.float32)
@@ -112,15 +120,18 @@ def _surface(mesh: bpy.types.Mesh, uid: int, matrix: Float[np.ndarray, "4 4"]) -
         starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
         count = np.repeat(sizes, sizes)
         loops = starts + (count - (loops - starts)) % count
-    vertices = positions.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
+    seen = positions if seen is None else seen
+    vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     values, unsound = attributes.ours(mesh)
     left = tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
     left += (UNSOUND_NOTES,) if notes.unsound(mesh) else (UNSEALED_NOTES,) if notes.unsealed(mesh) else ()
+    step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
+    left += (COARSE.format(step),) if step else ()
     polygons = PolygonMesh(vertices, corners[loops].astype(np.int64), sizes.astype(np.int64), left)
     none = np.zeros(0, dtype=np.int64)
     face_of = np.repeat(np.arange(len(sizes)), sizes)
     spoilt = np.union1d(face_of[unsound.get("width", none)], unsound.get("twist", none))
-    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt)
+    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
 
 
 def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:

@@ -21,6 +21,28 @@ HARMLESS = {
     "WEIGHTED_NORMAL",
 }
 
+# modifiers that move points and leave the faces what they are
+DEFORMING = {
+    "ARMATURE",
+    "CAST",
+    "CORRECTIVE_SMOOTH",
+    "CURVE",
+    "DISPLACE",
+    "HOOK",
+    "LAPLACIANDEFORM",
+    "LAPLACIANSMOOTH",
+    "LATTICE",
+    "MESH_CACHE",
+    "MESH_DEFORM",
+    "MESH_SEQUENCE_CACHE",
+    "SHRINKWRAP",
+    "SIMPLE_DEFORM",
+    "SMOOTH",
+    "SURFACE_DEFORM",
+    "WARP",
+    "WAVE",
+}
+
 
 def unusable(obj: bpy.types.Object | None) -> str | None:
     """Why FlexMaps cannot work on this object, as a sentence; ``None`` if it can. Cheap enough for a panel."""
@@ -36,9 +58,9 @@ def unusable(obj: bpy.types.Object | None) -> str | None:
 
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
-    """Why the mesh is not what is seen, as a sentence; ``None`` where no modifier changes the surface."""
+    """Why the mesh is not what is seen, as a sentence; ``None`` where modifiers leave the faces what they are."""
     for modifier in obj.modifiers:
-        if modifier.show_viewport and modifier.type not in HARMLESS:
+        if modifier.show_viewport and modifier.type not in HARMLESS | DEFORMING:
             text = "Apply or remove the modifier '{}' first: the layout lives in the mesh itself"
             return translate(text, modifier.name)
     return None

@@ -125,7 +125,7 @@ def read(obj: bpy.types.Object) -> Stored:
     if problem:
         raise FlexMapsError(problem)
     if objects.changed_by_modifiers(obj):
-        return Stored(mesh.read_evaluated(obj, scene, bpy.context.evaluated_depsgraph_get()), used)
+        return Stored(mesh.read_evaluated(obj, scene), used)
     surface = mesh.read_surface(obj, scene)
     snapshot = take(obj, surface, used, loaded=False)
     try:

@@ -24,6 +24,7 @@ class Surface:
     to_metres : from the object's frame to metres in world axes
     values : attributes of ours by name, without the prefix, in Blender's order
     spoilt : faces whose width or twist is none that we write
+    seen : the vertices as shape keys and modifiers of the user's place them, as ``positions``, which are the mesh's own
     """
 
     uid: int
@@ -35,6 +36,7 @@ class Surface:
     to_metres: Float[np.ndarray, "4 4"]
     values: dict[str, np.ndarray]
     spoilt: Int[np.ndarray, " spoilt"]
+    seen: Float[np.ndarray, "vertices 3"]
 
     @cached_property
     def edge_of(self) -> Int[np.ndarray, " edges"]:

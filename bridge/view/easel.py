@@ -18,6 +18,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
 from ...engine.runs import stages
 from ..store import attributes, equilibrium, fields, notes, objects, settings, states
+from ..store import seen as seeing
 from ..store.checksums import Checksums
 from .colouring import stiffness_legend, stiffness_share
 from .live_shape import LiveShape, middle_edge
@@ -127,7 +128,7 @@ class Easel:
         self._readied: SpiralDesign | None = None
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(Seen.of(self, self._placed(equilibrium.shown_positions(obj.data))))
+        self._take(Seen.of(self, self._placed(seeing.shown(obj))))
         self._known: dict[object, np.ndarray] = {}
         self._keep(self._now(obj, scene))
 
@@ -179,7 +180,7 @@ class Easel:
             self.stiffness = stored.astype(float)
         else:
             self._renew_stiffness(old)
-        moved = self._elsewhere(equilibrium.shown_positions(obj.data))
+        moved = self._elsewhere(seeing.shown(obj))
         if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:

@@ -14,7 +14,8 @@ import numpy as np
 
 from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
-from ..store import attributes, equilibrium
+from ..store import attributes
+from ..store import seen as seeing
 from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIGHT, LiveShape
@@ -272,7 +273,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
     number = attributes.get(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
     sides = np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
-    seen = equilibrium.shown_positions(mesh).astype(float)
+    seen = seeing.shown(obj).astype(float)
     return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.arrays import Float, Int
 from ..store import attributes, equilibrium
+from ..store import seen as seeing
 
 
 def seen(
@@ -18,7 +19,7 @@ def seen(
     if shape is not None and shape.vertices is not None and len(shape.quads) == len(obj.data.polygons):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
-        points = equilibrium.shown_positions(mesh)
+        points = equilibrium.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
         corners = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", corners)
         whole = len(mesh.loops) == 4 * len(mesh.polygons)

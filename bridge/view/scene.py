@@ -24,7 +24,7 @@ from . import choices, collection, colouring, flat_panels, materials, meshes, on
 def read_blend(path: str | Path) -> PolygonMesh:
     """The object of ``open_blend`` as it is seen there: metres, world axes. Raises as that does."""
     obj, context = open_blend(path), bpy.context
-    return mesh.read_evaluated(obj, context.scene, context.evaluated_depsgraph_get())
+    return mesh.read_evaluated(obj, context.scene)
 
 
 def open_blend(path: str | Path) -> bpy.types.Object:

@@ -17,6 +17,7 @@ from ..spirals.spiral import centre_line
 from ..spirals.touching import touching
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
+from .nesting.many import refuse_many
 from .nesting.nest import nest
 from .nesting.packing import Packing, fill, used_length
 from .panels.kerf import cut_paths
@@ -147,6 +148,7 @@ def make_sheets(
     panels += _plates(base)
     outlines = [p.outline for p in (*traced, *panels[len(drawn) :])]
     shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
+    refuse_many(shapes, params)
     laid = nest(shapes, params, progress.part(0.72, 1.0))
     warnings += dict.fromkeys(remark for one in laid.remnants for remark in one.remarks)
     packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)

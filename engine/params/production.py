@@ -113,6 +113,11 @@ class SheetParams(Params):
             ("error", "Stop", "Stop and name the patch"),
         ),
     )  # fmt: skip
+    many_sheets: bool = setting(
+        False,
+        "Many sheets",
+        "Go on where far more sheets come than the panels' area needs, because panels almost fill one each",
+    )
     cut_joints: int = setting(
         0,
         "Joints for a sheet",

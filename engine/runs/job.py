@@ -104,7 +104,7 @@ def begin(
     """The checked mesh in the wanted size; arguments as in ``run``."""
     start = time.perf_counter()
     source = check.scaled(polygons, edge=edge, height=height)
-    findings = check.findings(source)
+    findings = check.everything(source)
     mesh = check.as_quad_mesh(source, findings)
     held = None if supports is None else loads.standing(mesh, supports)
     return Result(source, findings, mesh, edge, height, held, seconds={CHECK: time.perf_counter() - start})

@@ -11,7 +11,7 @@ import json
 import zlib
 from base64 import b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from ..mechanics.assembly import Pose, target_pose
 from ..params import ObjectSettings
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
+from ..surface.far import near
 from .result import Result
 
 MM = 1e3  # millimetres in a metre
@@ -98,6 +99,18 @@ class Shown:
         simulation = result.simulation
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
+    def near(self) -> Shown:
+        """The same about its own middle where it lies far away from the origin, beyond the numbers that a page can hold."""
+        layout = self.design.flat.layout
+        moved = near(layout.mesh)
+        if moved is layout.mesh:
+            return self
+        way = moved.vertices[0] - layout.mesh.vertices[0]
+        flat = replace(self.design.flat, layout=replace(layout, mesh=moved))
+        measured = replace(self.measured, mesh=moved)
+        pose = None if self.pose is None else replace(self.pose, centres=self.pose.centres + way)
+        return Shown(replace(self.design, flat=flat), measured, pose)
+
 
 def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
     """JSON that may stand in a script element of a page, whatever the title is.
@@ -111,6 +124,7 @@ def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
 
 def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
     """The same as a mapping."""
+    shown = shown.near()
     design, pose, packed = shown.design, shown.pose, Packed()
     material = settings.material.chosen
     layout = design.flat.layout

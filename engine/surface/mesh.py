@@ -22,12 +22,14 @@ class PolygonMesh:
     corners : (C,) int, vertex index of every face corner, face after face
     sizes : (F,) int, number of corners of every face
     left_out : sentences about what its file holds beside, for ``check`` to pass on
+    cured : codes and sentences of faults that were mended when it was read, for ``check`` to pass on
     """
 
     vertices: np.ndarray
     corners: np.ndarray
     sizes: np.ndarray
     left_out: tuple[str, ...] = ()
+    cured: tuple[tuple[str, str], ...] = ()
 
     def kept(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
         """The same vertices with some of the faces."""

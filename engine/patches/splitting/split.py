@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from itertools import count
 
 import numpy as np
 
@@ -33,12 +34,10 @@ ROUNDING = 1e-4  # by how much, as a share, a patch that was stored and read aga
 SLACK = 0.005  # share of the sheet's longer side that is left for connectors and for the packing
 
 
-def split(
-    flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT, rounds: int = 8
-) -> FlatPatches:
+def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT) -> FlatPatches:
     """Cut every patch that does not fit the sheet, and flatten the pieces; nothing happens if ``sheet.oversize`` is not "split".
 
-    Patches that no run can divide stay as they are; the sheets say so. The notes of the layout's report say how many
+    Patches that no run can divide are halved across their longest extent. The notes of the layout's report say how many
     patches were cut. Raises ``FlexMapsError`` with the quads that alone are larger than the sheet.
     """
     if sheet.oversize != "split":
@@ -47,8 +46,8 @@ def split(
     _refuse_large_quads(flat, box, sheet)
     first, before = len(flat.layout.patches), flat.layout.cut
     found: list[Symmetry] | None = None if params.symmetric else []
-    for turn in range(rounds):
-        part = progress.part(turn / rounds, (turn + 1) / rounds)
+    for turn in count():
+        part = progress.part(1.0 - 0.5**turn, 1.0 - 0.5 ** (turn + 1))
         cut = flat.layout.cut.copy()
         large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0]
         if not large:
@@ -64,11 +63,10 @@ def split(
             if patch in done:
                 continue  # as the mirror image of another one
             run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
-            if run is not None:
-                for edges in (run, *(image.edges[run] for image in mirrored)):
-                    done |= _cut_once(flat.layout, edges, cut, done)
-        if (cut == flat.layout.cut).all():
-            break
+            if run is None:
+                run = _halves(flat, patch)
+            for edges in (run, *(image.edges[run] for image in mirrored)):
+                done |= _cut_once(flat.layout, edges, cut, done)
         notes = flat.layout.notes
         flat = with_cuts(flat, cut, params, part.part(1.0, 1.0))
         flat.layout.notes.update({k: v for k, v in notes.items() if k != "forced"} | forced_notes(flat, params))
@@ -88,23 +86,32 @@ def split(
 
 
 def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> None:
-    """Raise ``FlexMapsError`` where ``split`` would still cut: the layout was made for a larger sheet, or by hand.
-
-    Patches that no run can divide are let through, as ``split`` does.
-    """
+    """Raise ``FlexMapsError`` where ``split`` would still cut: the layout was made for a larger sheet, or by hand."""
     if sheet.oversize != "split":
         return
     box = usable(sheet)
     _refuse_large_quads(flat, box, sheet)
     large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0 + ROUNDING]
-    able = [p for p in large if _best_run(flat, p, params, (1.0 - CHANGE) * box, sheet) is not None]
-    if able:
+    if large:
         raise FlexMapsError(
-            f"{len(able)} of {len(flat.layout.patches)} panels are larger than the sheet of {sheet.sheet_width * 1e3:g} x "
+            f"{len(large)} of {len(flat.layout.patches)} panels are larger than the sheet of {sheet.sheet_width * 1e3:g} x "
             f"{sheet.sheet_height * 1e3:g} mm less its margins: they were not cut for it; make the layout again, cut them "
             "by hand, or let too large panels have larger sheets",
-            faces=np.concatenate([flat.layout.patches[p] for p in able]),
+            faces=np.concatenate([flat.layout.patches[p] for p in large]),
         )
+
+
+def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
+    """The mesh edges between the two halves of a patch's quads along its longest extent."""
+    mesh, quads = flat.layout.mesh, flat.layout.patches[patch]
+    along = flat.corners[quads].mean(axis=1) @ _directions()[:, int(np.argmax(_widths(_points(flat, patch))))]
+    order = np.argsort(along, kind="stable")
+    side = np.full(len(mesh.quads), -1)
+    side[quads[order]] = np.arange(len(quads)) >= len(quads) // 2
+    inner = flat.layout.joined
+    a, b = side[mesh.edge_quads[inner]].T
+    found: Int[np.ndarray, " run"] = inner[(a >= 0) & (b >= 0) & (a != b)]
+    return found
 
 
 def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) -> None:

@@ -29,6 +29,8 @@ Codes of the findings, first those that may be the cause of others:
     several-bodies            warning         each is laid out by itself
     loose-vertices            warning         vertices that belong to no face; left out
     left-out                  warning         what the file holds beside its mesh
+
+``everything`` adds those of ``overlaps``.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
 from .finding import REMESH, Finding, counted, finding, named
 from .geometry import degenerate, far_out, in_unit, lengths_of, sizes
+from .overlaps import overlaps
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
 
@@ -135,6 +138,11 @@ def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
     return sorted(_find(polygons, edge), key=lambda f: not f.is_error)
 
 
+def everything(polygons: PolygonMesh) -> list[Finding]:
+    """``findings`` and those of ``overlaps``, which look at how parts of the surface lie to each other; errors first."""
+    return sorted([*findings(polygons), *overlaps(polygons)], key=lambda f: not f.is_error)
+
+
 def not_quads(polygons: PolygonMesh) -> int:
     """How many faces are no quads."""
     return sum(len(found.faces) for found in findings(polygons) if found.code == "non-quad")
@@ -183,6 +191,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
         text = f"{counted(loose, 'vertex belongs', 'vertices belong')} to no face and {'is' if loose == 1 else 'are'} left out"
         found.append(finding("loose-vertices", text, severity="warning"))
     found += [finding("left-out", text, severity="warning") for text in polygons.left_out]
+    found += [finding(code, text, severity="warning") for code, text in polygons.cured]
     return found
 
 

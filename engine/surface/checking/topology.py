@@ -103,8 +103,8 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return np.flatnonzero(turned), one_sided, np.unique(sides.edge[one[~agree]])
 
 
-def repeated_faces(polygons: PolygonMesh) -> Int[np.ndarray, " repeated"]:
-    """Ascending: faces with the same vertices as an earlier one, in whatever order."""
+def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray, " repeated"]:
+    """Ascending: faces with the same vertices as an earlier one, in whatever order; not ``later``: as a later one."""
     sizes = polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face
@@ -115,5 +115,5 @@ def repeated_faces(polygons: PolygonMesh) -> Int[np.ndarray, " repeated"]:
         rows = corners[starts[own][:, None] + np.arange(size)]
         order = np.lexsort(rows.T[::-1])
         equal = (rows[order][1:] == rows[order][:-1]).all(axis=1)
-        found.append(own[order[1:][equal]])
+        found.append(own[order[1:][equal] if later else order[:-1][equal]])
     return np.sort(np.concatenate(found))

@@ -15,7 +15,9 @@ import numpy as np
 from ...errors import FlexMapsError
 from .. import shapes
 from ..checking.topology import repeated_faces
+from ..far import about_middle, coarse_step
 from ..mesh import PolygonMesh
+from ..welding import welded
 from .obj import parse_obj
 from .off import parse_off
 from .ply import parse_ply
@@ -31,7 +33,7 @@ def read(path: str | Path) -> PolygonMesh:
     """Read the mesh in the file ``path``; the suffix tells the format.
 
     Vertices come in the file's own unit, (V, 3) float64, in the file's order, used or not. Corners of STL triangles at
-    exactly the same position become one vertex. Texture coordinates, normals, colours and materials are left out. So are,
+    nearly the same position become one vertex. Texture coordinates, normals, colours and materials are left out. So are,
     as Blender's importers do it, points and lines, and faces that are listed a second time; ``left_out`` of the mesh says
     so.
 
@@ -59,7 +61,9 @@ def parsed(data: bytes, name: str) -> PolygonMesh:
     """The mesh in the bytes of a file with this name; as ``read``."""
     if not data.strip():
         raise FlexMapsError(f"{name} is empty; export the mesh again")
-    return _checked(PARSERS[Path(name).suffix.lower()](data, name), name)
+    suffix = Path(name).suffix.lower()
+    mesh = _checked(PARSERS[suffix](data, name), name)
+    return welded(mesh) if suffix == ".stl" else mesh
 
 
 def _checked(raw: RawMesh, name: str) -> PolygonMesh:
@@ -92,6 +96,12 @@ def _checked(raw: RawMesh, name: str) -> PolygonMesh:
         raise FlexMapsError(
             f"{name}, {raw.vertex_place(int(bad[0]))}: a coordinate is not a finite number{more}; mend or delete it"
         )
+    step = coarse_step(mesh.vertices[np.unique(mesh.corners)]) if raw.single else 0.0
+    if step:
+        left += (
+            f"Coordinates are stored to {step:.2g} in the unit of the file at this distance from its origin, so that details are "
+            "lost: move the surface to the origin and export it again",
+        )
     return PolygonMesh(mesh.vertices, mesh.corners, mesh.sizes, left)
 
 
@@ -104,7 +114,10 @@ def _told(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
 
 
 def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
-    """A mesh from a file's path or "shape:NAME", z up, with what it is called; ``up`` is the file's axis that points up."""
+    """A mesh from a file's path or "shape:NAME", z up, with what it is called; ``up`` is the file's axis that points up.
+
+    A surface far away from the file's origin is brought to the origin.
+    """
     if source.startswith(SHAPE):
         name = source.removeprefix(SHAPE)
         return name, PolygonMesh.of(shapes.make(name))
@@ -112,7 +125,7 @@ def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
     if axis not in turned:
         raise FlexMapsError(f"up is '{axis}'; give x, y or z")
-    polygons = read(source)
+    polygons = about_middle(read(source))
     name = (
         Path(source).name.encode("utf-8", "replace").decode()
     )  # of bytes that are no text, for the report and Blender

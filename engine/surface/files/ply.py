@@ -212,6 +212,7 @@ def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, li
 
 def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
     at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
+    single = False
     for element in elements:
         columns = _columns(element, name) if element.name == b"vertex" else []
         if element.flat:
@@ -222,6 +223,7 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
             if element.name == b"vertex":
                 table = np.frombuffer(data, dtype, element.count, at)
                 vertices = np.stack([table[f"p{c}"].astype(float) for c in columns], axis=1)
+                single = all(table[f"p{c}"].dtype.itemsize <= 4 for c in columns)
             elif element.name == b"face":
                 _face_list(element, name)
             at += need
@@ -231,7 +233,7 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
         if element.name == b"face":
             corners, sizes = found, counts
     left = bytes_left(data[at:])
-    return RawMesh(vertices, corners, sizes, lambda i: f"vertex {i}", lambda i: f"face {i}", left)
+    return RawMesh(vertices, corners, sizes, lambda i: f"vertex {i}", lambda i: f"face {i}", left, single)
 
 
 def _cut_short(name: str, element: _Element) -> FlexMapsError:

@@ -14,14 +14,16 @@ HEAD = 84  # bytes: 80 of any text, and the number of triangles
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; corners at exactly the same position become one vertex."""
+    """Parse STL, text or binary; corners at exactly the same position become one vertex (``welded`` joins those that noise keeps apart)."""
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
     end = HEAD + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
     left: tuple[str, ...] = ()
+    single = True
     # the size tells, not the first word: heads of binary files may begin with "solid" too
     if len(data) != end and text[:5].lower() == b"solid" and b"\0" not in data:
         points, left = _text_points(text, data[: len(data) - len(text)].count(b"\n"), name)
+        single = False
     elif count and HEAD < end <= len(data):
         records = np.frombuffer(data, RECORD, count, HEAD)
         points = records["corners"].reshape(-1, 3).astype(float)
@@ -44,7 +46,8 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
     rank = np.argsort(np.argsort(first))  # number the vertices in the order in which they appear
     corners = rank[index.ravel()]
     sizes = np.full(len(points) // 3, 3, dtype=np.int64)
-    return RawMesh(points[np.sort(first)], corners, sizes, lambda i: f"vertex {i}", lambda i: f"triangle {i}", left)
+    places = (lambda i: f"vertex {i}", lambda i: f"triangle {i}")
+    return RawMesh(points[np.sort(first)], corners, sizes, *places, left, single)
 
 
 def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray, tuple[str, ...]]:

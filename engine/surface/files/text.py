@@ -25,6 +25,7 @@ class RawMesh:
         sizes as small as 0
     vertex_place, face_place : tell where in the file a vertex or a face stands, for messages ("line 12")
     left_out : sentences about what the file holds beyond its mesh
+    single : whether coordinates are stored in single precision
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -33,6 +34,7 @@ class RawMesh:
     vertex_place: Callable[[int], str]
     face_place: Callable[[int], str]
     left_out: tuple[str, ...] = ()
+    single: bool = False
 
 
 def lines_place(lines: Sequence[int]) -> Callable[[int], str]:

@@ -1,0 +1,57 @@
+"""The shape keys of a simulation among those of a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+
+from ...engine.arrays import Float
+
+KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
+
+
+def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
+    """The shape key of the equilibrium, if it is there."""
+    keys = mesh.shape_keys
+    return None if keys is None else keys.key_blocks.get(KEY)
+
+
+def keys_of(mesh: bpy.types.Mesh) -> list[bpy.types.ShapeKey]:
+    """The shape keys that a simulation wrote: the equilibrium, then other shapes."""
+    keys = mesh.shape_keys
+    return [] if keys is None else [k for k in keys.key_blocks if k.name == KEY or k.name.startswith(OTHER)]
+
+
+def foreign_keys(mesh: bpy.types.Mesh) -> bool:
+    """Whether the user has shape keys beside the basis and ours."""
+    keys = mesh.shape_keys
+    return keys is not None and len(keys.key_blocks) - len(keys_of(mesh)) > 1
+
+
+def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
+    """The vertices, moved by our shape keys alone, in the object's own frame."""
+    basis = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", basis)
+    positions, moved = basis.copy(), np.empty_like(basis)
+    for key in keys_of(mesh):
+        if not key.mute and key.value and len(key.data) == len(mesh.vertices):
+            key.data.foreach_get("co", moved)
+            positions += np.float32(key.value) * (moved - basis)
+    return positions.reshape(-1, 3)
+
+
+@contextmanager
+def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
+    """Show the object meanwhile at the target (0) or at its equilibrium (1)."""
+    before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
+    for key in keys_of(obj.data):
+        key.value, key.mute = (share if key.name == KEY else 0.0), False
+    try:
+        yield
+    finally:
+        for name, value, mute in before:
+            key = obj.data.shape_keys.key_blocks[name]
+            key.value, key.mute = value, mute

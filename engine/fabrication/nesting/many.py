@@ -1,0 +1,66 @@
+"""Sheets far too small for their panels: said before the panels are nested, with a size that would do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arrays import Float
+from ...errors import FlexMapsError
+from ...params import SheetParams
+
+WASTE = 3.0  # times as many sheets as the panels' area needs: more is a sheet too small, as panels leave a half empty at most
+FEW = 10  # sheets that anybody may want, however empty
+STEP = 1.05  # between sizes of sheets that are tried
+ROUND = 0.01  # metres to which an advised size is rounded up
+
+
+def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams) -> None:
+    """Raise ``FlexMapsError`` where sheets of this size would be many and almost empty."""
+    if params.many_sheets or params.remnants.strip() or not shapes:
+        return
+    boxes = np.array([np.ptp(points, axis=0) for points in shapes]) + params.spacing
+    area = sum(_area(points) for points in shapes)
+    size = np.array([params.sheet_width, params.sheet_height])
+    count, needed = _sheets(boxes, size, params), _needed(area, size)
+    if count <= max(FEW, WASTE * needed):
+        return
+    larger = size
+    while _sheets(boxes, larger, params) > max(FEW, WASTE * _needed(area, larger)):
+        larger = larger * STEP
+    width, height = 1e3 * np.ceil(larger / ROUND - 1e-9) * ROUND
+    raise FlexMapsError(
+        f"About {count} sheets of {size[0] * 1e3:g} x {size[1] * 1e3:g} mm would be cut where the panels' area needs {needed}: "
+        f"sheets of {width:.0f} x {height:.0f} mm would do; to go on all the same, switch Many sheets on (--many-sheets)"
+    )
+
+
+def _area(points: Float[np.ndarray, "points 2"]) -> float:
+    x, y = points.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def _needed(area: float, size: Float[np.ndarray, " 2"]) -> int:
+    return max(1, int(np.ceil(area / size.prod())))
+
+
+def _sheets(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
+    """About how many sheets boxes take, on shelves, the highest first; each lies along the sheet if it can."""
+    width, height = size - 2 * params.margin + params.spacing
+    long, short = boxes.max(axis=1), boxes.min(axis=1)
+    lies = long <= width
+    across, up = np.where(lies, long, short), np.where(lies, short, long)
+    shelves: list[list[float]] = []  # sheet, height of the shelf, width that is left
+    left: list[float] = []  # height of every sheet
+    for k in np.argsort(-up, kind="stable").tolist():
+        shelf = next((one for one in shelves if one[1] >= up[k] and one[2] >= across[k]), None)
+        if shelf is None:
+            sheet = next((s for s, room in enumerate(left) if room >= up[k]), len(left))
+            if sheet == len(left):
+                left.append(height)
+            left[sheet] -= up[k]
+            shelf = [sheet, float(up[k]), width]
+            shelves.append(shelf)
+        shelf[2] -= across[k]
+    return len(left)

@@ -1,0 +1,181 @@
+"""Parts of a surface that lie on, through or right behind each other: found in n log n, a sentence each.
+
+code                severity  what it says
+doubled-vertices    error     border vertices in one place that are not one: the surface is in pieces there
+t-junction          error     a border vertex inside the edge of a neighbour
+doubled-faces       error     a body that lies on another one
+cuts-itself         warning   a surface that goes through itself
+double-skin         warning   both skins of a thin closed shell
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...arrays import Bool, Float, Int
+from ..mesh import PolygonMesh
+from .finding import Finding, counted, finding, named
+from .sewing import doubled, lying_on_each_other, places, t_junctions
+from .topology import Sides, bodies, sides_of
+
+# median edges between the two skins of a shell, at most: farther apart they are walls of a room
+SKIN = 0.75
+OPPOSITE = -0.7  # cosine between the normals of two skins, at most
+SKINS = 0.6  # share of the faces of a closed body that have another skin behind them, at least
+# share of an edge by which a crossing has to lie inside it, and of a triangle's height by which it may lie outside: symmetric parts
+# cross exactly at edges, and parts that only touch end there
+THROUGH = 1e-6
+
+
+def overlaps(mesh: PolygonMesh) -> list[Finding]:
+    """All findings of this kind; ``mesh`` in metres, with vertices that are numbers, or there are none."""
+    if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
+        return []
+    sides = sides_of(mesh)
+    body = bodies(sides, len(mesh.sizes))
+    found = _in_one_place(mesh, body)
+    if not found:
+        found = [*_apart(mesh, sides), *_through(mesh)]
+    return found + _double_skin(mesh, sides, body)
+
+
+def _spot(point: Float[np.ndarray, " 3"]) -> str:
+    return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(1e3 * point))
+
+
+def _in_one_place(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+    """Faces that lie on each other: of one body, which cuts itself then, or of several."""
+    lying = lying_on_each_other(mesh)
+    if not len(lying):
+        return []
+    place = places(mesh)
+    several = np.zeros(len(mesh.sizes), bool)
+    first: dict[tuple[int, ...], int] = {}
+    pieces = np.split(place[mesh.corners], np.cumsum(mesh.sizes)[:-1])
+    for face in lying.tolist():
+        key = tuple(sorted(pieces[face].tolist()))
+        other = first.setdefault(key, face)
+        several[[face, other]] |= body[face] != body[other]
+    found = []
+    twice, own = lying[several[lying]], lying[~several[lying]]
+    if len(twice):
+        text = f"{len(twice)} faces lie on each other ({named(twice)}), as of a shell that is there twice: delete one of the two"
+        found.append(finding("doubled-faces", text, twice))
+    if len(own):
+        spot = _spot(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
+        text = f"The surface cuts itself: {named(own)} lie on each other, at {spot}; end it before it meets itself, or delete the doubles"
+        found.append(finding("cuts-itself", text, own, severity="warning"))
+    return found
+
+
+def _apart(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
+    """Doubled vertices on borders, and T-junctions."""
+    found = []
+    label = doubled(mesh, sides)
+    on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
+    if len(on):
+        faces = np.unique(sides.face[np.isin(mesh.corners, on)])
+        text = f"{len(on)} vertices lie doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
+        found.append(finding("doubled-vertices", text, faces))
+    at = t_junctions(mesh, sides)
+    if len(at.vertex):
+        faces = np.unique(sides.face[at.side])
+        many = counted(len(at.vertex), "T-junction: a vertex lies", "T-junctions: vertices lie")
+        text = f"{many} inside the edge of a neighbour, the first at {_spot(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or carry the cut on to the border"
+        found.append(finding("t-junction", text, faces, np.unique(sides.edge[at.side])))
+    return found
+
+
+def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+    """Closed bodies most of whose faces have another skin right behind them."""
+    uses = np.bincount(sides.edge, minlength=len(sides.edges))
+    closed = np.ones(int(body.max()) + 1, bool)
+    closed[body[sides.face[uses[sides.edge] == 1]]] = False
+    if not closed.any():
+        return []
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    p = mesh.vertices
+    middle = np.add.reduceat(p[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
+    across = np.cross(p[mesh.corners] - middle[sides.face], p[sides.following] - middle[sides.face])
+    normal = np.add.reduceat(across, starts, axis=0)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    edge = float(np.median(np.linalg.norm(p[sides.edges[:, 1]] - p[sides.edges[:, 0]], axis=1)))
+    pairs = cKDTree(middle).query_pairs(SKIN * edge, output_type="ndarray")
+    a, b = pairs.T
+    opposite = np.einsum("ni,ni->n", normal[a], normal[b]) < OPPOSITE
+    a, b = a[opposite & (body[a] == body[b])], b[opposite & (body[a] == body[b])]
+    has = np.zeros(len(mesh.sizes), bool)
+    has[a] = has[b] = True
+    share = np.bincount(body, has) / np.bincount(body)
+    faces = np.flatnonzero((closed & (share > SKINS))[body])
+    if not len(faces):
+        return []
+    gap = 1e3 * float(np.median(np.linalg.norm(middle[a] - middle[b], axis=1)))
+    text = f"Both skins of a thin closed shell ({named(faces)}, {gap:.2g} mm apart): panels are one sheet thick, so delete the inner skin, or the modifier Solidify"
+    return [finding("double-skin", text, faces, severity="warning")]
+
+
+def _through(mesh: PolygonMesh) -> list[Finding]:
+    """Faces that go through others."""
+    faces, point = crossing(mesh)
+    if not len(faces):
+        return []
+    text = f"The surface cuts itself: {named(faces)} go through others, at {_spot(point)}; move the parts apart, or join closed bodies with Quad remesh"
+    return [finding("cuts-itself", text, faces, severity="warning")]
+
+
+def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.ndarray, " 3"]]:
+    """Ascending: faces that edges of faces without a common corner go through, and where the first of them does."""
+    from shapely import STRtree, box
+
+    face, rows = fans(mesh)
+    p = mesh.vertices[rows]
+    low, high = p.min(axis=1), p.max(axis=1)
+    x, y, z = np.argsort(-np.ptp(mesh.vertices[mesh.corners], axis=0))
+    boxes = box(low[:, x], low[:, y], high[:, x], high[:, y])
+    a, b = STRtree(boxes).query(boxes)
+    kept = (face[a] != face[b]) & (low[a, z] <= high[b, z]) & (low[b, z] <= high[a, z])
+    a, b = a[kept], b[kept]
+    place = places(mesh)[rows]
+    apart = ~(place[a][:, :, None] == place[b][:, None, :]).any(axis=(1, 2))
+    a, b = a[apart], b[apart]
+    hit = np.zeros(len(a), bool)
+    points = np.zeros((len(a), 3))
+    for k in range(3):  # every pair comes in both orders
+        own, where = _pierced(p[a, k], p[a, (k + 1) % 3], p[b])
+        points[own & ~hit] = where[own & ~hit]
+        hit |= own
+    found = np.unique(np.concatenate([face[a[hit]], face[b[hit]]]))
+    return found, points[int(hit.argmax())] if hit.any() else np.zeros(3)
+
+
+def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
+    """Triangles about the first corner of every face, and the face of each."""
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes - 2)
+    within = np.arange(len(face)) - np.repeat(np.cumsum(mesh.sizes - 2) - (mesh.sizes - 2), mesh.sizes - 2)
+    first = starts[face]
+    return face, np.stack(
+        [mesh.corners[first], mesh.corners[first + within + 1], mesh.corners[first + within + 2]], axis=1
+    )
+
+
+def _pierced(
+    start: Float[np.ndarray, "pairs 3"], end: Float[np.ndarray, "pairs 3"], triangle: Float[np.ndarray, "pairs 3 3"]
+) -> tuple[Bool[np.ndarray, " pairs"], Float[np.ndarray, "pairs 3"]]:
+    """Whether lines go through triangles, and where (Moeller and Trumbore 1997)."""
+    way, one, two = end - start, triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
+    across = np.cross(way, two)
+    size = np.einsum("ni,ni->n", one, across)
+    level = np.abs(size) <= 1e-12 * np.linalg.norm(way, axis=1) * np.linalg.norm(one, axis=1) * np.linalg.norm(
+        two, axis=1
+    )
+    inverse = 1.0 / np.where(level, 1.0, size)
+    off = start - triangle[:, 0]
+    u = np.einsum("ni,ni->n", off, across) * inverse
+    turn = np.cross(off, one)
+    v = np.einsum("ni,ni->n", way, turn) * inverse
+    t = np.einsum("ni,ni->n", two, turn) * inverse
+    inside = ~level & (u > -THROUGH) & (v > -THROUGH) & (u + v < 1 + THROUGH) & (t > THROUGH) & (t < 1 - THROUGH)
+    return inside, start + t[:, None] * way

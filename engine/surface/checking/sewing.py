@@ -1,0 +1,250 @@
+"""Faces that lie beside each other without being joined: doubled vertices on borders, and T-junctions; found, and cured.
+
+A T-junction is a border vertex inside a neighbour's border edge: what is seen as one surface hangs together only at corners there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ...arrays import Float, Int
+from ..mesh import PolygonMesh
+from ..welding import NEAR, clusters, joined, short_edge
+from .finding import counted
+from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of
+
+# of a border edge's length: a vertex so near it and so far from its ends lies inside it. Above the sag of an edge of a tenth of the
+# radius of curvature (.0125); larger takes narrow slits for T-junctions
+BESIDE = 0.05
+MORE = 0.1  # share of quads that a cure by carrying cuts on may add; beyond, the whole is remeshed
+
+
+@dataclass(frozen=True, eq=False)
+class TJunctions:
+    """Border vertices inside border edges: the vertex, the side it lies inside, and where on the side (0 to 1)."""
+
+    vertex: Int[np.ndarray, " junctions"]
+    side: Int[np.ndarray, " junctions"]
+    share: Float[np.ndarray, " junctions"]
+
+
+def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
+    """The sides on edges of one face."""
+    return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
+
+
+def doubled(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
+    """For every vertex the first of the border vertices that lie in one place with it."""
+    rim = border_sides(sides)
+    ends = np.unique(np.concatenate([mesh.corners[rim], sides.following[rim]]))
+    return clusters(mesh, ends, NEAR * short_edge(mesh)) if len(ends) else np.arange(len(mesh.vertices))
+
+
+def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
+    """All T-junctions, in n log n."""
+    rim = border_sides(sides)
+    a, b = mesh.corners[rim], sides.following[rim]
+    p, q = mesh.vertices[a], mesh.vertices[b]
+    length = np.linalg.norm(q - p, axis=1)
+    ends = np.unique(np.concatenate([a, b]))
+    none = np.zeros(0, np.int64)
+    if not len(rim):
+        return TJunctions(none, none, np.zeros(0))
+    near = cKDTree(mesh.vertices[ends]).query_ball_point(0.5 * (p + q), (0.5 + BESIDE) * length)
+    of_side = np.repeat(np.arange(len(rim)), [len(found) for found in near])
+    vertex = ends[np.concatenate([none, *near]).astype(np.int64)]
+    along = q[of_side] - p[of_side]
+    size = np.maximum(length[of_side], 1e-300)
+    share = np.einsum("ni,ni->n", mesh.vertices[vertex] - p[of_side], along) / size**2
+    off = np.linalg.norm(mesh.vertices[vertex] - p[of_side] - share[:, None] * along, axis=1)
+    inside = (off < BESIDE * size) & (share > BESIDE) & (share < 1.0 - BESIDE)
+    faces = np.stack([sides.face[rim[of_side]], vertex], axis=1)[inside]
+    own = np.isin(faces @ (len(mesh.vertices), 1), sides.face * len(mesh.vertices) + mesh.corners)
+    kept = np.flatnonzero(inside)[~own]
+    # a vertex lies inside one edge only, the nearest
+    order = kept[np.lexsort((off[kept], vertex[kept]))]
+    order = order[np.unique(vertex[order], return_index=True)[1]]
+    return TJunctions(vertex[order], rim[of_side[order]], share[order])
+
+
+def sewn(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with doubled border vertices joined and T-junctions cured; ``cured`` of the mesh says so."""
+    if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
+        return mesh
+    mesh = _merged(_once(mesh))
+    sides = sides_of(mesh)
+    found = t_junctions(mesh, sides)
+    if not len(found.vertex):
+        return mesh
+    quads = _carried(mesh, sides, found)
+    more = 0 if quads is None else len(quads.sizes) - len(mesh.sizes)
+    place = "({:.4g}, {:.4g}, {:.4g})".format(*mesh.vertices[found.vertex[0]])
+    named = counted(len(found.vertex), "T-junction", "T-junctions")
+    if quads is None:
+        text = f"{named}, the first at {place}, in the unit of the file: the edge was split there, and the mesh needs a Quad remesh"
+        return replace(_inserted(mesh, found), cured=(*mesh.cured, ("t-junction", text)))
+    text = f"{named}, the first at {place}, in the unit of the file: the cut was carried on to the border, which took {more} more quads"
+    return replace(quads, cured=(*mesh.cured, ("t-junction", text)))
+
+
+def _once(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh without bodies all of whose faces lie on those of bodies before them."""
+    one = replace(mesh, corners=places(mesh)[mesh.corners])
+    again = np.zeros(len(mesh.sizes), bool)
+    again[repeated_faces(one)] = True
+    body = bodies(sides_of(mesh), len(mesh.sizes))
+    gone = (np.bincount(body, ~again) == 0)[body]
+    if not gone.any() or gone.all():
+        return mesh
+    text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
+    return replace(mesh.kept(~gone), cured=(*mesh.cured, ("doubled-faces", text)))
+
+
+def _merged(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with doubled vertices of its border joined, where that makes no edge of three faces."""
+    sides = sides_of(mesh)
+    label = doubled(mesh, sides)
+    count = int((label != np.arange(len(label))).sum())
+    if not count:
+        return mesh
+    one = joined(mesh, label)
+    if not _sounder(mesh, one):
+        return mesh
+    text = f"{counted(count, 'doubled vertex was', 'doubled vertices were')} joined with others, as Merge by Distance does in Blender"
+    return replace(one, cured=(*mesh.cured, ("doubled-vertices", text)))
+
+
+def _sounder(before: PolygonMesh, after: PolygonMesh) -> bool:
+    """Return whether joining vertices made nothing worse: no edge of three faces, faces that disagree, or faces on each other."""
+
+    def faults(mesh: PolygonMesh) -> tuple[int, int, int, int]:
+        sides = sides_of(mesh)
+        turned, one_sided, _ = inconsistent(sides, bodies(sides, len(mesh.sizes)))
+        return int((np.bincount(sides.edge) > 2).sum()), len(turned), len(one_sided), len(lying_on_each_other(mesh))
+
+    return all(new <= old for new, old in zip(faults(after), faults(before), strict=True)) and not faults(after)[3]
+
+
+def lying_on_each_other(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
+    """Ascending: faces whose corners lie where those of another face do, whichever vertices those are."""
+    label = places(mesh)
+    one = replace(mesh, corners=label[mesh.corners])
+    return np.union1d(repeated_faces(one), repeated_faces(one, later=False))
+
+
+def places(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
+    """For every vertex the first of all that lie in one place with it."""
+    used = np.unique(mesh.corners)
+    return clusters(mesh, used, NEAR * short_edge(mesh))
+
+
+def _inserted(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
+    """The mesh with the vertices of T-junctions among the corners of the faces whose edges they lie inside."""
+    order = np.lexsort((found.share, found.side))
+    after = found.side[order] + 1
+    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
+    sizes = mesh.sizes + np.bincount(face[found.side], minlength=len(mesh.sizes))
+    return replace(mesh, corners=np.insert(mesh.corners, after, found.vertex[order]), sizes=sizes)
+
+
+def _carried(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
+    """Quads whose T-junctions are carried on across strips of quads to the border; None where that cannot be, or takes too many."""
+    if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
+        return None
+    strips = _strips(mesh, sides)
+    if strips is None:
+        return None
+    strip, turned = strips
+    cuts: dict[int, list[float]] = {}  # by strip, from 0 to 1 along the edges' own way
+    at: dict[tuple[int, int], int] = {}  # vertices by edge and number of the cut
+    for side in np.unique(found.side).tolist():
+        own = np.flatnonzero(found.side == side)
+        back = bool(turned[sides.edge[side]]) != bool(not sides.forward[side])
+        shares = np.where(back, 1.0 - found.share[own], found.share[own])
+        order = np.argsort(shares)
+        edge = int(sides.edge[side])
+        known = cuts.setdefault(int(strip[edge]), shares[order].tolist())
+        if len(known) != len(own):
+            return None
+        at |= {(edge, k): int(found.vertex[own[j]]) for k, j in enumerate(order.tolist())}
+    number = np.array([len(cuts.get(int(s), ())) for s in strip[sides.edge].reshape(-1, 4)[:, :2].ravel()]).reshape(
+        -1, 2
+    )
+    if ((number + 1).prod(axis=1) - 1).sum() > MORE * len(mesh.sizes):
+        return None
+    return _cut(mesh, sides, strip, turned, cuts, at)
+
+
+def _strips(mesh: PolygonMesh, sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
+    """By edge: the strip of quads that it crosses, and whether it runs against the strip's first edge; None for one-sided strips."""
+    n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
+    forward = sides.forward.reshape(-1, 4)
+    first, second = edge[:, :2].ravel(), edge[:, 2:].ravel()
+    # opposite sides of a quad run against each other, so edges that both lie forward there are turned
+    against = (forward[:, :2] == forward[:, 2:]).ravel()
+    a = np.concatenate([first, first + n])
+    b = np.concatenate([np.where(against, second + n, second), np.where(against, second, second + n)])
+    cover = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(2 * n, 2 * n)), directed=False)[1]
+    if (cover[:n] == cover[n:]).any():
+        return None
+    strip = np.minimum(cover[:n], cover[n:])
+    return strip, cover[:n] != strip
+
+
+def _cut(
+    mesh: PolygonMesh,
+    sides: Sides,
+    strip: np.ndarray,
+    turned: np.ndarray,
+    cuts: dict[int, list[float]],
+    at: dict[tuple[int, int], int],
+) -> PolygonMesh:
+    """Every quad as the grid that the cuts of its two strips make of it."""
+    points = [np.asarray(mesh.vertices, float)]
+    count, rows = len(mesh.vertices), []
+
+    def new(point: np.ndarray) -> int:
+        nonlocal count
+        points.append(point[None])
+        count += 1
+        return count - 1
+
+    def along(side: int, back: bool) -> list[int]:
+        """The vertices on a side from its start to its end, or back."""
+        edge = int(sides.edge[side])
+        shares = cuts.get(int(strip[edge]), [])
+        low, high = mesh.vertices[sides.edges[edge]]
+        inner = []
+        for k, share in enumerate(shares):
+            t = 1.0 - share if turned[edge] else share
+            if (edge, k) not in at:
+                at[edge, k] = new((1.0 - t) * low + t * high)
+            inner.append(at[edge, k])
+        if bool(turned[edge]) == bool(sides.forward[side]):
+            inner.reverse()
+        found = [int(mesh.corners[side]), *inner, int(sides.following[side])]
+        return found[::-1] if back else found
+
+    for face in range(len(mesh.sizes)):
+        south, east, north, west = (along(4 * face + k, k >= 2) for k in range(4))
+        grid = [south]
+        for j in range(1, len(east) - 1):
+            t = j / (len(east) - 1)
+            middle = []
+            for i in range(1, len(south) - 1):
+                low, high = (np.concatenate(points)[one] for one in (south[i], north[i]))
+                middle.append(new((1.0 - t) * low + t * high))
+            grid.append([west[j], *middle, east[j]])
+        grid.append(north)
+        for low_row, high_row in pairwise(grid):
+            rows += [(low_row[i], low_row[i + 1], high_row[i + 1], high_row[i]) for i in range(len(low_row) - 1)]
+    corners = np.array(rows, np.int64)
+    return replace(
+        mesh, vertices=np.concatenate(points), corners=corners.ravel(), sizes=np.full(len(corners), 4, np.int64)
+    )

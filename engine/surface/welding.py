@@ -1,0 +1,100 @@
+"""Corners of a soup of faces that are one but for noise: joined by how long edges are, not by a constant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ..arrays import Float, Int
+from .mesh import PolygonMesh
+
+# of the 5th percentile of edge lengths: corners nearer than this are one. Larger: thin slits close; smaller: noise keeps faces apart
+NEAR = 0.01
+# times NEAR: the least of these is taken beyond which nothing more is joined, as noise of other programs may reach further
+WIDER = (1.0, 2.0, 4.0, 8.0)
+SHORT = 5.0  # percentile of edge lengths that stands for short edges, so that a few slivers don't count
+
+
+def short_edge(mesh: PolygonMesh) -> float:
+    """The 5th percentile of the sides' lengths, without those of no length."""
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    following = np.arange(1, len(mesh.corners) + 1)
+    following[starts + mesh.sizes - 1] = starts
+    p = mesh.vertices[mesh.corners]
+    lengths = np.linalg.norm(p[following] - p, axis=1)
+    lengths = lengths[lengths > 0]
+    return float(np.percentile(lengths, SHORT)) if len(lengths) else 0.0
+
+
+def welded(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with corners that are nearer than ``NEAR`` joined in their mean, never two corners of one face."""
+    used = np.unique(mesh.corners)
+    if not np.isfinite(mesh.vertices[used]).all():
+        return mesh
+    near = NEAR * short_edge(mesh)
+    tried = [clusters(mesh, used, factor * near) for factor in WIDER]
+    left = [len(np.unique(label[used])) for label in tried]
+    # the least distance beyond which there is nothing more to join; without one nothing tells noise and shape apart
+    best = next((k for k in range(len(WIDER) - 1) if left[k] == left[k + 1]), 0)
+    return joined(mesh, tried[best])
+
+
+def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
+    """For every vertex the first of those that it is one with; only vertices ``among`` are joined."""
+    label = np.arange(len(mesh.vertices))
+    pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
+    if not len(pairs):
+        return label
+    n = len(mesh.vertices)
+    group = connected_components(coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)[1]
+    for bad in np.unique(_twice(mesh, group)):
+        group = _parted(mesh, group, pairs[group[pairs[:, 0]] == bad])
+    _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
+    return first[inverse]
+
+
+def joined(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
+    """The mesh whose vertices of one label are one, in their mean; the first of them stands for all."""
+    if (label == np.arange(len(label))).all():
+        return mesh
+    kept, index, counts = np.unique(label, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(index, mesh.vertices[:, k], len(kept)) for k in range(3)], axis=1)
+    alone = counts == 1
+    vertices = sums / counts[:, None]
+    vertices[alone] = mesh.vertices[kept[alone]]
+    return replace(mesh, vertices=vertices, corners=index.reshape(-1)[mesh.corners])
+
+
+def _twice(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray:
+    """Groups to which two corners of a face belong that are other vertices."""
+    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
+    of_corner = group[mesh.corners]
+    order = np.lexsort((mesh.corners, of_corner, face))
+    f, g, v = face[order], of_corner[order], mesh.corners[order]
+    return g[1:][(f[1:] == f[:-1]) & (g[1:] == g[:-1]) & (v[1:] != v[:-1])]
+
+
+def _parted(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
+    """Groups in which these pairs, the nearest first, are joined only where that brings no two corners of a face together."""
+    vertices = np.unique(pairs)
+    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
+    faces: dict[int, set[int]] = {v: set() for v in vertices.tolist()}
+    for corner in np.flatnonzero(np.isin(mesh.corners, vertices)).tolist():
+        faces[int(mesh.corners[corner])].add(int(face[corner]))
+    own = {v: [v] for v in faces}
+    root = {v: v for v in faces}
+    away: Float[np.ndarray, " pairs"] = np.linalg.norm(np.diff(mesh.vertices[pairs], axis=1)[:, 0], axis=1)
+    for a, b in pairs[np.argsort(away, kind="stable")].tolist():
+        a, b = root[a], root[b]
+        if a != b and not faces[a] & faces[b]:
+            faces[a] |= faces[b]
+            own[a] += own[b]
+            root |= dict.fromkeys(own[b], a)
+    made, free = group.copy(), int(group.max()) + 1
+    for number, members in enumerate(own[r] for r in dict.fromkeys(root.values())):
+        made[members] = free + number
+    return made
