@@ -11,6 +11,7 @@ from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
+from ..simulation.rests import snapping
 from ..simulation.shortfall import Shortfall
 from ..simulation.simulate import STRAINED, Simulation
 from .optimise import Optimisation
@@ -19,8 +20,6 @@ from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
 DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
 STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the sheet
-UNSTABLE = 0.3  # share of the largest motion in the softest mode
-SNAPPING = 1e-3  # stiffness of that mode against its convex part below which the shape is about to snap
 
 # name, what is said of it, and what of that a button can do
 KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
@@ -123,9 +122,9 @@ def _stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " qu
 
 def _unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
     """(F,) bool: takes part in a motion that hardly costs energy."""
-    mode, stiffness = simulation.softest(progress)
-    moved = np.linalg.norm(mode[:, 3:], axis=1)
-    return (moved > UNSTABLE * moved.max()) & (stiffness < SNAPPING)
+    unstable = np.zeros(simulation.assembly.size, dtype=bool)
+    unstable[snapping(simulation.equilibrium, lambda: simulation.softest(progress))[0]] = True
+    return unstable
 
 
 def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) -> str:
