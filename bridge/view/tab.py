@@ -56,7 +56,7 @@ def pressed() -> None:
 
 def follow(context: bpy.types.Context) -> None:
     """Open the section that *Next* uses now, unless a person chose one since the last press."""
-    tab, obj = context.window_manager.flexmaps_tab, context.object
+    tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.unusable(obj) is not None:
         return
     act = guidance.of(obj, context.scene).act

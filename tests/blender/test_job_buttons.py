@@ -33,7 +33,7 @@ def remesh(add: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     body = {k: v for base in (stage.StageOperator, module.QuadRemesh) for k, v in vars(base).items()}
     hidden = {"__dict__", "__weakref__", "bl_rna"}
     operator = type("QuadRemesh", (), {k: v for k, v in body.items() if k not in hidden})()
-    operator.said = []
+    operator.said, operator.quads, operator.size = [], 0, 0.0
     operator.report = lambda kind, text: operator.said.append((*kind, text))
     yield operator
     background.stop_current()
@@ -93,7 +93,7 @@ def report(dome: Any) -> Any:
     body = {k: v for base in (stage.StageOperator, ContinuedStage, module.Report) for k, v in vars(base).items()}
     hidden = {"__dict__", "__weakref__", "bl_rna", "__annotations__"}
     operator = type("Report", (), {k: v for k, v in body.items() if k not in hidden} | {"files": False})()
-    operator.said = []
+    operator.said, operator.quads, operator.size = [], 0, 0.0
     operator.report = lambda kind, text: operator.said.append((*kind, text))
     yield operator
     background.stop_current()
