@@ -46,7 +46,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         leave_edit_mode(context)
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
         polygons, count = remesh.seen(context.object, context), self.quads or wanted.quads
-        return lambda progress: remesh.quads_of(polygons, count, wanted.smooth, progress)
+        return lambda progress: remesh.quads_of(polygons, count, wanted.smooth, progress, wanted.crumbs)
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh

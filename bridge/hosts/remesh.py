@@ -21,10 +21,12 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
     return read_evaluated(obj, context.scene)
 
 
-def quads_of(polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT) -> requad.Requadded:
+def quads_of(
+    polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT, crumbs: float = requad.CRUMBS
+) -> requad.Requadded:
     """About ``count`` quads in the shape of polygons; callable from any thread. Raises ``FlexMapsError`` where nothing works."""
     with SecondBlender(smooth) as tool:
-        return requad.requad(polygons, count, tool, progress)
+        return requad.requad(polygons, count, tool, progress, crumbs)
 
 
 def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:

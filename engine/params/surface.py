@@ -13,6 +13,13 @@ class RemeshParams(Params):
 
     quads: int = setting(500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
+    crumbs: float = setting(
+        0.1,
+        "Left out at most",
+        "Largest share of the area in bodies too small for this many quads that is left out; where it is more, the remesh stops",
+        low=0.0,
+        high=1.0,
+    )
     edge: float = setting(
         0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m"
     )

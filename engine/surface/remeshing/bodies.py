@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Bool, Float
 from ...errors import FlexMapsError
 from ...progress import Progress
 from ..checking.check import Finding
@@ -46,6 +47,28 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
             "A part has only one side, like a Moebius strip: cut it open along a row of edges (V in Blender)"
         )
     return parts, found
+
+
+def without_crumbs(
+    areas: Float[np.ndarray, " bodies"], count: int, fewest: int, crumbs: float
+) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
+    """Which bodies get ``fewest`` of ``count`` quads at least, and what is said of the others.
+
+    Raises ``FlexMapsError`` where the others have more than ``crumbs`` of the area; the largest is always kept.
+    """
+    share = areas / areas.sum()
+    large = share * count >= min(fewest, share.max() * count)
+    if large.all():
+        return large, []
+    left, many = float(share[~large].sum()), int((~large).sum())
+    enough = int(np.ceil(fewest / max(float(share.min()), 1e-9) / 10.0) * 10)
+    which = f"{many} of {len(areas)} bodies would get fewer than {fewest} quads of this size: {100 * left:.2g} % of the area"
+    if left > crumbs:
+        raise FlexMapsError(
+            f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
+            f"--crumbs {np.ceil(100 * left) / 100:g}); corners that should be one: use Merge by Distance"
+        )
+    return large, [said("bodies-left-out", f"{which}, and they were left out; ask for {enough} quads to keep them")]
 
 
 def said(code: str, message: str) -> Finding:

@@ -13,13 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...errors import FlexMapsError
+from ...params import RemeshParams
 from ...progress import SILENT, Progress
 from ..checking.check import Finding, findings
 from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
 from ..quadrangulation.even import simplified
 from ..quadrangulation.quadrangulate import quadrangulate
-from .bodies import is_clean, is_closed, joined, parts_of, said, target_of
+from ..welding import welded
+from .bodies import is_clean, is_closed, joined, parts_of, target_of, without_crumbs
 from .mend import FOLDED, POOR, SHARP, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined, split
@@ -27,6 +29,9 @@ from .tool import Tool
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
 JOINED = 1e-6  # of the extent: corners nearer than this are one
+CRUMBS = (
+    RemeshParams.crumbs
+)  # share of the area in bodies too small for the count that is left out unless a setting says otherwise
 FEWEST = 6  # quads: a body that would get fewer, as many as a box has, is left out
 # what is tried of a body, one after another: QuadriFlow's seed, the share of the wanted count, how often its quads are cut
 # into four, and whether it is to keep sharp edges
@@ -82,15 +87,17 @@ class Requadded:
     findings: list[Finding]
 
 
-def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILENT) -> Requadded:
+def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILENT, crumbs: float = CRUMBS) -> Requadded:
     """About ``count`` quads in the shape of any mesh; each body gets its share by area.
 
     Closed bodies that cut each other become one, and so does what is closed but no clean surface. Open parts are cut apart
-    where three faces meet. Raises ``FlexMapsError`` where no sound quads are found for a body.
+    where three faces meet. Bodies too small for the count are left out. Raises ``FlexMapsError`` where no sound quads are found for
+    a body, and where those that are left out are more than ``crumbs`` of the area.
     """
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         raise FlexMapsError("The mesh has no faces, or corners without a place; give it some, or delete those")
+    mesh = welded(mesh)
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
     triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
@@ -99,15 +106,8 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
     parts, found = parts_of(triangles, tool, progress)
     areas = np.array([target_of(part).area for part in parts])
     share = count * areas / areas.sum()
-    large = share >= min(FEWEST, share.max())
-    if not large.all():
-        found.append(
-            said(
-                "bodies-left-out",
-                f"Bodies smaller than {FEWEST} quads of this size were left out: {(~large).sum()} of {len(parts)}, "
-                f"{areas[~large].sum() / areas.sum():.2g} of the area; ask for more quads to keep them",
-            )
-        )
+    large, left_out = without_crumbs(areas, count, FEWEST, crumbs)
+    found += left_out
     kept = np.flatnonzero(large)
     made = []
     for done, k in enumerate(kept):
