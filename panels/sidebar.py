@@ -99,7 +99,7 @@ def _begin(panel: Any) -> None:
     """Until a first piece is made: where to learn it."""
     row = panel.row(align=True)
     button(row, "flexmaps.tutorial", tr("Tutorial"), "LIGHT")
-    button(row, "flexmaps.example", tr("Add an example"), "ADD")
+    button(row, "flexmaps.example", tr("Example"), "ADD")
 
 
 MODULES = (head, presets, piece, layout, shape, check, make, show, workshop)
