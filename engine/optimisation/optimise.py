@@ -210,8 +210,9 @@ def optimise(
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:
     """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
+    unseen = replace(progress, shown=None)  # who watches an optimisation is shown designs, and these are poses
     try:
-        return replace(simulation, others=other_rests(simulation, physics, progress))
+        return replace(simulation, others=other_rests(simulation, physics, unseen))
     except Cancelled:
         return simulation
 

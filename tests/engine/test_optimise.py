@@ -368,3 +368,18 @@ def test_no_equilibrium_to_start_from_is_said() -> None:
 def test_uniform_start_is_uniform() -> None:
     design, _ = made()
     assert np.ptp(uniform(design.flat, design.params).width) < 1e-4
+
+
+def test_poses_of_other_rests_are_not_shown_as_designs(monkeypatch: pytest.MonkeyPatch) -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Found:
+        others: tuple[object, ...] = ()
+
+    def rests(found: object, physics: object, progress: Progress) -> tuple[object, ...]:
+        progress.show("a pose")
+        return ("another",)
+
+    shown: list[object] = []
+    monkeypatch.setattr(optimise, "other_rests", rests)
+    made = optimise._with_other_rests(Found(), SimulateParams(), Progress(shown=shown.append))  # type: ignore[arg-type]
+    assert made.others == ("another",) and shown == []  # type: ignore[comparison-overlap]
