@@ -32,7 +32,7 @@ MODES, MORE_MODES = 4, 8  # softest ones that count; with fewer, others take the
 WEIGHT, STRONGER = 0.01, 3.0
 LEAST = 0.008  # eigenvalue that the logarithm never reaches: a little below the one at which steps are refused
 NEAREST = 0.002  # room above it below which the logarithm goes on in a straight line
-TURN = 3e-3  # radians, largest turn of the central differences
+TURN = 3e-3  # radians, largest turn of the central differences, or shift of neighbours in their distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,12 @@ class Firmness:
 class SoftModes:
     """The softest modes of an equilibrium.
 
-    ways : (k, n, 6) of unit length in the convex part; rises : (k,) their eigenvalues
+    ways : (k, n, 6) of unit length in the convex part; rises : (k,) their eigenvalues; steps : (k,) of central differences along them
     """
 
     ways: Float[np.ndarray, "k spirals 6"]
     rises: Float[np.ndarray, " k"]
+    steps: Float[np.ndarray, " k"]
 
     @classmethod
     def from_equilibrium(cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: Firmness) -> SoftModes:
@@ -85,7 +86,12 @@ class SoftModes:
         count = min(asked.modes, max(len(system.free) - 2, 1))
         ways, rises = system.softest_of_minimum(system.values(here.hessian), system.values(here.convex), count)
         below = rises < asked.enough
-        return cls(ways[below], rises[below])
+        ways, rises, (a, b) = ways[below], rises[below], model.pairs.T
+        centres = pose.whole.centres
+        length = float(np.linalg.norm(centres[b] - centres[a], axis=1).mean())
+        turns, shifts = np.abs(ways[..., 3:]), np.abs(ways[:, b, :3] - ways[:, a, :3]) / length
+        largest = np.maximum(turns.max(axis=(1, 2), initial=0.0), shifts.max(axis=(1, 2), initial=0.0))
+        return cls(ways, rises, TURN / largest)
 
     def joints(self, pairs: np.ndarray) -> Float[np.ndarray, "k joints 12"]:
         """Return the motions of both hubs of every joint."""
@@ -103,7 +109,7 @@ class SoftModes:
 
     def _by_hubs(self, model: ArmModel, pose: Pose, k: int) -> Float[np.ndarray, "spirals 6"]:
         way, rise, pairs = self.ways[k], self.rises[k], model.pairs
-        at, size = way[pairs].reshape(-1, 12, 1), self.step(k)
+        at, size = way[pairs].reshape(-1, 12, 1), float(self.steps[k])
         rates = model.strain_rates(model.start(pose))
         stress = model.stiffness @ (rates @ at)
         found = np.zeros_like(way)
@@ -121,7 +127,7 @@ class SoftModes:
         """Return the derivatives of the eigenvalues by the widths and twists on both sides of every joint, at fixed hubs."""
         here, out = model.start(pose), []
         for k, at in enumerate(self.joints(model.pairs)):
-            size = self.step(k)
+            size = float(self.steps[k])
             ahead, behind = (
                 model.changes(model.start(pose.moved(sign * size * self.ways[k]))).force_by_design(at)
                 for sign in (1.0, -1.0)
@@ -136,10 +142,6 @@ class SoftModes:
         joints, each, assembly = self.by_design(model, pose)[:, :, :, None] @ slopes, slopes.shape[-1], model.assembly
         column = (each * assembly.owners[..., None] + np.arange(each)).ravel()
         return np.array([np.bincount(column, one.ravel(), each * assembly.spirals) for one in joints])
-
-    def step(self, k: int) -> float:
-        """Return the step of the central differences along a mode."""
-        return TURN / max(float(np.abs(self.ways[k, :, 3:]).max()), 1e-300)
 
 
 @dataclass(frozen=True, eq=False)
