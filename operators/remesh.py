@@ -22,6 +22,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
     bl_idname = "flexmaps.quad_remesh"
     bl_label = "Quad remesh"
+    on_stop = "the best so far is kept"
 
     quads: bpy.props.IntProperty(  # type: ignore[valid-type]
         name="Quads", description="About how many; 0 for as many as are set", min=0, options={"SKIP_SAVE"}

@@ -78,7 +78,7 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
     triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
     found = {}
     usual = requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE
-    for way, tries in (("first", (1, 1, (), np.inf)), ("best", usual)):
+    for way, tries in (("first", (1, 1, (), requad.DENSE)), ("best", usual)):
         requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE = tries
         begun = _seconds()
         try:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
@@ -130,7 +130,7 @@ def test_quads_along_the_curvature_are_tried_first(hopeless: int, monkeypatch: p
 
 
 def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float], bool], maps: int = 99) -> list:
-    """What is tried along the curvature of a box, and how many maps are left, where ``works`` tells what gives quads."""
+    """What is tried along the curvature of a box, in how many maps at most, where ``works`` tells what gives quads."""
     hows: list[tuple[float, float, float]] = []
 
     def own(surface: PolygonMesh, whole: Target, count: int, how: tuple, progress: Progress) -> requad.Judged | str:
@@ -138,11 +138,12 @@ def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float]
         return requad.Judged(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
 
     monkeypatch.setattr(requad, "OWN", OWN)
+    monkeypatch.setattr(requad, "MAPS", maps)
+    monkeypatch.setattr(requad, "MAPPED", 96 * maps)
     monkeypatch.setattr(requad, "_own", own)
     points, rows = box(4)
-    body = halved(of_rows(points, rows))
-    found, left = requad._along(body, requad.target_of(body), 96, maps, SILENT)
-    assert len(found) == sum(works(*how) for how in hows) and left == maps - len(hows)
+    search = requad._Search(halved(of_rows(points, rows)), 96, Balls(), "")
+    search.go_on(SILENT, True)
     return hows
 
 
@@ -150,13 +151,19 @@ def test_a_stronger_pull_is_tried_only_where_a_weaker_one_works(monkeypatch: pyt
     def pulls(hows: list) -> list:
         return [(fold < requad.FLAT, pull) for fold, pull, _ in hows]
 
-    assert pulls(tried(monkeypatch, lambda *_: True)) == [(True, 4.0), (True, 16.0), (True, 64.0)]
-    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 10)) == [(True, 4.0), (True, 16.0)]
-    assert pulls(tried(monkeypatch, lambda _, pull, __: pull < 1)) == [(True, 4.0), (True, 0.5)]
+    assert pulls(tried(monkeypatch, lambda *_: True)) == [(True, 4.0), (True, 16.0)]
     flat = pulls(tried(monkeypatch, lambda fold, _, __: fold == requad.FLAT))
-    assert flat == [(True, 4.0), (True, 0.5), (False, 4.0), (False, 16.0), (False, 64.0)]
+    assert flat == [(True, 4.0), (False, 4.0), (False, 16.0)]
     assert tried(monkeypatch, lambda *_: False)[-1][2] > 10, "smoothed more in the end"
-    assert len(tried(monkeypatch, lambda *_: False, maps=3)) == 3, "no more maps than are left"
+    assert len(tried(monkeypatch, lambda *_: False, maps=2)) == 2, "no more maps than are allowed"
+
+
+def test_a_stop_keeps_the_best_so_far_and_a_stop_before_it_nothing() -> None:
+    shown: list[PolygonMesh] = []
+    made = requad.requad(ball(6), 96, Balls(), Progress(stopped=lambda: bool(shown), shown=shown.append))
+    assert len(shown) == 1 and len(made.polygons.sizes) == len(shown[0].sizes)
+    with pytest.raises(Cancelled):
+        requad.requad(ball(6), 96, Balls(), Progress(stopped=lambda: True))
 
 
 def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:

@@ -18,11 +18,15 @@ from .separation import NOTHING, apart
 # quads: longest edge of the triangles on which the map is made; with 0.4 the same quads of 16 meshes take two to three times as long
 FINE = 0.55
 # sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
-SCALES = (1.0, 0.94, 1.06, 0.88)
+SCALES = (1.0, 0.94)
+ATTEMPTS = (
+    2  # sizes, with and without what is kept apart: a map that folds then takes twice as long as one that does not
+)
+MAPPING = "Mapping the surface onto a grid"
 # over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular points of 32, 103 and 160
 SMOOTHING = 10.0
 STIFFER = 12  # rounds in which folded triangles are made stiffer
-IDLE = 5  # of them that may pass without fewer folds
+IDLE = 3  # of them that may pass without fewer folds
 SHORTEST = 3.0  # quads: shorter folds are noise; a scanned bunny has hundreds
 # whole numbers of a map: of more than so many, finding the best ones takes time with their cube, 2 s of the processor for 1,000
 WHOLE = 1000
@@ -66,19 +70,17 @@ def _mapped(
     if maps.lattice.whole.shape[1] > WHOLE:
         raise FlexMapsError("The surface has too many sharp folds for a map")
     last, pairs = FlexMapsError("No map was found"), apart(maps, edge, progress.part(0.3, 0.4))
-    for number, scale in enumerate(SCALES):
-        progress(0.4 + 0.6 * number / len(SCALES), "Mapping the surface onto a grid")
-        for asked in (pairs, NOTHING)[not len(pairs.least) :]:
-            whole = rounded(*maps.energy(scale * edge), asked)
-            if not asked.hold(
-                whole
-            ):  # too much lies too near: another size seldom helps, and looking for it takes long
-                pairs = NOTHING
-                continue
-            try:
-                return extracted(triangles, chart.jump, _unfolded(maps, scale * edge, whole))
-            except FlexMapsError as error:
-                last = error
+    ways = [(scale, asked) for scale in SCALES for asked in (pairs, NOTHING)[not len(pairs.least) :]]
+    for number, (scale, asked) in enumerate(ways[:ATTEMPTS]):
+        part = progress.part(0.4 + 0.6 * number / ATTEMPTS, 0.4 + 0.6 * (number + 1) / ATTEMPTS)
+        part(0.0, MAPPING)
+        whole = rounded(*maps.energy(scale * edge), asked)
+        if not asked.hold(whole):  # too much lies too near, and another size seldom helps
+            continue
+        try:
+            return extracted(triangles, chart.jump, _unfolded(maps, scale * edge, whole, part))
+        except FlexMapsError as error:
+            last = error
     raise last
 
 
@@ -88,7 +90,9 @@ def folded(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
 
 
-def _unfolded(maps: Maps, edge: float, whole: Int[np.ndarray, " whole"]) -> Float[np.ndarray, "triangles 3 2"]:
+def _unfolded(
+    maps: Maps, edge: float, whole: Int[np.ndarray, " whole"], progress: Progress
+) -> Float[np.ndarray, "triangles 3 2"]:
     """The map, with folded triangles and their neighbours stiffer round after round; that with the fewest folds
     (Bommes et al. 2009, section 4.3)."""
     mesh = maps.chart.field.mesh
@@ -97,6 +101,7 @@ def _unfolded(maps: Maps, edge: float, whole: Int[np.ndarray, " whole"]) -> Floa
     weights = np.ones(len(mesh.corners))
     best, fewest, last = np.zeros(0), len(weights) + 1, 0
     for k in range(STIFFER):
+        progress(k / STIFFER, MAPPING)
         uv = maps.map(edge, whole)
         turned = folded(uv)
         if turned.sum() < fewest:

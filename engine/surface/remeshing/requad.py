@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import FlexMapsError
+from ...errors import Cancelled, FlexMapsError
 from ...params import RemeshParams
 from ...progress import SILENT, Progress
 from ..checking.check import Finding, findings
@@ -32,6 +32,7 @@ JOINED = 1e-6  # of the extent: corners nearer than this are one
 CRUMBS = (
     RemeshParams.crumbs
 )  # share of the area in bodies too small for the count that is left out unless a setting says otherwise
+FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # shares of the progress until there are quads of every body, and for better ones
 FEWEST = 6  # quads: a body that would get fewer, as many as a box has, is left out
 # what is tried of a body, one after another: QuadriFlow's seed, the share of the wanted count, how often its quads are cut
 # into four, and whether it is to keep sharp edges
@@ -40,25 +41,24 @@ TRIES = (
     (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
     (5, 0.8, 0, False), (6, 1.6, 0, False),
 )  # fmt: skip
-# of them are tried whatever the first ones give, and the best taken: over 25 meshes of 1000 quads 680 irregular vertices in
-# all instead of 760, in three times the time
-CANDIDATES = 8
+# of them are tried where no quads along the curvature are useful, and the best taken: over 25 meshes of 1000 quads, eight of them gave
+# 10 % fewer irregular vertices than one, in three times the time
+CANDIDATES = 4
 FLAT = 180.0  # degrees: no fold is as sharp
 # degrees from which a fold is followed, how much the quads follow the curvature, and how much the surface is smoothed before:
-# what is tried before QuadriFlow, row by row until one gives quads; a row is gone along while its tries do. Over 24 meshes a
-# stronger pull never gave a map where a weaker one had folded over itself, and quads on sharp folds, if any, were the best
+# what is tried row by row until one gives quads; a row is gone along while its tries do. Of 14 meshes with 500 quads a pull of 64 was
+# the best on one, by 6 %; a weaker one than 4 gave quads nowhere where 4 had none, but for surfaces smoothed more
 OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
-    ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0), (SHARP, 64.0, 10.0)),
-    ((SHARP, 0.5, 10.0),),
-    ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0), (FLAT, 64.0, 10.0)),
-    ((FLAT, 0.5, 10.0),),
+    ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0)),
+    ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0)),
     ((FLAT, 0.5, 30.0),),
 )
-MAPS = 10  # of these are tried of a body at most: of one that is remeshed from voxels, all the sizes of them together
+MAPS = 3  # of these are tried of a body at most: of one that is remeshed from voxels, all the sizes of them together
+# quads in all of these maps: more take longer than a person waits, some 3 s of the processor for 500 and where a map folds, twice that
+MAPPED = 3000
 # triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on about so many, and
 # QuadriFlow takes time in proportion to them: 4 s of the processor for a scan of 69,000
 DENSE = 20.0
-BESIDE = 1  # candidates of QuadriFlow that are tried where one of these gives useful quads
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
@@ -109,78 +109,125 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
     large, left_out = without_crumbs(areas, count, FEWEST, crumbs)
     found += left_out
     kept = np.flatnonzero(large)
-    made = []
+    searches = []
     for done, k in enumerate(kept):
-        piece = progress.part(0.05 + 0.95 * done / len(kept), 0.05 + 0.95 * (done + 1) / len(kept))
         name = f" of body {done + 1} of {len(kept)}" if len(kept) > 1 else ""
-        made.append(_quads_of(parts[k], max(FEWEST, round(share[k] * count / share[large].sum())), tool, piece, name))
-    progress(1.0, "Quads are ready")
-    quads = joined(made)
-    return Requadded(replace(quads, vertices=quads.vertices / scale + low), found)
+        searches.append(_Search(parts[k], max(FEWEST, round(share[k] * count / share[large].sum())), tool, name))
+
+    def together() -> PolygonMesh:
+        quads = joined([search.best for search in searches])
+        return replace(quads, vertices=quads.vertices / scale + low)
+
+    try:
+        for to_the_end, (begin, end) in ((False, FIRST), (True, REST)):
+            for done, search in enumerate(searches):
+                piece = progress.part(begin, end).part(done / len(searches), (done + 1) / len(searches))
+                search.go_on(piece, to_the_end)
+            if not to_the_end:
+                progress.show(together())
+    except Cancelled:  # the best so far is kept, where there is one
+        if not all(search.found for search in searches):
+            raise
+    progress.tell(1.0, "Quads are ready")
+    return Requadded(together(), found)
 
 
 # -- one body ------------------------------------------------------------------------------------------------------------
 
 
-def _quads_of(body: PolygonMesh, count: int, tool: Tool, progress: Progress, name: str) -> PolygonMesh:
-    """About ``count`` sound quads of one body; the best of what is tried."""
-    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    middle, scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
-    small = replace(body, vertices=(body.vertices - middle) * scale)
-    whole = target_of(small)
-    found: list[Judged] = []
-    tried, maps, last = 0, MAPS, ""
-    for surface in _surfaces(small, whole, count, tool, progress.quiet()):
-        progress(1.0 - 0.85**tried, f"Quads along the curvature{name}")
-        more, maps = _along(surface, whole, count, maps, progress.quiet())
-        found, tried = found + more, tried + 1
-        enough, of_voxels = BESIDE if _useful(found) else CANDIDATES, surface.sizes[0] == 4
-        for number, (seed, factor, times, sharp) in enumerate(TRIES[:OF_VOXELS] if of_voxels else TRIES, 1):
-            tried += 1
-            progress(1.0 - 0.85**tried, f"QuadriFlow: try {tried}{name}")
-            raw = tool.quads(surface, max(FEWEST, round(factor * count / 4**times)), seed, sharp, progress.quiet())
-            if raw is None or not len(raw.sizes):
-                last = last or "QuadriFlow finds none"
-            elif isinstance(judged := _judged(raw, whole, count, times, sharp), str):
-                last = judged
-            else:
-                found.append(judged)
-            sound = [one for one in found if not one.faults[0]]
-            if number >= enough and sound and (len(found) >= ENOUGH or not any(sound[0].faults)):
+class _Search:
+    """The quads of one body: what has been found so far, and the way to more.
+
+    count : of the quads that are wanted; name : of the body, for what is told
+    found : sound quads
+    """
+
+    def __init__(self, body: PolygonMesh, count: int, tool: Tool, name: str):
+        low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+        self._middle, self._scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
+        self._small = replace(body, vertices=(body.vertices - self._middle) * self._scale)
+        self._whole, self._count, self._tool, self._name = target_of(self._small), count, tool, name
+        self.found: list[Judged] = []
+        self._last, self._tried, self._progress = "", 0, SILENT
+        self._way = self._tries()
+
+    def go_on(self, progress: Progress, to_the_end: bool) -> None:
+        """Look for quads until there are some, or until no more are worth a try. Raises ``FlexMapsError`` where there are none."""
+        self._progress, self._tried = progress, 0
+        while to_the_end or not self.found:
+            found = next(self._way, None)
+            if found is None:
                 break
-        if found:
-            break
-    if not found and is_clean(small) and not is_closed(small):
-        found += _by_cells(small, whole, count, tool, progress.quiet())
-    if not found:
-        raise FlexMapsError(
-            f"No sound quads were found{name}: {last or 'it is no clean surface, neither by itself nor as voxels'}. "
-            "Give another quad count; give open parts a thickness, and remove what is inside or folded"
-        )
-    best = min(found, key=lambda one: (*one.faults[:2], one.cost)).quads
-    return replace(best, vertices=best.vertices / scale + middle)
+            if isinstance(found, Judged):
+                self.found.append(found)
+            else:
+                self._last = self._last or found
+        if not self.found:
+            reason = self._last or "it is no clean surface, neither by itself nor as voxels"
+            raise FlexMapsError(
+                f"No sound quads were found{self._name}: {reason}. "
+                "Give another quad count; give open parts a thickness, and remove what is inside or folded"
+            )
+
+    @property
+    def best(self) -> PolygonMesh:
+        """The best quads so far, where the body was."""
+        best = min(self.found, key=lambda one: (*one.faults[:2], one.cost)).quads
+        return replace(best, vertices=best.vertices / self._scale + self._middle)
+
+    def _tell(self, text: str) -> Progress:
+        self._tried += 1
+        self._progress(1.0 - 0.75**self._tried, f"{text}{self._name}")
+        return self._progress.quiet()
+
+    def _tries(self) -> Iterator[Judged | str]:
+        """What is tried, one after another: the quickest first, so that there is something soon."""
+        maps = max(1, min(MAPS, round(MAPPED / self._count)))
+        for surface in _surfaces(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
+            of_voxels = surface.sizes[0] == 4
+            yield self._by_tool(surface, TRIES[0])
+            mapped: list[Judged] = []
+            for row in OWN:
+                for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
+                    if not maps or (of_voxels and _useful(self.found)):
+                        break
+                    maps -= 1
+                    judged = _own(surface, self._whole, self._count, how, self._tell("Quads along the curvature"))
+                    yield judged
+                    if isinstance(judged, str):
+                        break
+                    mapped.append(judged)
+                if _useful(mapped):
+                    break
+            for again in TRIES[1 : OF_VOXELS if of_voxels else len(TRIES)]:
+                if self._enough():
+                    break
+                yield self._by_tool(surface, again)
+            if self.found:
+                return
+        if is_clean(self._small) and not is_closed(self._small):
+            yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
+
+    def _enough(self) -> bool:
+        """Whether there are good quads, or as many tries as are worth it."""
+        sound = [one for one in self.found if not one.faults[0]]
+        if _useful(self.found) and not min(one.faults[2] for one in sound):
+            return True
+        return self._tried >= CANDIDATES and bool(sound) and len(self.found) >= min(ENOUGH, CANDIDATES)
+
+    def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> Judged | str:
+        """Quads of the tool as ``TRIES`` says, or why there are none."""
+        seed, factor, times, sharp = how
+        asked = max(FEWEST, round(factor * self._count / 4**times))
+        raw = self._tool.quads(surface, asked, seed, sharp, self._tell("QuadriFlow"))
+        if raw is None or not len(raw.sizes):
+            return "QuadriFlow finds none"
+        return _judged(raw, self._whole, self._count, times, sharp)
 
 
 def _useful(found: list[Judged]) -> bool:
     """Whether any has room for every spiral and misses nothing of the surface."""
     return any(not any(one.faults[:2]) for one in found)
-
-
-def _along(surface: PolygonMesh, whole: Target, count: int, maps: int, progress: Progress) -> tuple[list[Judged], int]:
-    """Quads along the curvature, by ``OWN``, and how many of so many ``maps`` are left after them."""
-    found: list[Judged] = []
-    for row in OWN:
-        for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
-            if not maps:
-                return found, maps
-            maps -= 1
-            judged = _own(surface, whole, count, how, progress)
-            if isinstance(judged, str):
-                break
-            found.append(judged)
-        if _useful(found):
-            break
-    return found, maps
 
 
 def _own(
