@@ -59,7 +59,8 @@ CUSTOM = tuple(name for name in MaterialParams.__dataclass_fields__ if name not 
 
 
 def _quads(layout: Any, wanted: Any) -> None:
-    layout.prop(wanted.remesh, "smooth")
+    for name in ("smooth", "crumbs"):
+        layout.prop(wanted.remesh, name)
     settings_of(layout, wanted.regularise, RegulariseParams, "boundary")
     layout.operator("flexmaps.regularise", icon="MOD_SMOOTH")
 

@@ -35,6 +35,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("Too large", "sheet.oversize"),
         ("Extra joints", "sheet.cut_joints"),
         ("Offcuts in", "sheet.remnant_unit"),
+        ("Many sheets", "sheet.many_sheets"),
     ),
     "FILES": (
         ("DXF", "export.dxf"),
