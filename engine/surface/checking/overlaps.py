@@ -11,6 +11,7 @@ double-skin         warning   both skins of a thin closed shell
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from ...arrays import Bool, Float, Int
@@ -137,8 +138,8 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
     a, b = STRtree(boxes).query(boxes)
     kept = (face[a] != face[b]) & (low[a, z] <= high[b, z]) & (low[b, z] <= high[a, z])
     a, b = a[kept], b[kept]
-    place = places(mesh)[rows]
-    apart = ~(place[a][:, :, None] == place[b][:, None, :]).any(axis=(1, 2))
+    beside = _neighbours(mesh)
+    apart = ~np.isin(face[a] * len(mesh.sizes) + face[b], beside)
     a, b = a[apart], b[apart]
     hit = np.zeros(len(a), bool)
     points = np.zeros((len(a), 3))
@@ -148,6 +149,15 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
         hit |= own
     found = np.unique(np.concatenate([face[a[hit]], face[b[hit]]]))
     return found, points[int(hit.argmax())] if hit.any() else np.zeros(3)
+
+
+def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
+    """First * number of faces + second, of all pairs of faces with a corner in one place."""
+    face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
+    of_place = csr_array((np.ones(len(face)), (face, places(mesh)[mesh.corners])))
+    first, second = (of_place @ of_place.T).nonzero()
+    found: Int[np.ndarray, " pairs"] = first.astype(np.int64) * len(mesh.sizes) + second
+    return found
 
 
 def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:

@@ -103,7 +103,12 @@ def _once(mesh: PolygonMesh) -> PolygonMesh:
     if not gone.any() or gone.all():
         return mesh
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
-    return replace(mesh.kept(~gone), cured=(*mesh.cured, ("doubled-faces", text)))
+    loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)  # they are said by themselves
+    left = mesh.kept(~gone)
+    used = np.union1d(np.unique(left.corners), loose)
+    corners = np.searchsorted(used, left.corners)
+    cured = (*mesh.cured, ("doubled-faces", text))
+    return replace(left, vertices=mesh.vertices[used], corners=corners, cured=cured)
 
 
 def _merged(mesh: PolygonMesh) -> PolygonMesh:
