@@ -29,6 +29,7 @@ from .handles import pull, wish
 from .output import calibrated, calibration_sheet, export, report, run, share
 from .painting import paint, protect
 from .pieces import change, check, load, remesh, save, show
+from .pressing import press, presses
 from .steps import (
     choose,
     compare,
@@ -45,5 +46,5 @@ from .steps import (
 )
 
 __all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "PolygonMesh", "QuadMesh", "calibrated", "calibration_sheet",
-           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "paint", "protect", "pull", "regularise", "remesh",
+           "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "paint", "press", "presses", "protect", "pull", "regularise", "remesh",
            "report", "run", "save", "share", "sheets", "show", "simulate", "spirals", "structure", "take", "use", "wish"]  # fmt: skip

@@ -21,7 +21,7 @@ from ..engine.scanning.reading import UNITS
 from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
-from . import calibration, handles, painting, summary
+from . import calibration, handles, painting, pressing, summary
 from .guarding import guarded
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
@@ -91,6 +91,7 @@ def parser() -> argparse.ArgumentParser:
         _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
     )
     _writing(commands)
+    pressing.add(commands)
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
     listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
