@@ -12,6 +12,8 @@ from .stage import OnObject, redraw, still_running
 
 KINDS = (
     ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
+    ("doubles", "Merge doubled vertices", "Merge vertices of the border that lie in one place"),
+    ("double-shells", "Delete doubled shells", "Delete one of two shells that lie on each other"),
     ("thin-faces", "Dissolve faces without area", "Dissolve faces that have no area"),
     ("double-faces", "Delete doubled faces", "Delete faces on the same vertices as another one"),
     ("folds", "Delete folded faces", "Delete one of two faces that lie on each other"),

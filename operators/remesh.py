@@ -72,11 +72,13 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
 def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
     """The new object takes the place of the old one, with its settings."""
+    from ..bridge.store import handing_down
     from ..bridge.view import collection
 
     leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
     failures.hand_down(obj.data, made.data)
+    handing_down.hand_down(obj, made)
     collection.clear(obj)
     obj.select_set(False)
     obj.hide_set(True)

@@ -15,6 +15,8 @@ from .i18n import interface
 MENDS = {
     "zero-edge": ("short-edges", "Merge {} vertices"),
     "repeated-vertex": ("short-edges", "Merge {} vertices"),
+    "doubled-vertices": ("doubles", "Merge doubled vertices"),
+    "doubled-faces": ("double-shells", "Delete doubled faces"),
     "zero-area": ("thin-faces", "Dissolve {} faces"),
     "duplicate-faces": ("double-faces", "Delete {} faces"),
     "folded": ("folds", "Delete {} faces"),

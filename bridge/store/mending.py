@@ -12,6 +12,8 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from ...engine.surface.checking import check
+from ...engine.surface.checking.sewing import doubled
+from ...engine.surface.checking.topology import sides_of
 from . import equilibrium, mesh, notes, objects
 from .i18n import translate
 
@@ -54,7 +56,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     surface = mesh.read_surface(obj, scene)
     if obj.data.shape_keys is not None and equilibrium.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
-    before = [finding for finding in check.findings(surface.polygons) if finding.code in codes]
+    before = [finding for finding in check.everything(surface.polygons) if finding.code in codes]
     if not before:
         raise FlexMapsError("There is nothing of this kind to mend; press Check again")
     made = obj.data.copy()
@@ -69,7 +71,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bm.free()
     shared, old = objects.shared(obj), obj.data
     obj.data = made
-    after = check.findings(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
+    after = check.everything(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
     if not len(made.polygons) or _weight(after, codes) >= _weight(before, codes):
         obj.data = old
         bpy.data.meshes.remove(made)
@@ -101,6 +103,26 @@ def _short_edges(place: _Place) -> None:
     verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
     bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SHORT * place.edge)
     bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SHORT * place.edge, edges=place.bm.edges)
+
+
+def _doubles(place: _Place) -> None:
+    """Weld the border's vertices that the check calls doubled, and no others."""
+    label = doubled(place.surface.polygons, sides_of(place.surface.polygons))
+    first = np.unique(label, return_index=True)[1]
+    at = first[np.unique(label, return_inverse=True)[1]]
+    verts = place.bm.verts
+    pairs = {verts[k]: verts[int(one)] for k, one in enumerate(at) if k != one}
+    bmesh.ops.weld_verts(place.bm, targetmap=pairs)
+
+
+def _double_shells(place: _Place) -> None:
+    """Of faces in one place the first stays."""
+    kept: set[tuple[int, ...]] = set()
+    doubles = []
+    for face in place.faces:
+        spot = tuple(round(x / (0.01 * place.edge)) for x in face.calc_center_median())
+        (doubles.append(face) if spot in kept else kept.add(spot))
+    bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
 def _thin_faces(place: _Place) -> None:
@@ -160,6 +182,8 @@ def _cut(place: _Place) -> None:
 # what the operator calls it -> codes of the findings, and what mends them
 _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _short_edges),
+    "doubles": (("doubled-vertices",), _doubles),
+    "double-shells": (("doubled-faces",), _double_shells),
     "thin-faces": (("zero-area",), _thin_faces),
     "double-faces": (("duplicate-faces",), _double_faces),
     "folds": (("folded",), _folds),

@@ -30,6 +30,14 @@ WORDS = {
     "non-quad": ("{} no quads", STOPS),
     "repeated-vertex": ("{} doubled corners", STOPS),
     "duplicate-faces": ("{} doubled faces", STOPS),
+    "doubled-vertices": ("{} faces apart", STOPS),
+    "doubled-faces": ("{} doubled faces", STOPS),
+    "t-junction": ("{} at T-junctions", STOPS),
+    "cuts-itself": ("Cuts itself", WORSE),
+    "double-skin": ("Two skins", WORSE),
+    "bodies-left-out": ("Crumbs left out", INFORMATION),
+    "bodies-joined": ("Bodies joined", INFORMATION),
+    "no-spiral": ("{} without a spiral", WORSE),
     "zero-edge": ("{} faces collapsed", STOPS),
     "zero-area": ("{} without area", STOPS),
     "crossed": ("{} crossed quads", STOPS),
@@ -92,6 +100,8 @@ HELPED = {
     "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
     "strained": (remedies.LARGER, remedies.THINNER),
     "slots-close": (remedies.LARGER,),
+    "about-to-snap": (remedies.CUT,),
+    "other-rest": (remedies.CUT,),
 }
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first

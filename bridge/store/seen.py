@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import bpy
 import numpy as np
@@ -114,7 +115,7 @@ def _described(modifier: bpy.types.Modifier) -> str:
     """The values of a modifier's properties, and where the objects are that it follows."""
     told = [modifier.type]
     for prop in modifier.bl_rna.properties:
-        value = getattr(modifier, prop.identifier, None)
+        value: Any = getattr(modifier, prop.identifier, None)
         if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"} and not prop.identifier.startswith("show_"):
             told.append(str(list(value) if getattr(prop, "is_array", False) else value))
         elif isinstance(value, bpy.types.Object):

@@ -1,0 +1,95 @@
+"""What was decided of a mesh holds for the quads that take its place: vertex groups, quads held or pulled, seams marked by hand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+from ...engine.arrays import Float, Int
+from . import attributes, handles, notes
+
+LEAST = 0.5  # weight in a group from which on a vertex of the new quads belongs to it: the middle of an edge between one in it and one not
+
+
+def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
+    """Give new quads what the object that they take the place of was told; both stand in one place, the new one not scaled yet."""
+    if not len(old.data.polygons) or not len(made.data.polygons):
+        return
+    vertices = [vertex.co for vertex in old.data.vertices]
+    tree = BVHTree.FromPolygons(vertices, [tuple(face.vertices) for face in old.data.polygons])
+    for group in old.vertex_groups:
+        _group(old, made, group, tree)
+    _of_faces(old, made, tree)
+    if "layout" not in notes.read(old.data):  # seams of ours are made anew
+        _seams(old, made)
+
+
+def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.VertexGroup, tree: BVHTree) -> None:
+    weights = np.zeros(len(old.data.vertices))
+    for vertex in old.data.vertices:
+        weights[vertex.index] = max((g.weight for g in vertex.groups if g.group == group.index), default=0.0)
+    new = made.vertex_groups.get(group.name) or made.vertex_groups.new(name=group.name)
+    got = np.array([_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
+    inside = np.flatnonzero(got >= LEAST)
+    if len(inside) < 2 and weights.any():  # smaller than a quad: the quad that is nearest to it
+        middle = Vector(_positions(old.data)[weights > 0].mean(axis=0))
+        centres = [(face.center - middle).length for face in made.data.polygons]
+        inside = np.array(made.data.polygons[int(np.argmin(centres))].vertices)
+    new.add(inside.tolist(), 1.0, "REPLACE")
+
+
+def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree) -> float:
+    """The weight at a place, between those of the corners of the nearest face."""
+    spot, _, face, _ = tree.find_nearest(place)
+    if face is None:
+        return 0.0
+    corners = list(mesh.polygons[face].vertices)
+    away = np.array([max((mesh.vertices[k].co - spot).length, 1e-12) for k in corners])
+    return float((weights[corners] / away).sum() / (1.0 / away).sum())
+
+
+def _of_faces(old: bpy.types.Object, made: bpy.types.Object, tree: BVHTree) -> None:
+    nearest: Int[np.ndarray, " quads"] = np.array([tree.find_nearest(face.center)[2] for face in made.data.polygons])
+    for name in handles.NAMES:
+        values = attributes.stored(old.data, attributes.PREFIX + name)
+        if values is not None and values.any() and len(old.data.polygons) == len(values):
+            domain, kind, _, _ = attributes.OURS[name]
+            attributes.put(made, attributes.PREFIX + name, domain, kind, values[nearest])
+
+
+def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
+    """Seams along the edges of the new quads that are nearest to those that were marked."""
+    marked = [edge for edge in old.data.edges if edge.use_seam]
+    if not marked:
+        return
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    points, before = _positions(made.data), _positions(old.data)
+    pairs = np.array([tuple(edge.vertices) for edge in made.data.edges])
+    lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
+    near, step = cKDTree(points), float(np.median(lengths))
+    graph = coo_array((lengths, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    number = {(min(a, b), max(a, b)): k for k, (a, b) in enumerate(pairs.tolist())}
+    for edge in marked:
+        a, b = (before[k] for k in edge.vertices)
+        count = max(2, int(np.ceil(np.linalg.norm(b - a) / step)) + 1)
+        way = near.query(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))[1]
+        for start, end in pairwise(way):
+            if start == end:
+                continue
+            _, previous = dijkstra(graph, directed=False, indices=start, return_predecessors=True, limit=4.0 * step)
+            while end != start and previous[end] >= 0:
+                made.data.edges[number[min(end, previous[end]), max(end, previous[end])]].use_seam = True
+                end = previous[end]
+
+
+def _positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
+    found = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", found)
+    return found.reshape(-1, 3).astype(float)

@@ -1,0 +1,140 @@
+"""*Next*: what is mended, what is let go, what holds after new quads, and that a failure is never pressed again."""
+
+from __future__ import annotations
+
+import itertools
+from contextlib import suppress
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from flexmaps import api
+from flexmaps.bridge.store import failures, guidance, handing_down, notices, states
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface import shapes
+
+
+def seen(obj: Any) -> guidance.Guidance:
+    bpy.context.view_layer.update()
+    return guidance.of(obj, bpy.context.scene)
+
+
+def _zero_edge(bm: Any) -> None:
+    one, two = bm.edges[40].verts
+    one.co = two.co
+
+
+def _turned(bm: Any) -> None:
+    bmesh.ops.reverse_faces(bm, faces=bm.faces[10:13])
+
+
+def _doubled(bm: Any) -> None:
+    bmesh.ops.split_edges(
+        bm, edges=[edge for edge in bm.edges if edge.verts[0].co.x * edge.verts[1].co.x <= 0 < len(edge.link_faces) - 1]
+    )
+
+
+def _loose(bm: Any) -> None:
+    bm.verts.new((0.0, 0.0, 1.0))
+
+
+FAULTS = {
+    "zero-edge": _zero_edge,
+    "inconsistent-orientation": _turned,
+    "doubled-vertices": _doubled,
+    "loose-vertices": _loose,
+}
+
+
+@pytest.mark.parametrize("code", FAULTS)
+def test_what_a_machine_can_mend_is_mended_in_one_press_on_a_copy_where_the_mesh_is_shared(add: Any, code: str) -> None:
+    piece = add(shapes.make("dome"))
+    bm = bmesh.new()
+    bm.from_mesh(piece.data)
+    for elements in (bm.verts, bm.edges, bm.faces):
+        elements.ensure_lookup_table()
+    FAULTS[code](bm)
+    bm.to_mesh(piece.data)
+    bm.free()
+    twin = bpy.data.objects.new("twin", piece.data)
+    shared = piece.data
+    with suppress(RuntimeError):  # its report is an error
+        bpy.ops.flexmaps.check()
+    (found,) = [notice for notice in seen(piece).notices if notice.key == f"checks/{code}"]
+    (cure,) = [way for way in found.cures if way.idname == "flexmaps.mend"]
+    assert bpy.ops.flexmaps.mend(**cure.properties) == {"FINISHED"}
+    assert not [notice for notice in seen(piece).notices if notice.key == f"checks/{code}"]
+    assert twin.data == shared != piece.data, "the other object keeps its mesh"
+
+
+def test_a_cure_that_cannot_help_leaves_the_mesh_as_it_was(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    before = piece.data
+    with pytest.raises(RuntimeError, match="nothing of this kind"):
+        bpy.ops.flexmaps.mend(what="normals")
+    assert piece.data == before
+
+
+@pytest.mark.parametrize("idname", sorted(failures.WRITES))
+def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add: Any, idname: str) -> None:
+    """Every stage fails, whatever is pressed: what is offered comes to an end, and says where."""
+    piece = add(shapes.make("dome"))
+    scene, offered = bpy.context.scene, []
+    for _ in range(api.pressing.MOST):
+        act = seen(piece).act
+        if act is None or act.idname in {"wm.path_open", "wm.save_mainfile"}:
+            break
+        offered.append((act.idname, tuple(act.properties.items()), piece.data.name, piece.flexmaps.remesh.edge))
+        if act.cure is not None:
+            failures.note_tried(piece.data, act.cure.call)
+        if act.idname == "flexmaps.let_go":
+            bpy.ops.flexmaps.let_go(**act.properties)
+        else:
+            failures.write(piece, scene, act.idname, FlexMapsError("There is no room", faces=[1, 2]))
+    else:
+        pytest.fail(f"it goes on for ever: {offered}")
+    assert len(set(offered)) == len(offered), "never the same act with the same input"
+    assert seen(piece).status.sign == guidance.STOPPED and seen(piece).notices[0].faces == (1, 2)
+    assert idname in failures.WRITES
+
+
+def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    failures.write(piece, bpy.context.scene, "flexmaps.spirals", FlexMapsError("There is no room", faces=[3]))
+    assert any(notice.kind == notices.STOPS for notice in seen(piece).notices)
+    piece.flexmaps.export.labels = (
+        not getattr(piece.flexmaps.export, "labels", True) if hasattr(piece.flexmaps.export, "labels") else False
+    )
+    assert any(notice.kind == notices.STOPS for notice in seen(piece).notices)
+    piece.flexmaps.spiral.width_min *= 0.9
+    assert not any(notice.kind == notices.STOPS for notice in seen(piece).notices)
+
+
+def test_labels_and_status_are_short_enough(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    said = seen(piece)
+    assert said.act is not None and len(said.act.label) <= 28 and len(said.status.text) <= 34
+    assert set(states.PARTS) >= set(guidance.STEPS)
+
+
+def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
+    def grid(n: int, name: str) -> Any:
+        x = np.linspace(0.0, 1.0, n + 1)
+        points = [(float(a), float(b), 0.0) for a, b in itertools.product(x, x)]
+        quads = [(i * (n + 1) + j, (i + 1) * (n + 1) + j, (i + 1) * (n + 1) + j + 1, i * (n + 1) + j + 1)
+                 for i in range(n) for j in range(n)]  # fmt: skip
+        return add((points, quads), name)
+
+    old, new = grid(4, "old"), grid(10, "new")
+    group = old.vertex_groups.new(name="feet")
+    group.add([v.index for v in old.data.vertices if v.co.x < 0.01], 1.0, "REPLACE")
+    for edge in old.data.edges:
+        edge.use_seam = all(abs(old.data.vertices[k].co.y - 0.5) < 0.01 for k in edge.vertices)
+    handing_down.hand_down(old, new)
+    inside = {v.index for v in new.data.vertices if any(g.weight > 0 for g in v.groups)}
+    assert {v.index for v in new.data.vertices if v.co.x < 0.01} <= inside
+    assert all(new.data.vertices[k].co.x < 0.15 for k in inside)
+    cut = [edge for edge in new.data.edges if edge.use_seam]
+    assert len(cut) == 10 and all(abs(new.data.vertices[k].co.y - 0.5) < 0.01 for edge in cut for k in edge.vertices)
