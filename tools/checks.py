@@ -29,11 +29,18 @@ TIERS = {
     "blender": "operators and sidebar through Blender as a module",
     "install": "the zip, installed into a fresh Blender",
     "page": "the report's page in a real browser",
+    "files": "sheets in the programs that read them, where these are installed",
     "window": "a real Blender with its window",
 }
 # the longest work first, so that all lanes end together: a tier, and in how many parts its files are dealt out. What
 # builds the zip shares a folder and so a line
-QUEUE = ((("blender", 2),), (("engine", 2),), (("install", 1), ("window", 1)), (("page", 1),), (("database", 1),))
+QUEUE = (
+    (("blender", 2),),
+    (("engine", 2),),
+    (("install", 1), ("window", 1)),
+    (("page", 1), ("files", 1)),
+    (("database", 1),),
+)
 LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take up to 1 GB of memory each
 KINDS = ("passed", "failed", "skipped")
 SLOWEST = 5  # tests of a tier that are named in the end

@@ -196,11 +196,14 @@ def read_svg(path: Path, unit: float) -> Drawing:
         tree = SvgTree(document, unit)
         made = Drawing(unitless=tree.unitless, outside=tree.outside)
         source = io.BytesIO(ElementTree.tostring(tree.root))
-        for shape in SVG.parse(source, width=1.0, height=1.0, on_error="raise").elements():
+        for shape in SVG.parse(source, width=1.0, height=1.0, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
-                for part in abs(Curve(shape)).as_subpaths():
-                    points = _chords(Curve(part), FLAT / tree.unit) * [tree.unit, -tree.unit]
+                m = shape.transform  # applied to points, as svgelements is wrong about arcs that are sheared
+                moves = tree.unit * np.array([[m.a, -m.b], [m.c, -m.d]])
+                distance = FLAT / max(float(np.linalg.norm(moves, 2)), 1e-12)
+                for part in Curve(shape.d(transformed=False)).as_subpaths():
+                    points = _chords(Curve(part), distance) @ moves + tree.unit * np.array([m.e, -m.f])
                     if len(points) >= 2:
                         made.lines.append((points, any(isinstance(s, Close) for s in part)))
     except (
