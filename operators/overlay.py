@@ -45,7 +45,11 @@ class Overlay(OnObject, bpy.types.Operator):
             ("DISTANCE", "Distance", "How far the simulated shape is from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral of the simulated shape"),
             ("REACH", "Limits", "What keeps every spiral from bending as the target does"),
-            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            (
+                "SAFETY",
+                "Safety",
+                "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
+            ),
             ("SCAN", "Scan", "How far the built piece, scanned, is from the simulated shape"),
             ("SLOT", "Slots", "Narrowest slot beside the arms of every spiral in the simulated shape"),
             (

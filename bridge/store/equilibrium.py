@@ -21,6 +21,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from ...engine.materials import STRAIN_MARGIN
 from . import attributes, notes, pose, scans, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
@@ -147,8 +148,8 @@ def _ended(text: str) -> str:
 
 
 def strained(block: dict[str, Any]) -> bool:
-    """Whether the largest strain, as it is shown in whole percents, lies beyond what the material bears."""
-    return round(100.0 * block.get("strain_share_max", 0.0)) > 100
+    """Whether the largest strain, as it is shown in whole percents, lies beyond what the material bears for sure."""
+    return round(100.0 * block.get("strain_share_max", 0.0)) > round(100.0 / STRAIN_MARGIN)
 
 
 def warnings(block: dict[str, Any]) -> list[str]:
@@ -166,7 +167,8 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
     if finding["code"] != "strained":
         return finding["message"]
     broken = (
-        "The arms of {} spirals are strained by up to {:.0f} % of what the material bears: they break or stay bent."
+        "On their surface, the arms of {} spirals are strained by up to {:.0f} % of what the material bears, give or take 15 %: "
+        "they may break or stay bent."
     )
     if block.get("lasts") == "years":
         broken = "The arms of {} spirals are strained by up to {:.0f} % of what the material bears for years: they sag or crack."

@@ -179,7 +179,7 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
         advised = [name for name in advised if name != FINER]
     return amounts(
         dict.fromkeys(advised),
-        strain=strain,
+        strain=None if strain is None else strain / STRAINED,
         soft=kind == "softest",
         thickness=simulation.assembly.thickness,
         quads=simulation.assembly.size,

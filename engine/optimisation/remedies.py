@@ -33,7 +33,7 @@ MILLIMETRES = SHOWN["m"][0]
 def amounts(advised: Collection[str], *, strain: float | None, soft: bool, thickness: float, quads: int) -> Amounts:
     """How much of every remedy that is advised, by its name, for ``report.json``; without those that cannot be followed.
 
-    strain : the largest, as a share of what the material bears, where it is known; soft : spirals are as soft as they may be
+    strain : the largest, as a share of what the material bears with its margin, where it is known; soft : spirals are as soft as they may be
     thickness : metres. What comes back: times the size, millimetres of the sheet, number of quads; None for a cut
     """
     times = larger(strain, soft=soft)

@@ -112,7 +112,7 @@ class Bearing:
 
     @property
     def limit(self) -> float:
-        return self.share * self.material.strain_limit
+        return self.share * self.material.safe_strain
 
     def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) of strains beyond a little less than the limit, as a share; negative below."""

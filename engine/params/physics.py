@@ -43,7 +43,7 @@ class MaterialParams(Params):
     strain_limit: float = setting(
         0.02,
         "Strain limit",
-        "Largest strain that a custom material bears, as a share of its length",
+        "Largest strain that a bar of a custom material bears in tension, as a share of its length",
         low=1e-4,
         high=5.0,
     )
@@ -184,7 +184,7 @@ class OptimiseParams(Params):
     strain_share: float = setting(
         1.0,
         "Strain limit",
-        "Share of the strain which the material bears that the arms should stay below; 0 lets them be strained at will",
+        "Share of what the material bears, less a margin of a tenth, that the strain on the arms' surface should stay below; 0 lets arms be strained at will",
         low=0.0,
         high=10.0,
     )

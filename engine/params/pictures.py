@@ -30,7 +30,11 @@ class PreviewParams(Params):
         choices=(
             ("PATCH", "Patches", "One colour per patch"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
-            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            (
+                "SAFETY",
+                "Safety",
+                "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
+            ),
             ("DISTANCE", "Distance", "How far every spiral is from the target"),
             ("MATERIAL", "Material", "The look of the chosen material"),
         ),
@@ -68,7 +72,11 @@ class RenderParams(Params):
             ("pla", "PLA, printed", "Blue, with fine strands"),
             ("DISTANCE", "Distance", "How far every spiral is from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
-            ("SAFETY", "Safety", "Largest strain in every spiral, against what the material bears"),
+            (
+                "SAFETY",
+                "Safety",
+                "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
+            ),
         ),
     )
     target: bool = setting(True, "Target", "Show the surface that is to be made")

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..errors import FlexMapsError
-from ..materials import Material
+from ..materials import FILLET_STRAIN, STRAIN_MARGIN, Material
 from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
@@ -33,8 +33,9 @@ from .band import Band
 from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
-# share of what the material bears beyond which spirals are named: an optimised piece may lie beyond its limit by rounding
-STRAINED = 1.0005
+# share of what the material bears beyond which spirals are named: less a margin, for strains are known to within some 15 %; and an
+# optimised piece may lie beyond its limit by rounding
+STRAINED = 1.0005 / STRAIN_MARGIN
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +144,8 @@ class Simulation:
         strained = np.flatnonzero(strain > STRAINED)
         if len(strained):
             text = (
-                f"The arms of {len(strained)} spirals are strained by up to {100.0 * strain.max():.0f} % of "
-                f"{self.material.bears}: they break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
+                f"The arms of {len(strained)} spirals are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
+                f"{self._meant}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
             )
             found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
         slots = self.slots()
@@ -157,6 +158,14 @@ class Simulation:
             )
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
         return found + rest_findings(self.equilibrium, self.others, self.softest, self.target, self.size)
+
+    @property
+    def _meant(self) -> str:
+        """Which strain is meant, for people."""
+        if self.strain is None or not self.material.breaks:
+            return " (on their surface, give or take 15 %)"
+        at_fillets = 100.0 * FILLET_STRAIN * self.strain.max()
+        return f" (on their surface, give or take 15 %; at the fillets of their roots about {at_fillets:.0f} %)"
 
     @cached_property
     def reactions(self) -> Float[np.ndarray, "quads 3"]:
@@ -203,6 +212,8 @@ class Simulation:
             block |= {"slot_min_mm": 1e3 * float(slots.width.min()), "slots_closed": len(slots.closed)}
         if self.strain is not None:
             block["strain_share_max"] = float(self.strain.max())
+            if self.material.breaks:
+                block["fillet_strain_share_max"] = FILLET_STRAIN * float(self.strain.max())
         if self.findings:
             block["findings"] = [finding.as_dict() for finding in self.findings]
         if self.band is not None:

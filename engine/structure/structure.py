@@ -24,7 +24,7 @@ from ..mechanics.loads import Loads, standing
 from ..mechanics.newton_system import NewtonSystem
 from ..params import SimulateParams, StructureParams
 from ..progress import SILENT, Progress
-from ..simulation.simulate import Simulation, carried
+from ..simulation.simulate import STRAINED, Simulation, carried
 from ..surface.checking.check import Finding
 from ..threads import one_thread
 from . import joints
@@ -34,7 +34,7 @@ from .cases import LoadPlan
 from .path import Follower, Path, follow
 
 YEAR = "after a year"  # name and kind of the outcome of the loads that stay
-FULL = 1.0005  # of what is borne, from which on something is said to be overloaded, as in ``simulate``
+FULL = 1.0005  # of what is borne, from which on joints are said to be overloaded
 POINTS = 60  # of a curve in the report
 
 
@@ -188,9 +188,12 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
         text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"
         found.append(Finding("snaps", "warning", text, far))
-    if one.borne.arms is not None and one.borne.arms.max() > FULL:
-        worst = tuple(np.flatnonzero(one.borne.arms > FULL).tolist())
-        text = f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of {structure.simulation.material.bears}"
+    if one.borne.arms is not None and one.borne.arms.max() > STRAINED:
+        worst = tuple(np.flatnonzero(one.borne.arms > STRAINED).tolist())
+        text = (
+            f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of "
+            f"{structure.simulation.material.bears}, give or take 15 %"
+        )
         found.append(Finding("overstrained", "warning", text, worst))
     if one.borne.joints is not None and structure.seams.any():
         share = np.where(structure.seams, one.borne.joints, 0.0)

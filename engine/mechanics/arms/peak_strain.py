@@ -52,8 +52,6 @@ SHARE = (
 )
 ROUNDING = 1e-4  # strain about zero over which sizes are rounded off
 BATCH = 256  # arms at a time, so that they stay in the processor's cache
-# how estimate and true strain may differ, as a share; and the margin that is kept of a limit for it
-UNCERTAINTY, MARGIN = 0.15, 1.1
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of sections, in halves of the width
 
 
