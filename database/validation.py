@@ -7,6 +7,7 @@ that a design which would be cut differently today is solved again. Solving take
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,7 +95,18 @@ def model(case: Case, name: str) -> ElasticModel:
 
 def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
     """The arrays of a case's file, by full solids. Raises FlexMapsError where a state finds no equilibrium."""
-    coarse, material, rows = model(case, "arm"), case.material, []
+    rows, unknowns = [], 0
+    for supports, solid, found in balances(case, progress):
+        rows.append(_row(found, supports, case.material))
+        unknowns = solid.unknowns
+    arrays = {name: np.array([row[name] for row in rows]) for name in ARRAYS}
+    header = {"version": VERSION, "case": case.identity(), "unknowns": unknowns}
+    return {**arrays, "shape": shape(case), "header": np.array(json.dumps(header, sort_keys=True))}
+
+
+def balances(case: Case, progress: Progress = SILENT) -> Iterator[tuple[Loads, DesignSolid, Balance]]:
+    """Yield supports, solid and equilibrium of every state of a case. Raises FlexMapsError where a state finds no equilibrium."""
+    coarse, material = model(case, "arm"), case.material
     solid: DesignSolid | None = None
     for number, loading in enumerate(case.loadings):
         part = progress.part(number / len(case.loadings), (number + 1) / len(case.loadings))
@@ -115,10 +127,7 @@ def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
         found = solid.solve(solid.guess(guess), guess, load, fixed[held], part)
         if not found.converged:
             raise FlexMapsError(f"The solid of case {case.name}, state {loading.name}, finds no equilibrium")
-        rows.append(_row(found, supports, material))
-    arrays = {name: np.array([row[name] for row in rows]) for name in ARRAYS}
-    header = {"version": VERSION, "case": case.identity(), "unknowns": solid.unknowns if solid else 0}
-    return {**arrays, "shape": shape(case), "header": np.array(json.dumps(header, sort_keys=True))}
+        yield supports, solid, found
 
 
 def solid_of(case: Case, held: list[int]) -> DesignSolid:

@@ -1,0 +1,158 @@
+"""The estimate of the largest strains on the surface of arms against solids of whole designs, arm by arm, and what it costs.
+
+python3 tools/dev.py bench strain [--only TEXT] [--solve] [--json FILE]
+
+What the solids say lies in ``database/validation/strain``; ``--solve`` solves those that are missing or whose design is cut otherwise
+today, a minute each. Arms count whose strain is above ``LARGE`` of the largest of their piece.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+from flexmaps.database import validation_strain
+from flexmaps.database.validation_strain import ArmStrains
+from flexmaps.engine.mechanics.arms.model import ArmModel
+from flexmaps.engine.mechanics.arms.strain_changes import Strains
+from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from rows import Table, at_least, at_most, row
+from scipy.stats import spearmanr
+
+LARGE = 0.3  # share of the largest strain of a piece
+CLOSE, NEAR = 0.15, 0.2  # shares by which estimates may be off
+KINKED = 0.15  # of a blend's slope over the arm's radius, above which a joint counts as a kink: about 9 degrees
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench strain")
+    parser.add_argument("--only", help="cases with this text in their name")
+    parser.add_argument("--solve", action="store_true", help="solve the solids that are missing")
+    parser.add_argument("--json", type=Path, help="write the rows here too")
+    options = parser.parse_args(arguments)
+    if options.solve:
+        print("solved:", ", ".join(validation_strain.run(options.only)) or "none were missing")
+    cases = [c for c in validation_strain.strain_cases() if options.only is None or options.only in c.name]
+    known = [c for c in cases if validation_strain.is_done(c)]
+    table, found = Table(40), []
+    for case in known:
+        states = validation_strain.compare(case)
+        found += states
+        table.add(*_of_piece(case.name, states))
+    if found:
+        table.add(*_of_all(found), *_of_joints(found), *_by_kind(found))
+    table.add(row("designs", "solved", ">= 40", len(known), len(known) >= 40), *_cost())
+    table.finish(options.json)
+    return 0
+
+
+def _ratios(found: list[ArmStrains]) -> np.ndarray:
+    """Estimate over solid of all arms that count."""
+    return np.concatenate([(one.estimate / one.solid)[_large(one)] for one in found])
+
+
+def _large(one: ArmStrains) -> np.ndarray:
+    return (one.solid > LARGE * one.solid.max()) & (one.solid > 0.0)
+
+
+def _share(ratio: np.ndarray) -> float:
+    return 100.0 * float((np.abs(ratio - 1.0) < CLOSE).mean())
+
+
+def _of_piece(name: str, states: list[ArmStrains]) -> list[dict]:
+    ratio = _ratios(states)
+    solid, guess = (max(float(getattr(one, which).max()) for one in states) for which in ("solid", "estimate"))
+    spread = {
+        "5 %": f"{np.quantile(ratio, 0.05):.2f}",
+        "50 %": f"{np.median(ratio):.2f}",
+        "95 %": f"{np.quantile(ratio, 0.95):.2f}",
+    }
+    whole = {"largest %": {"solid": f"{100 * solid:.2f}", "estimate": f"{100 * guess:.2f}"}}
+    return [row(name, "arms within 15 %", "", round(_share(ratio), 1), None, {f"{len(ratio)} arms": spread, **whole})]
+
+
+def _of_all(found: list[ArmStrains]) -> list[dict]:
+    ratio = _ratios(found)
+    third = np.concatenate([(one.estimate / one.solid)[one.solid > one.limit / 3.0] for one in found])
+    fillets = np.concatenate([(one.fillet / one.solid)[_large(one)] for one in found])
+    rank = spearmanr(*(np.concatenate([getattr(one, n)[_large(one)] for one in found]) for n in ("solid", "estimate")))
+    return [
+        at_least("all", "arms within 15 %", 90.0, _share(ratio), {"arms": str(len(ratio))}),
+        at_least("all", "those above a third of the limit", 90.0, _share(third), {"arms": str(len(third))}),
+        at_least("all", "smallest estimate over solid", 0.8, float(ratio.min())),
+        at_most("all", "arms estimated under 0.8, %", 0.0, 100.0 * float((ratio < 1.0 - NEAR).mean())),
+        at_least("all", "rank correlation", 0.95, float(rank.statistic)),
+        row(
+            "all",
+            "fillets over surface, median",
+            "",
+            round(float(np.median(fillets)), 2),
+            None,
+            {"95 %": f"{np.quantile(fillets, 0.95):.2f}"},
+        ),
+    ]
+
+
+def _of_joints(found: list[ArmStrains]) -> list[dict]:
+    """The larger of both arms of every joint."""
+    ratio = []
+    for one in found:
+        count = int(one.joint.max()) + 1
+        solid, guess = np.zeros(count), np.zeros(count)
+        np.maximum.at(solid, one.joint, one.solid)
+        np.maximum.at(guess, one.joint, one.estimate)
+        ratio.append((guess / np.maximum(solid, 1e-12))[solid > LARGE * one.solid.max()])
+    every = np.concatenate(ratio)
+    return [
+        at_least("joints", "larger of both arms within 15 %", 95.0, _share(every), {"joints": str(len(every))}),
+        at_least("joints", "smallest estimate over solid", 0.8, float(every.min())),
+    ]
+
+
+def _by_kind(found: list[ArmStrains]) -> list[dict]:
+    """Worst under-estimates by kind of joint."""
+    kinds = {
+        "smooth": lambda one: (one.bend < KINKED) & ~np.full(len(one.bend), one.rim),
+        "kinked": lambda one: (one.bend >= KINKED) & ~np.full(len(one.bend), one.rim),
+        "with a rim": lambda one: np.full(len(one.bend), one.rim),
+    }
+    out = []
+    for name, chosen in kinds.items():
+        ratio = np.concatenate([(one.estimate / one.solid)[_large(one) & chosen(one)] for one in found])
+        if len(ratio):
+            out.append(
+                at_least(
+                    name,
+                    "smallest estimate over solid",
+                    0.8,
+                    float(ratio.min()),
+                    {f"{len(ratio)} arms": f"{_share(ratio):.0f} %"},
+                )
+            )
+    return out
+
+
+def _cost() -> list[dict]:
+    """Microseconds of processor an arm, values alone and with all derivatives."""
+    case = next(c for c in validation_strain.strain_cases() if c.name == "box")
+    design = case.design
+    model = ArmModel.of(of_design(design), case.material)
+    changes = model.changes(model.start(target_pose(case.mesh, design.flat.corners)))
+    strains = Strains.of(model.assembly, changes, case.material)
+    every = np.tile(np.arange(2 * len(model.pairs)), 10)
+    plain = min(_seconds(lambda: Strains.of(model.assembly, changes, case.material)) for _ in range(20))
+    whole = min(_seconds(lambda: strains.slopes(every)) for _ in range(10)) / 10.0
+    count = 2 * len(model.pairs)
+    return [
+        row("cost", "values, us an arm", "", round(1e6 * plain / count, 1), None),
+        at_most("cost", "with all derivatives, us an arm", 35.0, 1e6 * whole / count),
+    ]
+
+
+def _seconds(do: object) -> float:
+    start = time.process_time()
+    do()  # type: ignore[operator]
+    return time.process_time() - start
