@@ -83,7 +83,8 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
         provenance = json.loads(str(stored["provenance"]))
         if provenance.get("format") != FORMAT:
             raise FlexMapsError(f"The stiffness table {path.name} has another version; build the database again")
-        full, pairs = stored["coefficients"].astype(float), stored["pairs"]
+        # earlier tables hold strains behind the compliances
+        full, pairs = stored["coefficients"][:, :CHANNELS].astype(float), stored["pairs"]
     low, high = POISSON_RANGE
     x = 2.0 * (poisson - low) / (high - low) - 1.0
     basis = np.cos(np.arange(full.shape[-1]) * math.acos(x))
@@ -91,6 +92,7 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
 
 
 FORMAT = 1  # of the file
+CHANNELS = 12  # of the compliances
 
 
 @dataclass(frozen=True, eq=False)
