@@ -50,6 +50,9 @@ from .surface import Surface
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
+# metres between an object and the world's origin from which on it is computed about its own: there Blender, which draws in single
+# precision, has steps of 8 mm, and searches for a rest lose their last digits
+FAR = 1e5
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness", "protect")
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
@@ -90,9 +93,11 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
 
 
 def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """From the object's frame to world axes in metres."""
+    """From the object's frame to world axes in metres, about the object's own origin where that lies beyond ``FAR``."""
     matrix = seeing.world(obj, scene)
     matrix[:3] *= scene.unit_settings.scale_length
+    if np.abs(matrix[:3, 3]).max() > FAR:
+        matrix[:3, 3] = 0.0
     return matrix
 
 

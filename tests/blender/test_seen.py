@@ -236,3 +236,17 @@ def test_our_shape_comes_on_top_of_the_users_keys(dome: Any, bend: Callable) -> 
     bpy.context.view_layer.update()
     seen = dome.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert np.array([vertex.co for vertex in seen.vertices]) == pytest.approx(piece.source.vertices, abs=1e-6)
+
+
+@pytest.mark.parametrize("far", [(5e3, 0, 0), (1e6, -1e6, 3e5), (1e7, 1e7, 1e7)])
+def test_an_object_far_away_stays_there_and_is_made_all_the_same(dome: Any, far: tuple) -> None:
+    near = api.spirals(api.load(dome))
+    dome.location = far
+    bpy.context.view_layer.update()
+    made = api.spirals(api.load(dome))
+    sides = [np.sort(np.linalg.norm(np.diff(one.result.flat.corners, axis=1), axis=2).ravel()) for one in (near, made)]
+    assert sides[0] == pytest.approx(sides[1], abs=1e-5)
+    api.show(made, dome)
+    assert tuple(dome.location) == pytest.approx(far)
+    points = np.array([vertex.co for vertex in dome.data.vertices])
+    assert points == pytest.approx(DOME.vertices, abs=1e-6)
