@@ -21,8 +21,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     rare(value(column, wanted.material, "material", tr("Material")), "material")
     value(column, wanted.spiral, "thickness", tr("Thickness"))
     pair(column, tr("Sheet"), wanted.sheet, "sheet_width", "sheet_height")
-    if "lasts" in MaterialParams.__dataclass_fields__:
-        choice(column, tr("Lasts"), wanted.material, "lasts")
+    choice(column, tr("Lasts"), wanted.material, "lasts")
 
     column = body.column(align=True)
     row = value(column, wanted.remesh, "quads", tr("Quads"))
@@ -47,6 +46,14 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row = value(held, wanted.base, "eyelet" if hangs else "base", tr("Eyelets") if hangs else tr("Base"))
     rare(row, "base")
     value(held, wanted.simulate, "gravity", tr("Own weight"))
+
+
+def key(context: bpy.types.Context) -> str:
+    """What was decided, beside the heading."""
+    obj = context.object
+    chosen = (obj.flexmaps.spiral, "border"), (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
+    names = [owner.bl_rna.properties[name].enum_items[getattr(owner, name)].name for owner, name in chosen]
+    return ", ".join(map(tr, names))
 
 
 def _material(layout: Any, wanted: Any) -> None:
