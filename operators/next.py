@@ -17,7 +17,7 @@ from .stage import AnyMesh, OnObject, reveal
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
-CUTTING = {"flexmaps.merge"}  # what takes the mesh as it is
+CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # what takes the mesh as it is
 CALM = 0.4  # seconds after the label has changed in which a press does nothing: a double click never starts two steps
 
 
@@ -139,4 +139,26 @@ class LetGo(OnObject, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (Next, ShowNotice, LetGo)
+class StandOn(OnObject, bpy.types.Operator):
+    """Let the piece stand on its lowest quads, or let go of a vertex group that was chosen"""
+
+    bl_idname = "flexmaps.stand_on"
+    bl_label = "Stand on lowest"
+    bl_options = {"REGISTER", "UNDO"}
+
+    where: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Where", items=(("lowest", "Lowest quads", ""), ("nothing", "Nothing", "")), options={"SKIP_SAVE"}
+    )
+    setting: bpy.props.EnumProperty(  # type: ignore[valid-type]
+        name="Setting", items=(("supports", "Supports", ""), ("pulled", "Pulled", "")), options={"SKIP_SAVE"}
+    )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        obj = context.object
+        setattr(obj.flexmaps.loads, self.setting, "")
+        if self.where == "lowest":
+            obj.flexmaps_rests = "STANDS"
+        return {"FINISHED"}
+
+
+CLASSES = (Next, ShowNotice, LetGo, StandOn)

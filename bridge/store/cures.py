@@ -71,6 +71,12 @@ def regularise() -> Cure:
     return Cure(interface("Squarer quads"), "flexmaps.regularise")
 
 
+def hold(where: str, setting: str = "supports") -> Cure:
+    """Let the piece stand on its lowest quads, or choose nothing where a vertex group was chosen."""
+    words = interface("Stand on lowest") if where == "lowest" else interface("Choose none")
+    return Cure(words, "flexmaps.stand_on", {"where": where, "setting": setting})
+
+
 def let_go(key: str) -> Cure:
     """The notice becomes information, and *Next* goes on."""
     return Cure(interface("Go on as it is"), "flexmaps.let_go", {"key": key})

@@ -16,7 +16,7 @@ LET_GO = "flexmaps_let_go"  # key of a notice -> the sentence that somebody has 
 TRIED = "flexmaps_tried"  # call of a cure that *Next* pressed -> how often
 # operator -> block of the notes whose parts it depends on; of all others every part counts
 WRITES = {
-    "flexmaps.lay_out": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
+    "flexmaps.flatten": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
     "flexmaps.spirals": "spirals", "flexmaps.simulate": "equilibrium", "flexmaps.optimise": "optimise",
     "flexmaps.fit": "optimise", "flexmaps.export": "sheets",
 }  # fmt: skip

@@ -51,6 +51,9 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
     mesh = obj.data
     if not len(mesh.polygons):
         return None
+    gone = next((notice for notice in found if notice.key.startswith("loads/")), None)
+    if gone is not None:
+        return _cure(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
         return _unless_failed(mesh, _quads(obj, scene), found)
     if objects.changed_by_modifiers(obj):
@@ -75,6 +78,10 @@ def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice
         if stages["layout"].part == "seams" and "layout" in blocks:
             said = translate("Flattens the panels whose seams were edited; the others stay as they are")
             return Act("flexmaps.update_from_seams", _next(interface("Update from seams")), said, "layout")
+        tried = any(notice.key == "failed/flexmaps.merge" for notice in found)
+        if stages["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
+            said = translate("Takes the seams that are there as the borders of the panels; Lay out anew replaces them")
+            return Act("flexmaps.flatten", _next(interface("Use these seams")), said, "layout")
         return _layout()
     if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
         return _layout()

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...engine.materials import MATERIALS
 from ...engine.optimisation import remedies
@@ -83,6 +84,7 @@ FAILED = {
     "flexmaps.quad_remesh": "No quads found",
     "flexmaps.lay_out": "No layout found",
     "flexmaps.merge": "No layout found",
+    "flexmaps.flatten": "Seams do not do",
     "flexmaps.update_from_seams": "Seams do not do",
     "flexmaps.regularise": "Not squarer",
     "flexmaps.spirals": "{} without room",
@@ -139,6 +141,8 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_failed(obj, failures.read(obj, scene)),
         *_checks(obj, blocks.get("checks", ())),
         *_few(obj),
+        *_gone(obj),
+        *_seams(obj, known["layout"].kind),
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
@@ -184,6 +188,8 @@ def _ways(obj: bpy.types.Object, idname: str) -> list[Cure]:
         return [cures.let_go(key)]
     if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
         return [cures.remesh(n) for n in fewer(quads)]
+    if idname == "flexmaps.flatten":
+        return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in fewer(quads))]
     if idname == "flexmaps.quad_remesh":
         return [cures.remesh(n) for n in fewer(obj.flexmaps.remesh.quads)]
     return []
@@ -227,6 +233,40 @@ def _few(obj: bpy.types.Object) -> list[Notice]:
     return [Notice(KEPT, interface("Only {} quads", count), sentence, WORSE, cures=ways)]
 
 
+def _gone(obj: bpy.types.Object) -> list[Notice]:
+    """Vertex groups that were chosen and are gone."""
+    found = []
+    for setting, what in (("supports", "Supports"), ("pulled", "Pulled")):
+        name = getattr(obj.flexmaps.loads, setting)
+        if name and name not in obj.vertex_groups:
+            said = translate("The vertex group '{}' under {} is gone: choose another one", name, interface(what))
+            ways = (
+                [cures.hold("nothing", setting)]
+                if setting == "pulled"
+                else [cures.hold("lowest"), cures.hold("nothing")]
+            )
+            found.append(Notice(f"loads/{setting}", interface("Group is gone"), said, STOPS, cures=tuple(ways)))
+    return found
+
+
+def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
+    """Seams that were there before ours."""
+    if layout != states.TODO or not has_seams(obj.data):
+        return []
+    said = translate(
+        "The mesh has seams already: they can be the borders of the panels, or are replaced by a layout made anew"
+    )
+    ways = Cure(interface("Use these seams"), "flexmaps.flatten"), Cure(interface("Lay out anew"), "flexmaps.merge")
+    return [Notice("layout/seams", interface("Has seams"), said, INFORMATION, cures=ways)]
+
+
+def has_seams(mesh: bpy.types.Mesh) -> bool:
+    """Whether any edge is marked."""
+    seams = np.empty(len(mesh.edges), bool)
+    mesh.edges.foreach_get("use_seam", seams)
+    return bool(seams.any())
+
+
 def _flat(obj: bpy.types.Object) -> list[Notice]:
     if not flat_target.passed_over(obj):
         return []
@@ -250,6 +290,8 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
+        if row["code"] == "far-from-target" and not obj.flexmaps.loads.supports:
+            ways.append(cures.hold("lowest"))
         if kind != INFORMATION:
             ways.append(cures.let_go(key))
         count = len(row["faces"])

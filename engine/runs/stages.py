@@ -64,6 +64,8 @@ def section_of(named: str) -> tuple[str, tuple[str, ...]]:
 # Every spiral knows the thickness of its sheet and its grain, but no line of its outline depends on them: they concern what
 # comes after.
 # What the optimiser's own settings say is how to search; a result stays true whatever they become.
+# Under feet arms are straight, at eyelets they are wide; how large either is does not matter to the spirals.
+KIND_OF_BASE = "base!eyelet!base_height!foot_width!base_edge"
 PHYSICS = ("spiral", "material", "simulate", "loads")
 TABLE = (
     Stage("regularise", 0.15, improves=("mesh",), settings=("regularise",)),
@@ -72,7 +74,8 @@ TABLE = (
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
           blocks=("choose",), asked=True, optional=True, done="chosen"),
-    Stage("spirals", 0.1, ("flat",), makes=("design",), improves=("flat",), settings=("spiral!thickness!grain",), blocks=("spirals",)),
+    Stage("spirals", 0.1, ("flat",), makes=("design",), improves=("flat",),
+          settings=("spiral!thickness!grain", KIND_OF_BASE), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
           settings=PHYSICS, blocks=("optimise",), asked=True, optional=True, done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation", "limits"), may_use=("optimisation",),

@@ -138,3 +138,21 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
     assert all(new.data.vertices[k].co.x < 0.15 for k in inside)
     cut = [edge for edge in new.data.edges if edge.use_seam]
     assert len(cut) == 10 and all(abs(new.data.vertices[k].co.y - 0.5) < 0.01 for edge in cut for k in edge.vertices)
+
+
+def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    piece.flexmaps.loads.supports = "feet"
+    act = seen(piece).act
+    assert act is not None and act.idname == "flexmaps.stand_on"
+    assert bpy.ops.flexmaps.next() == {"FINISHED"}
+    assert piece.flexmaps.loads.supports and piece.flexmaps.loads.supports in piece.vertex_groups
+
+
+def test_seams_that_are_there_are_offered_as_the_layout(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    piece.data.edges[5].use_seam = True
+    found = seen(piece)
+    assert found.act is not None and found.act.idname == "flexmaps.flatten"
+    (notice,) = [one for one in found.notices if one.key == "layout/seams"]
+    assert [cure.idname for cure in notice.cures] == ["flexmaps.flatten", "flexmaps.merge"]
