@@ -327,11 +327,8 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
-    # where connectors have no room, ends can be glued
-    room = Room.of(design.flat, replace(design.params, slot_seam=0.0))
-    room = replace(
-        room, joined=np.zeros_like(room.joined)
-    )  # what can be cut, whether the elastic model knows it or not
+    # where connectors have no room, ends can be glued; it can be cut whether the elastic model knows it or not
+    room = Room.of(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False

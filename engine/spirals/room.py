@@ -130,6 +130,11 @@ class Room:
         return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat, self.params))
 
     @property
+    def by_gaps(self) -> Room:
+        """The same without what the elastic model asks for."""
+        return replace(self, joined=np.zeros_like(self.joined))
+
+    @property
     def slot(self) -> float:
         """Metres that a room of 1 is wider than one of 0: the smallest slot, or a tenth of the thinnest arm if there is none."""
         return max(slot_needed(self.params), 0.1 * self.params.width_min)
