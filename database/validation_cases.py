@@ -91,7 +91,7 @@ class Case:
     def identity(self) -> dict:
         """What the results depend on besides the shape of the design, for their file's header."""
         material = asdict(self.material)
-        del material["lasting"]  # a solid is solved as it is on its first day
+        del material["lasting"], material["for_years"]  # a solid is solved as it is on its first day
         if self.material.orthotropy is None:
             del material["orthotropy"]
         return {

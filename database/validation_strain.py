@@ -123,7 +123,7 @@ def own_cases() -> list[Case]:
         for h, lift in ((1.0, 0.06), (2.0, 0.25), (4.0, 1.5))
     ]
     found += [
-        Case("random-sheared", lambda: _random(5, 3, 8, angle=70.0), (cantilever("bent", 5, 3, 0.0, 0.1, 0.2),), FINE),
+        Case("random-sheared", lambda: _random(5, 3, 8, angle=80.0), (cantilever("bent", 5, 3, 0.0, 0.1, 0.2),), FINE),
         Case("turned-alike", lambda: sheet(4, 4, 1.5, 200.0), (turned(-1.2),), FINE),
         Case("turned-unlike", lambda: sheet(4, 4, 1.0 + chess, 300.0 - 200.0 * chess), (turned(-1.2),), FINE),
     ]
@@ -133,8 +133,8 @@ def own_cases() -> list[Case]:
 
 
 def strain_cases() -> list[Case]:
-    """All cases whose strains are compared."""
-    return own_cases() + every_case()
+    """All cases whose strains are compared; of sheets with a grain the estimate tells how near arms are to their strength instead."""
+    return own_cases() + [case for case in every_case() if case.material.orthotropy is None]
 
 
 # -- solids ------------------------------------------------------------------------------------------------------------
@@ -150,7 +150,9 @@ def run(only: str | None = None, progress: Progress = SILENT) -> list[str]:
     FOLDER.mkdir(parents=True, exist_ok=True)
     done = []
     for case in strain_cases():
-        if (only is not None and only not in case.name) or is_done(case):
+        if only is not None and only not in case.name:
+            continue
+        if is_done(case):
             continue
         progress(0.0, case.name)
         chunks.write(FOLDER / f"{case.name}.npz", chunks.archive(_solved(case)))
