@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 # Nothing is told before so many seconds, nor before so much of the work is done; by eye. On a machine with many other jobs a search
 # that used up its time was told 2 times too long in the median, one that found nothing better long before, 4 times
-FIRST_SECONDS, FIRST_SHARE = 3.0, 0.03
+FIRST_SECONDS, FIRST_SHARE = 3.0, 0.2
 MEMORY = 0.5  # share of the time so far over which the pace of now is measured
 KEPT = 400  # reports that are remembered; then every other one is forgotten
 

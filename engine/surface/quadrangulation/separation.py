@@ -81,8 +81,8 @@ class _Search:
         middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)
         self._tree = cKDTree(middles)
         # plain lists: a walk looks up one number after another, for which arrays are slow
-        self._opposite, self._cut, self._vertex = (
-            x.tolist() for x in (self.mesh.opposite, self.chart.cut, self.mesh.corners.ravel())
+        self._opposite, self._cut, self._vertex, self._wedge = (
+            x.tolist() for x in (self.mesh.opposite, self.chart.cut, self.mesh.corners.ravel(), self.chart.wedge)
         )
         self._any_held = self.held.any(axis=1).tolist()
         other = self.mesh.opposite.reshape(-1, 3)  # at the border the last triangle, to which no walk goes
@@ -105,18 +105,25 @@ class _Search:
         todo = [(0.0, next(order), corner // 3, start)]
         seen: set[int] = set()
         lines: dict[bytes, tuple[float, np.ndarray]] = {}
+        # triangles round a point share it: it is compared once in every frame; those are kept, so that none takes another's identity
+        compared, frames, wedge = set[tuple[int, int]](), [start], self._wedge
         while todo:
             far, _, f, frame = heapq.heappop(todo)
             if f in seen:
                 continue
             seen.add(f)
             for h in range(3 * f, 3 * f + 3):
-                if self._any_held[h] and vertex[h] != vertex[corner]:
+                point = wedge[h], id(frame)
+                if self._any_held[h] and vertex[h] != vertex[corner] and point not in compared:
+                    compared.add(point)
                     self._compare(corner, h, frame, lines)
                 g = opposite[h] // 3  # -1 at the border, which is near to nothing
                 if g in seen or g not in near_enough:
                     continue
-                next_frame = frame.over(*self._step(h)) if self._cut[h] else frame
+                next_frame = frame
+                if self._cut[h]:
+                    next_frame = frame.over(*self._step(h))
+                    frames.append(next_frame)
                 heapq.heappush(todo, (far + self._way[h], next(order), g, next_frame))
         for along, row in lines.values():
             if along < BESIDE:
