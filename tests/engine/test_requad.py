@@ -11,7 +11,7 @@ from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.remeshing import requad
+from flexmaps.engine.surface.remeshing import coverage, requad
 from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
 
 RADIUS = 0.5
@@ -371,3 +371,22 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
     assert not poor(good)
     for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):
         assert np.abs(good.vertices - corner).sum(axis=1).min() < 1e-9
+
+
+def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
+    """A ball's upper half alone misses the lower one; the whole ball misses nothing."""
+    whole, quads = requad.target_of(ball(8)), ball(6)
+    assert not coverage.uncovered(quads, requad.target_of(quads), whole, 216, 0)
+    rows = quads.corners.reshape(-1, 4)
+    half = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > 0])
+    (found,) = coverage.uncovered(half, requad.target_of(half), whole, 216, 1000)
+    assert found.code == "surface-missed" and "432 quads" in found.message
+    lowest = half.vertices[half.corners.reshape(-1, 4)[np.array(found.faces) - 1000]][:, :, 2].min(axis=1)
+    assert (lowest < 0.5 * RADIUS).all(), "beside the border"
+
+
+def test_quads_of_a_small_part_of_the_surface_are_refused() -> None:
+    quads = ball(6)
+    rows = quads.corners.reshape(-1, 4)
+    part = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > -0.1])
+    assert requad._judged(part, requad.target_of(ball(8)), 216) == "parts of the surface are lost"

@@ -22,6 +22,7 @@ from ..quadrangulation.even import simplified
 from ..quadrangulation.quadrangulate import quadrangulate
 from ..welding import welded
 from .bodies import is_clean, is_closed, joined, parts_of, target_of, without_crumbs
+from .coverage import uncovered
 from .mend import FOLDED, POOR, SHARP, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined, split
@@ -69,6 +70,7 @@ ENOUGH = 3  # sound results of which the best is taken, where none is without po
 # letters at 200 to 700 quads that came apart with QuadriFlow, these sizes made 4 whole
 CELLS = (2.0, 2.4, 1.6)
 MANY = 3  # times the wanted count: so many quads are the small faces of the body itself
+COVERED = 0.8  # times the surface's area: less leaves parts out
 LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
 # times the surface's area: more has a second skin. A voxel remesh gives an open surface two sides, and of few quads
 # QuadriFlow closes it: an open half ball came back with 1.47 to 1.66, all that kept their border with 0.92 to 0.97
@@ -129,7 +131,9 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
         if not all(search.found for search in searches):
             raise
     progress.tell(1.0, "Quads are ready")
-    return Requadded(together(), found)
+    first = np.cumsum([0, *(len(search.best.sizes) for search in searches)]).tolist()
+    missed = [one for search, begin in zip(searches, first, strict=False) for one in search.uncovered(count, begin)]
+    return Requadded(together(), found + missed)
 
 
 # -- one body ------------------------------------------------------------------------------------------------------------
@@ -170,10 +174,18 @@ class _Search:
             )
 
     @property
+    def _best(self) -> PolygonMesh:
+        return min(self.found, key=lambda one: (*one.faults[:2], one.cost)).quads
+
+    @property
     def best(self) -> PolygonMesh:
         """The best quads so far, where the body was."""
-        best = min(self.found, key=lambda one: (*one.faults[:2], one.cost)).quads
+        best = self._best
         return replace(best, vertices=best.vertices / self._scale + self._middle)
+
+    def uncovered(self, count: int, first: int) -> list[Finding]:
+        """The warning where the best quads miss the surface; ``first`` is the number of the first of them, ``count`` of all wanted."""
+        return uncovered(self._best, target_of(self._best), self._whole, count, first)
 
     def _tell(self, text: str) -> Progress:
         self._tried += 1
@@ -322,6 +334,8 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
     edge = (whole.area / count) ** 0.5
     if made.area > DOUBLED * whole.area:
         return "its open side was closed, or both of its sides were covered"
+    if made.area < COVERED * whole.area:
+        return "parts of the surface are lost"
     missed = int(
         max(np.percentile(made.distances(whole.samples), 95), np.percentile(whole.distances(made.samples), 95)) / edge
     )
