@@ -261,9 +261,9 @@ def from_spirals(
         with suppress(FlexMapsError):  # what is said of the patches as they came helps more
             again = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
             made = again if again.solid.sum() < len(tight) else made
-    if isinstance(made, FlexMapsError):
-        raise made
-    return made
+    if isinstance(made, SpiralDesign):
+        return made
+    raise made
 
 
 def curvature_adjusted(
