@@ -385,8 +385,13 @@ def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"
 
 
-def test_quads_of_a_small_part_of_the_surface_are_refused() -> None:
+def test_quads_of_a_part_of_the_surface_are_refused_but_where_it_cuts_itself() -> None:
     quads = ball(6)
     rows = quads.corners.reshape(-1, 4)
     part = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > -0.1])
-    assert requad._judged(part, requad.target_of(ball(8)), 216) == "parts of the surface are lost"
+    judged = requad.Judged(part, (0, 0, 0), 1.0)
+    clean = requad._Search(halved(ball(8)), 216, Balls(), "")
+    clean._whole = requad.target_of(ball(8))
+    assert clean._loses(judged)
+    cutting = requad._Search(halved(both(ball(8), ball(8, (0.3, 0.0, 0.0)))), 216, Balls(), "")
+    assert not cutting._loses(judged)

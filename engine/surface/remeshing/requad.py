@@ -151,6 +151,7 @@ class _Search:
         self._middle, self._scale = 0.5 * (low + high), EXTENT / max(float((high - low).max()), 1e-300)
         self._small = replace(body, vertices=(body.vertices - self._middle) * self._scale)
         self._whole, self._count, self._tool, self._name = target_of(self._small), count, tool, name
+        self._clean = is_clean(self._small)
         self.found: list[Judged] = []
         self._last, self._tried, self._progress = "", 0, SILENT
         self._way = self._tries()
@@ -162,6 +163,8 @@ class _Search:
             found = next(self._way, None)
             if found is None:
                 break
+            if isinstance(found, Judged) and self._loses(found):
+                found = "parts of the surface are lost"
             if isinstance(found, Judged):
                 self.found.append(found)
             else:
@@ -183,9 +186,13 @@ class _Search:
         best = self._best
         return replace(best, vertices=best.vertices / self._scale + self._middle)
 
+    def _loses(self, judged: Judged) -> bool:
+        """Whether quads leave out parts of a clean body; others are cut through by themselves, and what is inside is left out."""
+        return self._clean and target_of(judged.quads).area < COVERED * self._whole.area
+
     def uncovered(self, count: int, first: int) -> list[Finding]:
         """The warning where the best quads miss the surface; ``first`` is the number of the first of them, ``count`` of all wanted."""
-        return uncovered(self._best, target_of(self._best), self._whole, count, first)
+        return [] if not self._clean else uncovered(self._best, target_of(self._best), self._whole, count, first)
 
     def _tell(self, text: str) -> Progress:
         self._tried += 1
@@ -217,7 +224,7 @@ class _Search:
                 yield self._by_tool(surface, again)
             if self.found:
                 return
-        if is_clean(self._small) and not is_closed(self._small):
+        if self._clean and not is_closed(self._small):
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _enough(self) -> bool:
@@ -334,8 +341,6 @@ def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: 
     edge = (whole.area / count) ** 0.5
     if made.area > DOUBLED * whole.area:
         return "its open side was closed, or both of its sides were covered"
-    if made.area < COVERED * whole.area:
-        return "parts of the surface are lost"
     missed = int(
         max(np.percentile(made.distances(whole.samples), 95), np.percentile(whole.distances(made.samples), 95)) / edge
     )
