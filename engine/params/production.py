@@ -45,7 +45,7 @@ class CutParams(Params):
         unit="m",
     )
     line_width: float = setting(
-        0.0000254,
+        0.0254 / 1e3,  # a thousandth of an inch, to the last digit as it comes back from millimetres
         "Line width",
         "Width of the lines in SVG and PDF: drivers that cut by width take 0.0254 mm; where colours decide, 0.1 mm shows better",
         low=0.000001,

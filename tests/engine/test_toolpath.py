@@ -155,6 +155,16 @@ def test_no_segment_is_too_short_to_run():
             np.testing.assert_array_equal(made.points[[0, -1]], curve.points[[0, -1]])
 
 
+def test_neighbours_of_a_short_segment_stay_on_their_lines():
+    blunt = [[0.0, 0.0], [0.02, 0.0], [0.02, 0.019991], [0.019991, 0.02], [0.0, 0.02]]
+    made = without_short(Curve(np.array(blunt), np.zeros(5)))
+    np.testing.assert_allclose(made.points, [[0.0, 0.0], [0.02, 0.0], [0.02, 0.02], [0.0, 0.02]], atol=1e-12)
+    half = Curve(np.array([[0.0, 0.0], [0.02, 0.0], [0.02, 0.00001], [0.0, 0.00001]]), np.array([0.0, 0.0, 1.0, 0.0]))
+    centre = np.array([0.01, 0.00001])
+    for point in without_short(half).sampled(1e-8)[2:-2]:
+        assert abs(np.linalg.norm(point - centre) - 0.01) < 1e-7 or abs(point[1]) < 1e-9
+
+
 # -- mills -------------------------------------------------------------------------------------------------------------
 
 

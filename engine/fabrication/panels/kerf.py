@@ -28,21 +28,33 @@ def cleaned(curve: Curve) -> Curve:
 
 
 def without_short(curve: Curve) -> Curve:
-    """The same curve without segments shorter than ``SHORT``: their ends become one node in the middle; ends of open curves stay."""
-    points, bulge = curve.points.copy(), curve.bulge.copy()
+    """The same curve without segments shorter than ``SHORT``; the ends of an open one stay.
+
+    The neighbours of a short segment run on until they meet, or meet in its middle where they never do.
+    """
+    points, bulge = curve.points @ np.array([1.0, 1.0j]), curve.bulge.copy()
     while len(points) > 3:
-        size = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-        short = np.flatnonzero(size[: None if curve.closed else -1] < SHORT)
+        short = np.flatnonzero(np.abs(np.roll(points, -1) - points)[: None if curve.closed else -1] < SHORT)
         if not len(short):
             break
-        i = int(short[0])
-        j, last = (i + 1) % len(points), len(points) - 1
-        fixed = not curve.closed and (i == 0 or j == last)
-        middle = points[0 if i == 0 else last] if fixed else 0.5 * (points[i] + points[j])
-        points[i] = points[j] = middle
+        i, count = int(short[0]), len(points)
+        j, before, after = (i + 1) % count, i - 1, (i + 2) % count
+        middle = 0.5 * (points[i] + points[j])
+        if not curve.closed and (i == 0 or j == count - 1):
+            middle = points[0 if i == 0 else -1]
+        else:
+            start, end = points[[before, j]], points[[i, after]]
+            sides = bulge[[before, j]]
+            one, two = ((complex(a), complex(b), float(k)) for a, b, k in zip(start, end, sides, strict=True))
+            nearest = min(_crossings(one, two), key=lambda p: abs(p - middle), default=middle)
+            if 0.0 < abs(nearest - middle) < SHORT:
+                middle = nearest
+                first, last = np.array([start[0], middle]), np.array([middle, end[1]])
+                bulge[[before, j]] = _shortened(start, end, sides, first, last)
+        points[j] = middle
         # the node that stays is the one from which the next segment goes on
-        points, bulge = np.delete(points, i, axis=0), np.delete(bulge, i)
-    return Curve(points, bulge, curve.closed)
+        points, bulge = np.delete(points, i), np.delete(bulge, i)
+    return Curve(np.column_stack([points.real, points.imag]), bulge, curve.closed)
 
 
 def offset(curve: Curve, distance: float) -> Curve:
