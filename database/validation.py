@@ -185,8 +185,16 @@ def is_done(folder: Path, case: Case) -> bool:
         header = json.loads(str(stored["header"]))
         if header.get("version") != VERSION or header["case"] != json.loads(json.dumps(case.identity())):
             return False
-        now = shape(case)
-        return stored["shape"].shape == now.shape and bool(np.abs(stored["shape"] - now).max() < SAME_SHAPE)
+        return same_shape(stored["shape"], shape(case))
+
+
+def same_shape(one: Float[np.ndarray, "spirals 4 numbers"], other: Float[np.ndarray, "spirals 4 numbers"]) -> bool:
+    """Whether arms with these numbers (``shape``) are alike; an angle may be a whole turn more."""
+    if one.shape != other.shape:
+        return False
+    apart = one - other
+    apart[..., 1] = (apart[..., 1] + np.pi) % (2.0 * np.pi) - np.pi
+    return bool(np.abs(apart).max() < SAME_SHAPE)
 
 
 def load(folder: Path = FOLDER, only: str | None = None) -> list[Reference]:
