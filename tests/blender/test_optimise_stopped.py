@@ -30,7 +30,7 @@ def piece(add: Any, once: Any) -> Any:
 class Button(operators.Optimise.__mro__[1]):  # type: ignore[misc, name-defined]  # ContinuedStage without bpy.types.Operator
     """The operator without Blender's part of it."""
 
-    bl_label = "Optimise"
+    bl_label, bl_idname = "Optimise", operators.Optimise.bl_idname
     needs, loaded = operators.Optimise.needs, operators.Optimise.loaded
     continuation, finish, after = (getattr(operators.Optimise, name) for name in ("continuation", "finish", "after"))
 
