@@ -193,8 +193,8 @@ class MakeThinner(Advised, bpy.types.Operator):
         from ..engine.runs import stages
 
         obj.flexmaps.spiral.thickness = self._amount
-        now, (others,) = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
-        if now[others] == self._made_from[others]:  # else somebody has changed another setting of the spirals meanwhile
+        now, others = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
+        if all(now[part] == self._made_from[part] for part in others):  # else somebody has changed another setting of the spirals meanwhile
             self._made_from |= {"spiral": now["spiral"]}
         return self.written(context, obj, surface, result, self._was, self._amount)
 
