@@ -8,6 +8,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, NEAREST, Firmness
@@ -42,11 +43,13 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
     supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
     space = DesignSpace.of(design, assembly, groups)
     firmness = Firmness(weight=0.7, first=0.7, enough=0.999, modes=MODES)
+    loads = Loads.of(assembly.size, supports=supports)
     given = {
         "assembly": assembly,
         "space": space,
         "target": Target(assembly.pairs, mesh.centroids, free=not held),
-        "loads": Loads.of(assembly.size, supports=supports),
+        "loads": loads,
+        "stance": Stance(loads, mesh, design.flat.corners),
         "build": lambda a, _: build_model(a, VERO, "arm", quick=True),
         "simulate": EXACT,
         "firmness": firmness,
@@ -65,7 +68,11 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
     return Problem(**given).at(x, target_pose(mesh, design.flat.corners))
 
 
-@pytest.mark.parametrize("options", [{}, {"held": True}, {"groups": 4}, {"curving": True}, {"flats": True}], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"held": True}, {"groups": 4}, {"curving": True}, {"flats": True}, {"flats": True, "held": True}],
+    ids=str,
+)
 def test_gradient_of_the_barrier(options: dict) -> None:
     here = start(**options)
     assert here.equilibrium.converged and here.barrier is not None and len(here.barrier.rises) == MODES
