@@ -90,6 +90,8 @@ def _status(command: str, described: dict[str, Any]) -> int:
     """The exit status that goes with what a command has found."""
     if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
         return 2
+    if described.get("stuck"):
+        return 2
     return UNDONE if described.get("undone") else 0
 
 

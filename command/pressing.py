@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,11 @@ def add(commands: Any) -> None:
         "--cure", choices=("first",), help="before files are written, press the first cure of what speaks against it"
     )
     made.add_argument("--json", action="store_true", help="print one JSON object a press")
-    made.set_defaults(keeps=False, run=_run, tell=lambda described, args: None)
+    made.set_defaults(keeps=False, run=_run, tell=_tell)
 
 
 def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
-    """Press, print, save; ``undone`` where something speaks against cutting."""
+    """Press and save; ``undone`` where something speaks against cutting, ``stuck`` where only a person can go on."""
     import bpy
 
     from ..bridge.view import scene
@@ -45,23 +46,36 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
             for o in seen
             if o.type == "MESH" and len(o.data.polygons) and o.visible_get() and "flexmaps_kind" not in o
         ]
-    as_json, args.json = args.json, False
-    ended = [_pressed(obj, args.cure is not None, as_json) for obj in objects]
-    stuck = [told for told in ended if told["figures"]["sheets"] is None]
-    if stuck:
-        reasons = [finding["text"] for finding in stuck[0]["findings"]] or [stuck[0]["status"]["text"]]
-        raise FlexMapsError(f"'{stuck[0]['object']}': {reasons[0]}")
-    return {"undone": [told["object"] for told in ended if told["status"]["sign"] != "tick"]}
+    args.lines, args.json = (
+        args.json,
+        False,
+    )  # a line a press, told at the end: until then Blender's own output is kept away
+    presses = [told for obj in objects for told in _pressed(obj, args.cure is not None)]
+    ended = {told["object"]: told for told in presses}
+    last = [told for told in presses if told["last"]]
+    stuck = [told for told in last if told["figures"]["sheets"] is None]
+    reasons = [(told["findings"] or [{"text": told["status"]["text"]}])[0]["text"] for told in stuck]
+    stopped = [f"'{told['object']}': {why}" for told, why in zip(stuck, reasons, strict=True)]
+    undone = [name for name, told in ended.items() if told["last"] and told["status"]["sign"] != "tick"]
+    return {"presses": presses, "stuck": stopped, "undone": undone}
 
 
-def _pressed(obj: Any, cured: bool, as_json: bool) -> dict[str, Any]:
-    """Press *Next* on one object until nothing is left; what it ends with comes back."""
+def _pressed(obj: Any, cured: bool) -> list[dict[str, Any]]:
+    """Press *Next* on one object until nothing is left, and save; every press as it is told, the last one marked."""
     import bpy
 
     bpy.context.view_layer.objects.active = obj
-    told = pressing.told(obj)
-    for told in pressing.presses(obj, cures=int(cured)):
-        line = json.dumps(told) if as_json else f"{told['pressed']}: {told['error'] or told['status']['text']}"
-        print(line, flush=True)
-        bpy.ops.wm.save_mainfile()
-    return told
+    found = list(pressing.presses(obj, cures=int(cured)))
+    found = found or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.told(obj)]
+    bpy.ops.wm.save_mainfile()
+    return [told | {"last": told is found[-1]} for told in found]
+
+
+def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
+    for told in described["presses"]:
+        if args.lines:
+            print(json.dumps(told))
+        else:
+            print(f"{told['pressed']}: {told['error'] or told['status']['text']}")
+    for text in described["stuck"]:
+        print(f"flexmaps: {text}", file=sys.stderr)

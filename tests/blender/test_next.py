@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import json
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import bmesh
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.bridge.store import failures, guidance, handing_down, notices, states
+from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 
@@ -156,3 +159,19 @@ def test_seams_that_are_there_are_offered_as_the_layout(add: Any) -> None:
     assert found.act is not None and found.act.idname == "flexmaps.flatten"
     (notice,) = [one for one in found.notices if one.key == "layout/seams"]
     assert [cure.idname for cure in notice.cures] == ["flexmaps.flatten", "flexmaps.merge"]
+
+
+def test_next_on_the_command_line_tells_every_press_and_saves(add: Any, tmp_path: Path, capsys: Any) -> None:
+    x = np.linspace(0.0, 0.2, 11)
+    quads = [(i * 11 + j, (i + 1) * 11 + j, (i + 1) * 11 + j + 1, i * 11 + j + 1) for i in range(10) for j in range(10)]
+    add(([(float(a), float(b), 0.0) for a, b in itertools.product(x, x)], quads), "flat")
+    file = tmp_path / "piece.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    assert main(["next", str(file), "--json"]) == 0
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines() if line.startswith("{")]
+    assert [press["call"] for press in told] == [
+        f"bpy.ops.flexmaps.{name}()" for name in ("merge", "spirals", "export")
+    ]
+    assert told[-1]["figures"]["sheets"] == 1 and told[-1]["status"]["sign"] == "tick"
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    assert seen(bpy.context.object).act.idname == "wm.path_open"  # type: ignore[union-attr]
