@@ -104,6 +104,7 @@ def _boolean() -> None:
 
 
 QUICK = ("plane", "grid", "cube", "text", "hill")  # together under a minute
+# what somebody may begin with, by name
 OBJECTS: dict[str, Callable[[], None]] = {
     "plane": _primitive("plane"),
     "grid": _primitive("grid"),
