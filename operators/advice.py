@@ -194,7 +194,8 @@ class MakeThinner(Advised, bpy.types.Operator):
 
         obj.flexmaps.spiral.thickness = self._amount
         now, others = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
-        if all(now[part] == self._made_from[part] for part in others):  # else somebody has changed another setting of the spirals meanwhile
+        # else somebody has changed another setting of the spirals meanwhile
+        if all(now[part] == self._made_from[part] for part in others):
             self._made_from |= {"spiral": now["spiral"]}
         return self.written(context, obj, surface, result, self._was, self._amount)
 
