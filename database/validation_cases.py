@@ -231,7 +231,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
         flat = merge(trace(mesh, LayoutParams()), LayoutParams())
         first = from_curvature(flat, spirals, rms_curvature(mesh))
         found = optimise(first, target, MATERIALS["vero"], OptimiseParams(arms=arms), SimulateParams()).design
-        found = _meshable(found)
+        found = meshable(found)
         kept = {"cut": found.flat.layout.cut, "points": found.flat.points, "width": found.width, "twist": found.twist}
         chunks.write(path, chunks.archive(kept))
     with np.load(path) as stored:
@@ -239,7 +239,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
         return SpiralDesign(flat, SpiralParams(), stored["width"], stored["twist"])
 
 
-def _meshable(design: SpiralDesign) -> SpiralDesign:
+def meshable(design: SpiralDesign) -> SpiralDesign:
     """The same design with arms more alike in the few spirals that one element a quarter of the hub cannot fill."""
     for _ in range(10):
         try:

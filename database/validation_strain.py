@@ -30,7 +30,7 @@ from ..engine.surface.mesh import PolygonMesh, QuadMesh
 from . import chunks, validation
 from .design_mesh import UNIT, Resolution
 from .surface_strain import surface_strains
-from .validation_cases import SIDE, Case, Held, Loading, cantilever, cells, clamped, sheet
+from .validation_cases import SIDE, Case, Held, Loading, cantilever, cells, clamped, meshable, sheet
 from .validation_rim import every_case
 
 FOLDER = validation.FOLDER / "strain"
@@ -85,7 +85,7 @@ def optimised(name: str, make: Callable[[], QuadMesh]) -> SpiralDesign:
     with np.load(path) as stored:
         mesh = QuadMesh(stored["vertices"], stored["quads"])
         flat = measured(PatchLayout(mesh, stored["cut"]), stored["points"])
-        return SpiralDesign(flat, Settings().spiral, stored["width"], stored["twist"])
+        return meshable(SpiralDesign(flat, Settings().spiral, stored["width"], stored["twist"]))
 
 
 # small surfaces that are optimised by default, by the name of their case
@@ -128,7 +128,7 @@ def own_cases() -> list[Case]:
         Case("turned-unlike", lambda: sheet(4, 4, 1.0 + chess, 300.0 - 200.0 * chess), (turned(-1.2),), FINE),
     ]
     free, pom = (Loading("free"),), MATERIALS["pom"]
-    made = [Case(n, lambda n=n, m=m: optimised(n, m), free, FINE, pom) for n, m in SURFACES.items()]  # type: ignore[misc]
+    made = [Case(n, lambda n=n, m=m: optimised(n, m), free, Resolution(), pom) for n, m in SURFACES.items()]  # type: ignore[misc]
     return strips + found + made
 
 
