@@ -92,7 +92,7 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
     """The files that are there already and that sheets in these formats, however many, may replace."""
     names = sorted(entry.name for entry in base.parent.iterdir()) if base.parent.is_dir() else []
     found = []
-    for key in formats:
+    for key in TABLE.keys() & set(formats):
         series_of = _named(base, key)
         numbers = re.compile(rf"{re.escape(series_of.stem)}-(\d\d+){re.escape(series_of.suffix)}", re.IGNORECASE)
         matches = [match for match in map(numbers.fullmatch, names) if match is not None]
