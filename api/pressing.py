@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import bpy
+if TYPE_CHECKING:
+    import bpy
 
 MOST = 14  # presses to sheets at most; whatever needs more goes in circles
 
@@ -17,6 +18,8 @@ def press(obj: bpy.types.Object, *, cure: bool = False) -> dict[str, Any] | None
     Returns None where nothing is left to press, else ``pressed`` (its label), ``call``, ``error`` ("" where it went well), ``seconds`` of
     processors, other processes included, and what ``told`` tells afterwards. The object that it ends with is the active one.
     """
+    import bpy
+
     from ..bridge.store import failures, guidance
 
     scene, layer = bpy.context.scene, bpy.context.view_layer
@@ -47,6 +50,8 @@ def press(obj: bpy.types.Object, *, cure: bool = False) -> dict[str, Any] | None
 
 def presses(obj: bpy.types.Object, *, cures: int = 0, most: int = MOST) -> Iterator[dict[str, Any]]:
     """Press *Next* until nothing is left to press; before files are written, so many cures of what speaks against it."""
+    import bpy
+
     from ..bridge.store import guidance
 
     for _ in range(most):
@@ -63,6 +68,8 @@ def presses(obj: bpy.types.Object, *, cures: int = 0, most: int = MOST) -> Itera
 
 def told(obj: bpy.types.Object) -> dict[str, Any]:
     """How an object stands: ``object``, ``status``, ``findings`` (text, kind, place, cures with label and call) and ``figures``."""
+    import bpy
+
     from ..bridge.store import guidance, notes
 
     seen, blocks = guidance.of(obj, bpy.context.scene), notes.read(obj.data)
