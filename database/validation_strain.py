@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -110,16 +111,14 @@ def own_cases() -> list[Case]:
     strips = [
         Case(
             f"strip-{twist:.0f}",
-            lambda w=width, t=twist: sheet(6, 2, w, t),  # type: ignore[misc]
+            partial(sheet, 6, 2, width, twist),
             (cantilever("bent", 6, 2, 0.0, 0.0, lift), cantilever("aside", 6, 2, 0.0, 0.3 * lift, 0.0)),
             FINE,
         )
         for twist, width, lift in ((0.0, 1.5, 0.6), (30.0, 1.5, 0.5), (90.0, 1.2, 0.25), (330.0, 1.0, 0.04))
     ]
     found = [
-        Case(
-            f"random-{h:g}", lambda h=h: _random(4, 4, 5, 1e-3 * h), (cantilever("bent", 4, 4, 0.1, 0.05, lift),), FINE
-        )  # type: ignore[misc]
+        Case(f"random-{h:g}", partial(_random, 4, 4, 5, 1e-3 * h), (cantilever("bent", 4, 4, 0.1, 0.05, lift),), FINE)
         for h, lift in ((1.0, 0.06), (2.0, 0.25), (4.0, 1.5))
     ]
     found += [

@@ -28,7 +28,7 @@ from .terms import Change, Term
 ENOUGH, MORE = 0.1, 0.3
 MODES, MORE_MODES = 4, 8  # softest ones that count; with fewer, others take their place from step to step
 # Weight of the barrier in mismatches of the start, and how much more where steps are refused as unstable. With 0.03 stable pieces end
-# worse, with 0.003 searches are as slow as without
+# worse; a smaller one was not measured
 WEIGHT, STRONGER = 0.01, 3.0
 LEAST = 0.008  # eigenvalue that the logarithm never reaches: a little below the one at which steps are refused
 NEAREST = 0.002  # room above it below which the logarithm goes on in a straight line

@@ -58,7 +58,7 @@ POLISH_STEPS, POLISHES, GAIN = (
     12,
     0.01,
 )  # of the spirals alone, between two pushes, and how often in the end, as above
-UNSTABLE = 3  # steps refused as unstable from which on the barrier is stronger; stable pieces have none or one
+UNSTABLE = 3  # steps refused as unstable from which on the barrier is stronger; by the few pieces that were searched with and without
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
