@@ -218,6 +218,7 @@ def test_one_limit_is_used_the_one_that_was_asked_for(standing: Simulation) -> N
 def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
     mesh = PolygonMesh.of(shapes.make("dome"))
     given = {"structure.cases": "snow: snow 200; w: weight", "structure.combinations": "both = 1.5 snow + 1.35 w"}
+    given["material.lasts"] = "years"
     settings = changed(ObjectSettings(), given)
     result = job.run(mesh, settings, edge=SIDE, stop_after="structure", supports="lowest")
     assert result.structure is not None and "structure" not in job.stages("sheets")
