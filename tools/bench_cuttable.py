@@ -76,7 +76,7 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
     starts = optimise.starts(problem, design, found.mesh, params, SILENT)
     start = min(starts.values(), key=lambda point: point.value)
     start = start.weighed(start.mismatch.value)
-    Search(task, Trace(), points.append, FARTHER * start.distance, design.flat).run(start, design, SILENT)
+    Search(task, Trace(), points.append, FARTHER * start.distance, design.flat).run([start], design, SILENT)
     rng = np.random.default_rng(len(points))
     chosen = (
         {len(points) - 1, *rng.choice(len(points), min(STEPS - 1, len(points)), replace=False)} if points else set()

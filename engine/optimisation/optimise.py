@@ -43,6 +43,7 @@ TRIES = 3  # designs that are proved, the best first, until one keeps its shape
 # Starts may lie so many times the smallest mismatch from the target. Their values alone, where closing slots and strain count beside the
 # mismatch, led a vessel of two walls into a collapsed shape; the mismatch alone made results of two other surfaces worse by a third
 NEARBY = 1.5
+ALIKE = 0.01  # of the range of widths and twists by which starts differ at the most that count as one; not measured
 SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
 
 
@@ -164,7 +165,7 @@ def optimise(
     """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
 
     Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the
-    curvature-adjusted one or the uniform one, see ``_best_start``; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
+    curvature-adjusted one or the uniform one, see ``_best_starts``; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
     The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
     enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
     Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
@@ -175,8 +176,9 @@ def optimise(
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
     farthest = _farthest(points.get("given"), problem)
-    name = _best_start(points, farthest)
-    start = points[name].weighed(points[name].mismatch.value)
+    names = _best_starts(points, farthest)
+    first = [points[name].weighed(points[name].mismatch.value) for name in names]
+    name, start = names[0], first[0]
     # now rather than at the end, where somebody who stopped it would have to wait for this
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     within = progress.part(0.1, 0.12)
@@ -192,7 +194,7 @@ def optimise(
     search = Search(task, trace, accepted, _farthest(given, problem), design.flat)
     accepted(start)
     try:
-        search.run(start, design, work.paced(progress.part(0.12, 0.9)))
+        name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
         ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
     except Cancelled:
         ended, found = "stopped", _so_far(search, *latest)
@@ -233,12 +235,16 @@ def _farthest(given: Point | None, problem: Problem) -> float:
     return np.inf if given is None else max(FARTHER * given.distance, NEAR) + problem.target.reach
 
 
-def _best_start(points: dict[str, Point], farthest: float) -> str:
-    """Return the start of least objective among the sound ones that match the target nearly as well as the best of them."""
+def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
+    """Return the two sound starts to search from; one where the others are the same design or too far from the target.
+
+    The first has the least objective among those that match the target nearly as well as the best, the second the least of the others.
+    """
     sound = {name: point for name, point in points.items() if point.distance <= farthest}
     limit = NEARBY * min(point.mismatch.value for point in sound.values())
-    nearby = {name: point.value for name, point in sound.items() if point.mismatch.value <= limit}
-    return min(nearby, key=nearby.__getitem__)
+    first = min(sound, key=lambda name: (sound[name].mismatch.value > limit, sound[name].value))
+    others = [name for name in sound if np.abs(sound[name].x - sound[first].x).max() > ALIKE]
+    return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
 @dataclass(frozen=True, eq=False)

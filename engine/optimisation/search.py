@@ -35,7 +35,7 @@ from .inverse import Point, Problem
 from .objective import Target
 from .open_slots import Opening
 from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
-from .terms import STRICT, Bearing
+from .terms import LENIENT, STRICT, Bearing
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
 
@@ -198,22 +198,30 @@ class Search:
     def best(self) -> Held:
         return min(self.held, key=lambda one: one.merit(STRICT))
 
-    def run(self, start: Point, design: SpiralDesign, progress: Progress) -> None:
-        """All stages, from a start in this design's flat shapes."""
+    def run(self, starts: list[Point], design: SpiralDesign, progress: Progress) -> int:
+        """Go through all stages from the start that is best after the first one; return its place in ``starts``.
+
+        starts : in this design's flat shapes; each has an equal part of the first stage's time
+        """
         params, work = self.task.params, self.task.work
-        codesigned = params.codesign and isinstance(start.model, ArmModel)
-        here = self.hold(design, start)
-        work.share = ALONE if codesigned else WITH_FLATS
-        first = replace(params, stop=max(params.stop, FIRST_STOP)) if codesigned else params
-        other = self.improved(here, first, progress.part(0.0, 0.3 if codesigned else 0.8))
-        ended = self.trace.ended
-        here = other if other.value < here.value else here
+        codesigned = params.codesign and isinstance(starts[0].model, ArmModel)
+        first, end = (replace(params, stop=max(params.stop, FIRST_STOP)), 0.3) if codesigned else (params, 0.8)
+        tried: list[Held] = []
+        for k, start in enumerate(starts):
+            work.share = (ALONE if codesigned else WITH_FLATS) * (k + 1) / len(starts)
+            here = self.hold(design, start)
+            part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
+            other = self.improved(here, first, part)
+            tried.append(other if other.value < here.value else here)
+        chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LENIENT))
+        here, ended = tried[chosen], self.trace.ended
         work.share = WITH_FLATS
         if codesigned:
             here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
         work.share = 1.0
         self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 1.0))
         self.trace.ended = "time" if work.over else "converged" if ended == "time" else ended
+        return chosen
 
     def hold(self, design: SpiralDesign, point: Point) -> Held:
         """A point in this design's flat shapes, noted among ``held``."""

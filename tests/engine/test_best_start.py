@@ -15,24 +15,31 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 
-def point(mismatch: float, value: float, distance: float = 0.5) -> Any:
-    return SimpleNamespace(mismatch=SimpleNamespace(value=mismatch), value=value, distance=distance)
+def point(mismatch: float, value: float, distance: float = 0.5, x: float = 0.0) -> Any:
+    """A start; those of the same x are one design."""
+    found = SimpleNamespace(value=mismatch)
+    return SimpleNamespace(mismatch=found, value=value, distance=distance, x=np.array([x]))
 
 
 def test_slots_and_strain_do_not_outvote_the_mismatch() -> None:
     points = {"given": point(0.0035, 0.0158), "uniform": point(0.0096, 0.0096)}
-    assert optimise._best_start(points, np.inf) == "given"
+    assert optimise._best_starts(points, np.inf) == ["given"]
 
 
 def test_among_near_equals_the_objective_decides() -> None:
     points = {"given": point(0.0188, 0.05), "uniform": point(0.0190, 0.02), "curvature": point(0.0170, 0.03)}
-    assert optimise._best_start(points, np.inf) == "uniform"
+    assert optimise._best_starts(points, np.inf) == ["uniform"]
 
 
 def test_a_start_too_far_away_is_not_taken() -> None:
     points = {"given": point(0.004, 0.03, distance=0.4), "uniform": point(0.003, 0.003, distance=1.75)}
-    assert optimise._best_start(points, 0.42) == "given"
-    assert optimise._best_start(points, np.inf) == "uniform"
+    assert optimise._best_starts(points, 0.42) == ["given"]
+    assert optimise._best_starts(points, np.inf) == ["uniform"]
+
+
+def test_two_designs_are_tried_where_starts_differ() -> None:
+    points = {"given": point(0.001, 0.005), "curvature": point(0.001, 0.006), "uniform": point(0.002, 0.002, x=0.5)}
+    assert optimise._best_starts(points, np.inf) == ["given", "uniform"]
 
 
 def test_a_result_too_far_away_is_worth_nothing() -> None:
