@@ -304,16 +304,9 @@ class StageOperator:
         return {"CANCELLED"}
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Keep why it failed, and what the check says of the mesh where nobody has asked, so that *Next* offers a cure."""
-        from ..bridge.store import failures, mesh, notes, states
-        from ..engine.surface.checking import check
+        """Keep why it failed, so that *Next* offers a cure."""
+        from ..bridge.store import failures
 
-        with suppress(FlexMapsError):  # a mesh with modifiers is not read
-            if states.of(obj, context.scene)["checks"].kind != states.DONE:
-                found = check.findings(mesh.read_surface(obj, context.scene).polygons)
-                if any(finding.is_error for finding in found):
-                    notes.write_checks(obj.data, found)
-                    states.stamp(obj, context.scene)
         failures.write(obj, context.scene, idname_of(self), error)
 
 

@@ -19,6 +19,7 @@ from support.window import ESCAPE, MOUSE, TIMER, Window, clean, drive
 class Move(stage.StageOperator):
     """A stage that takes as long as the test wants, and marks the first edge."""
 
+    bl_idname = "flexmaps.move"
     bl_label = "Move"
 
     def __init__(self) -> None:
@@ -190,6 +191,7 @@ def test_real_merge_in_the_background(window: Window, add: Any, seams_of: Any) -
     from flexmaps.operators.continued import ContinuedStage
 
     class Merge(layout.Merge.__mro__[1], Move):  # type: ignore[misc]  # LayoutStage without bpy.types.Operator
+        bl_idname = "flexmaps.merge"
         bl_label = "Merge"
         loaded = layout.Merge.loaded
         prepare = ContinuedStage.prepare

@@ -142,6 +142,7 @@ def test_what_is_borne(dome: Any) -> None:
     dome.flexmaps.structure.cases = "weight: weight; heavy: snow 1e5"
     for name in ("flatten", "spirals", "simulate", "structure"):
         press(name)
+    bpy.context.window_manager.flexmaps_tab.check = "LOADS"
     lines = draw("check")
     assert {"heavy: snow 1e5", "Bends by", "! heavy: gives way at"} <= set(lines)
 
