@@ -117,13 +117,17 @@ def needed(result: Result, member: str) -> Any:
 def missing(result: Result, member: str) -> tuple[str, ...]:
     """The stages that have to run, in their order, until a member of the result is there.
 
-    Raises ``FlexMapsError`` where it was there, but cannot be used any more.
+    A stage that makes something else, and improves the member on the way, is not one of them. Raises ``FlexMapsError`` where it was there, but cannot be used any more.
     """
     if getattr(result, member) is not None:
         return ()
     if member in result.lost:
         raise result.lost[member]
-    makers = [stage for stage in TABLE if not stage.asked and member in (*stage.makes, *stage.improves)]
+    makers = [
+        stage
+        for stage in TABLE
+        if not stage.asked and (member in stage.makes or (member in stage.improves and not stage.makes))
+    ]
     before = [name for stage in makers for need in stage.needs if need != member for name in missing(result, need)]
     wanted = {*before, *(stage.name for stage in makers)}
     return tuple(stage.name for stage in TABLE if stage.name in wanted)

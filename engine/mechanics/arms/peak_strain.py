@@ -50,7 +50,7 @@ POWER = 32  # even; of the mean
 SHARE = (
     0.881  # of the largest of all places in that mean: the median of 1,978 arms, of which 90 of 100 are at 0.86 to 0.91
 )
-ROUNDING = 1e-4  # strain about zero over which sizes are rounded off
+ROUNDING = 1e-5  # strain about zero over which sizes are rounded off
 BATCH = 256  # arms at a time, so that they stay in the processor's cache
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of sections, in halves of the width
 
@@ -256,7 +256,7 @@ class _Places:
         own, self.sheared = self.axial[4:], self.shear[[0, 1, 2, 2]]
         self.size = np.sqrt(own * own + ROUNDING**2)
         self.root = np.sqrt((0.5 * (1.0 + nu) * own) ** 2 + 0.25 * self.sheared**2 + ROUNDING**2)
-        self.principal[4:] = 0.5 * (1.0 - nu) * self.size + self.root
+        self.principal[4:] = 0.5 * (1.0 - nu) * (self.size - ROUNDING) + self.root - ROUNDING  # none without load
         self.weak, self.weak_by = self._weakness()
         self.felt = self.principal * self.weak
         self.top = self.felt.max(axis=(0, 2))
@@ -301,7 +301,7 @@ class _Places:
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the values by the axial strains (8, n, pieces), by the shear of both sides and the faces (3, n, pieces), and
         by the angle to the grain (n, pieces)."""
-        by = (self.values / self.total)[:, None] * self.high
+        by = (self.values / np.maximum(self.total, 1e-300))[:, None] * self.high
         by_weak = (by / self.weak).sum(0) * self.weak_by
         by = by / np.maximum(self.principal, 1e-300)
         nu, own = self.bars.arms.material.poisson, self.axial[4:]
