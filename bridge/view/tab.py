@@ -33,7 +33,6 @@ class Tab(bpy.types.PropertyGroup):
     """The open section and the open tabs within sections."""
 
     __annotations__ = {
-        **{f"open_{key}": BoolProperty(default=key == "piece", update=_opened(key)) for key in SECTIONS},
         "by_hand": BoolProperty(),  # a person opened or folded a section since the last press
         "check": EnumProperty(items=CHECKS, name="Check", translation_context=CONTEXT),
         "habits": EnumProperty(items=HABITS, name="Workshop", translation_context=CONTEXT),
@@ -66,9 +65,14 @@ def follow(context: bpy.types.Context) -> None:
 
 def register() -> None:
     bpy.utils.register_class(Tab)
+    # Blender 4.2 crashes at its end where a property with ``update`` was in the annotations
+    for key in SECTIONS:
+        setattr(Tab, f"open_{key}", BoolProperty(default=key == "piece", update=_opened(key)))
     bpy.types.WindowManager.flexmaps_tab = PointerProperty(type=Tab)
 
 
 def unregister() -> None:
     del bpy.types.WindowManager.flexmaps_tab
+    for key in SECTIONS:
+        delattr(Tab, f"open_{key}")
     bpy.utils.unregister_class(Tab)

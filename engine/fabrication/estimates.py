@@ -101,7 +101,7 @@ def estimate(
 
 def cut_speed(material: Material, thickness: float) -> float | None:
     """Metres a second at which a laser cuts a sheet of this thickness, metres; ``None`` for what no laser cuts."""
-    known = next((key for key, one in MATERIALS.items() if one is material), "")
+    known = next((key for key, one in MATERIALS.items() if one.name == material.name), "")
     return SPEEDS[known].at(thickness) if known in SPEEDS else None
 
 

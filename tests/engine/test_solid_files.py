@@ -22,13 +22,19 @@ def made(flat_grid):
     return sheets.make_sheets(design.uniform(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
 
 
+def lost(panel: Panel) -> float:
+    """Cubic millimetres at most between arcs and chords, of a sheet of 1.5 mm: two thirds of the tolerance along all outlines."""
+    length = panel.outline.length + sum(hole.length for hole in panel.holes)
+    return 1.5 * 1e6 * 2.0 / 3.0 * solid_files.TOLERANCE * length
+
+
 def test_stl_reads_back_as_closed_solids(made, tmp_path):
     (path,) = export.write(made, tmp_path / "sheet", ("stl",))
     mesh = trimesh.load_mesh(path)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
     assert mesh.body_count == 2
-    assert mesh.volume == pytest.approx(1.5 * sum(p.area for p in made.panels) * 1e6, rel=1e-3)
+    assert mesh.volume == pytest.approx(1.5 * sum(p.area for p in made.panels) * 1e6, abs=sum(map(lost, made.panels)))
     low, high = mesh.bounds
     outlines = np.concatenate([p.outline.sampled(1e-5) for p in made.on_sheet(0)]) * 1e3
     np.testing.assert_allclose(low, [*outlines.min(axis=0), 0.0], atol=0.02)
@@ -53,7 +59,7 @@ def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
         )
         mesh = trimesh.Trimesh(vertices, triangles, process=False)
         assert mesh.is_watertight
-        assert mesh.volume == pytest.approx(1.5 * panel.area * 1e6, rel=1e-3)
+        assert mesh.volume == pytest.approx(1.5 * panel.area * 1e6, abs=lost(panel))
 
 
 def test_a_ring_has_exactly_its_volume():

@@ -120,10 +120,11 @@ class _Tour:
                 gained = True
         return gained
 
-    def begin_well(self) -> None:
+    def begin_well(self, progress: Progress) -> None:
         """Begin every closed cut where the ways to it and on from it are shortest together."""
         start, end = self.ends(self.order)
-        for k, i in enumerate(self.order.tolist()):
+        for k in progress.each(range(len(self.order)), ORDER):
+            i = int(self.order[k])
             if not self.closed[i]:
                 continue
             before = end[k - 1] if k else self.begin
@@ -152,8 +153,9 @@ def in_order(
     tour = _Tour(cuts, begin)
     tour.nearest(progress.part(0.0, 0.3))
     for k in range(_ROUNDS):
-        gained = tour.untangle(progress.part(0.3 + 0.7 * k / _ROUNDS, 0.3 + 0.7 * (k + 1) / _ROUNDS))
-        tour.begin_well()
+        within = progress.part(0.3 + 0.7 * k / _ROUNDS, 0.3 + 0.7 * (k + 1) / _ROUNDS)
+        gained = tour.untangle(within.part(0.0, 0.8))
+        tour.begin_well(within.part(0.8, 1.0))
         if not gained:
             break
     curves = tuple(c for i in tour.order.tolist() for c in cuts[i].begun(int(tour.node[i])))
