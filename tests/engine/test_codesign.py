@@ -116,8 +116,8 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
         direction = np.zeros_like(here.x)
         direction[part] = np.random.default_rng(5).normal(size=direction[part].shape)
         found = slope(lambda t, d=direction: whole.at(here.x + t * d, here.equilibrium.pose).value, 3e-6)
-        # a longer step meets kinks, where a component of an arm's wrench changes its sign
-        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6), name
+        parts_of_it = here.gradient * direction  # which nearly cancel in some directions
+        assert found == pytest.approx(float(parts_of_it.sum()), abs=1e-7 * float(np.abs(parts_of_it).sum())), name
 
 
 @pytest.mark.parametrize("feet", ["", "clamped"])

@@ -60,11 +60,12 @@ def plan(
         held = list(zip(outlines, places, strict=True))
         pieces = [_with_tabs(o, p, cut) for o, p in progress.part(0.0, 0.3).each(held, WAY)]
     tabs = sum(len(p) for p in pieces if not p[0].closed)
-    inner = [(without_short(h), panel) for panel, some in enumerate(holes) for h in some]
-    pieces = [[without_short(c) for c in some] for some in pieces]
+    whole = [(h, panel) for panel, some in enumerate(holes) for h in some]
+    inner = [(without_short(h), panel) for h, panel in progress.part(0.3, 0.32).each(whole, WAY)]
+    pieces = [[without_short(c) for c in some] for some in progress.part(0.32, 0.34).each(pieces, WAY)]
     missing = 0
     if cut.lead_in:
-        led = [with_lead(h, cut.lead_in, _inside(h)) for h, _ in progress.part(0.3, 0.5).each(inner, WAY)]
+        led = [with_lead(h, cut.lead_in, _inside(h)) for h, _ in progress.part(0.34, 0.5).each(inner, WAY)]
         free = _outside(outlines, size, progress.part(0.5, 0.55))
         out = [[with_lead(c, cut.lead_in, free) for c in p] for p in progress.part(0.55, 0.7).each(pieces, WAY)]
         missing = sum(c is None for c in (*led, *(c for some in out for c in some)))

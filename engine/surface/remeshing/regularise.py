@@ -29,6 +29,7 @@ WARP = 0.15  # how far corners may lie off their quad's plane, relative to its s
 SHORT = 0.3  # of the median edge: no edge becomes shorter than that
 # median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
 PLENTY = 0.4
+PRESSED = 0.08  # of square energy beyond its limit that pressing warped quads flat may cost their neighbours; not measured
 ROUNDED = 1e-9  # by what share a figure may fall that only rounding has changed
 SPARE = 0.99  # of what is measured before moves are made symmetric, which changes it by less
 RINGS = 8  # of quads round one without room in which moves are taken back
@@ -192,15 +193,15 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
 
 def _taken_back(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """The moves without those in wider and wider rings round quads that they have left too little room; shorter moves, or at last
-    none, where that leaves little."""
+    """The moves without those in wider and wider rings round quads that they have left too little room, or that became much worse;
+    shorter moves, or at last none, where that leaves little."""
     for share in SHARES:
         moved, back = mesh.vertices + share * (points - mesh.vertices), np.zeros(len(points), dtype=bool)
         for _ in range(RINGS):
-            tight = _tight(mesh, moved, SPARE)
-            if not tight.any():
+            wrong = _tight(mesh, moved, SPARE) | (_much_worse(mesh, moved) > PRESSED)
+            if not wrong.any():
                 return moved
-            back = _corners_of(mesh, tight | back[mesh.quads].any(axis=1))
+            back = _corners_of(mesh, wrong | back[mesh.quads].any(axis=1))
             moved = np.where(back[:, None], mesh.vertices, moved)
     return mesh.vertices
 
@@ -214,6 +215,12 @@ def _tight(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray,
     narrow = (limit * least / now < min(room.min() / middle, PLENTY)) & (least < (1.0 - ROUNDED) * room)
     short = (limit * sides < SHORT * now) & (edges >= SHORT * middle) & (sides < (1.0 - ROUNDED) * edges)
     return narrow | short.any(axis=1)
+
+
+def _much_worse(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " quads"]:
+    """The square energy of every quad beyond what it may come to; negative below."""
+    before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
+    return after - np.maximum(GOOD, WORSE * before)
 
 
 def _sides(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
