@@ -56,7 +56,9 @@ def test_derivatives_that_are_found_later_are_those_found_at_once(material):
     assert later.compliance.by is None
     np.testing.assert_array_equal(later.compliance.values, at_once.compliance.values)
     for part in (lambda model: model, lambda model: model.without_rim, lambda model: model.of_rim):
-        np.testing.assert_allclose(part(later).compliance_by, part(at_once).compliance.by, rtol=1e-12, atol=1e-15)  # sums in another order
+        np.testing.assert_allclose(
+            part(later).compliance_by, part(at_once).compliance.by, rtol=1e-12, atol=1e-15
+        )  # sums in another order
 
 
 @pytest.mark.parametrize("degrees", [0, 200])

@@ -48,9 +48,9 @@ class Cut:
 class _Tour:
     """Cuts in an order, each begun at a node."""
 
-    def __init__(self, cuts: Sequence[Cut], begin: complex):
+    def __init__(self, cuts: Sequence[Cut], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
-        self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in cuts]
+        self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDER)]
         # a closed cut ends where it begins, an open one at its other end
         self.far = [complex(*c.curves[-1].points[-1]) for c in cuts]
         self.closed = np.array([c.curves[0].closed for c in cuts])
@@ -150,8 +150,8 @@ def in_order(
     """
     if not cuts:
         return (), begin
-    tour = _Tour(cuts, begin)
-    tour.nearest(progress.part(0.0, 0.3))
+    tour = _Tour(cuts, begin, progress.part(0.0, 0.05))
+    tour.nearest(progress.part(0.05, 0.3))
     for k in range(_ROUNDS):
         within = progress.part(0.3 + 0.7 * k / _ROUNDS, 0.3 + 0.7 * (k + 1) / _ROUNDS)
         gained = tour.untangle(within.part(0.0, 0.8))

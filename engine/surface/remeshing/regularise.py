@@ -29,11 +29,14 @@ WARP = 0.15  # how far corners may lie off their quad's plane, relative to its s
 SHORT = 0.3  # of the median edge: no edge becomes shorter than that
 # median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
 PLENTY = 0.4
-PRESSED = 0.08  # of square energy beyond its limit that pressing warped quads flat may cost their neighbours; not measured
+PRESSED = (
+    0.08  # of square energy beyond its limit that pressing warped quads flat may cost their neighbours; not measured
+)
 ROUNDED = 1e-9  # by what share a figure may fall that only rounding has changed
 SPARE = 0.99  # of what is measured before moves are made symmetric, which changes it by less
-RINGS = 8  # of quads round one without room in which moves are taken back
-SHARES = (1.0, 0.7, 0.4, 0.2)  # of the moves that are tried one after another
+ROUNDS = 40  # in which moves round quads without room are made shorter before none is made
+SHORTER = 0.7  # share of a move that is left after such a round; not measured
+RISE = 0.2  # by which these shares differ within a quad at the most: at a sharper step its corners part; not measured
 SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
 
 
@@ -193,16 +196,17 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
 
 def _taken_back(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
-    """The moves without those in wider and wider rings round quads that they have left too little room, or that became much worse;
-    shorter moves, or at last none, where that leaves little."""
-    for share in SHARES:
-        moved, back = mesh.vertices + share * (points - mesh.vertices), np.zeros(len(points), dtype=bool)
-        for _ in range(RINGS):
-            wrong = _tight(mesh, moved, SPARE) | (_much_worse(mesh, moved) > PRESSED)
-            if not wrong.any():
-                return moved
-            back = _corners_of(mesh, wrong | back[mesh.quads].any(axis=1))
-            moved = np.where(back[:, None], mesh.vertices, moved)
+    """The moves, shorter round quads that they have left too little room, or that became much worse; none where that does not help."""
+    share = np.ones(len(points))
+    for _ in range(ROUNDS):
+        moved = mesh.vertices + share[:, None] * (points - mesh.vertices)
+        wrong = _tight(mesh, moved, SPARE) | (_much_worse(mesh, moved) > PRESSED)
+        if not wrong.any():
+            return moved
+        share[_corners_of(mesh, wrong)] *= SHORTER
+        for _ in range(round(1.0 / RISE)):
+            least = share[mesh.quads].min(axis=1)
+            np.minimum.at(share, mesh.quads, (least + RISE)[:, None])
     return mesh.vertices
 
 
