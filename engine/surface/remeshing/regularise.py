@@ -29,9 +29,6 @@ WARP = 0.15  # how far corners may lie off their quad's plane, relative to its s
 SHORT = 0.3  # of the median edge: no edge becomes shorter than that
 # median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
 PLENTY = 0.4
-PRESSED = (
-    0.08  # of square energy beyond its limit that pressing warped quads flat may cost their neighbours; not measured
-)
 ROUNDED = 1e-9  # by what share a figure may fall that only rounding has changed
 SPARE = 0.99  # of what is measured before moves are made symmetric, which changes it by less
 ROUNDS = 40  # in which moves round quads without room are made shorter before none is made
@@ -200,7 +197,7 @@ def _taken_back(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
     share = np.ones(len(points))
     for _ in range(ROUNDS):
         moved = mesh.vertices + share[:, None] * (points - mesh.vertices)
-        wrong = _tight(mesh, moved, SPARE) | (_much_worse(mesh, moved) > PRESSED)
+        wrong = _tight(mesh, moved, SPARE) | _much_worse(mesh, moved)
         if not wrong.any():
             return moved
         share[_corners_of(mesh, wrong)] *= SHORTER
@@ -221,10 +218,10 @@ def _tight(mesh: QuadMesh, points: np.ndarray, limit: float) -> Bool[np.ndarray,
     return narrow | short.any(axis=1)
 
 
-def _much_worse(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, " quads"]:
-    """The square energy of every quad beyond what it may come to; negative below."""
+def _much_worse(mesh: QuadMesh, points: np.ndarray) -> Bool[np.ndarray, " quads"]:
+    """Quads whose square energy is beyond what it may come to."""
     before, after = square_energy(mesh.vertices[mesh.quads]), square_energy(points[mesh.quads])
-    return after - np.maximum(GOOD, WORSE * before)
+    return after > np.maximum(GOOD, WORSE * before)
 
 
 def _sides(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, "quads 4"]:
