@@ -28,7 +28,6 @@ from rows import Row, Table, at_most, row
 
 MESHES = ("made:demo", "vault", "cubesphere", "three_holes")
 TRAVEL = 1.1  # times the way of vpype's linesort
-LABEL = 2.0  # mm, least height of a label by default
 PASSES = ("engraved", "inner", "outer")  # in the order of the work
 
 
