@@ -73,6 +73,9 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
     def read(name: str, make: Callable[[], Any]) -> Any:
         path = folder / f"{name}.blend"
         if not path.is_file():
+            bpy.ops.wm.read_homefile(
+                use_factory_startup=True, use_empty=True
+            )  # what other fixtures made would take its names
             make()
             bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, check_existing=False)
         bpy.ops.wm.read_homefile(filepath=str(path), load_ui=False)

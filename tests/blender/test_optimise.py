@@ -60,8 +60,9 @@ def test_pressed_again_it_goes_on(piece: Any) -> None:
     first = block(piece)
     piece.flexmaps.optimise.iterations = 60
     press("optimise")
-    second = block(piece)
-    assert second["start"] == "given"
+    second = block(
+        piece
+    )  # from the given design or, where that ends nearer, from another start: never worse than before
     assert second["laplacian_rmse_mm_before"] == pytest.approx(first["laplacian_rmse_mm"], rel=1e-3)
     assert second["laplacian_rmse_mm"] < first["laplacian_rmse_mm"]
 
