@@ -13,6 +13,9 @@ from .errors import FlexMapsError
 # Strains are known to within some 15 % (see ``peak_strain``): limits are kept by this factor. Larger values leave more pieces safe
 # and fewer that are allowed
 STRAIN_MARGIN = 1.1
+# Share of what the material bears beyond which arms are named, everywhere: less that margin; an optimised piece may lie beyond its
+# limit by rounding
+STRAINED = 1.0005 / STRAIN_MARGIN
 # Strain at the fillets of roots over the largest on the arm beside them: the median of 18 solids with fillets of 0.15 mm, up to 2.7 on
 # 95 of 100 arms. It counts where a material breaks without yielding first
 FILLET_STRAIN = 1.65

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ..bridge.store import explored
+from ..engine.materials import STRAINED
 from ..engine.params import SHOWN, ObjectSettings
 from ..engine.structure import cases
 from .rows import button, figures, popover, sentence, tr, value
@@ -110,7 +111,7 @@ def _explore(body: Any, context: bpy.types.Context) -> None:
         button(line, "flexmaps.use_candidate", ", ".join(_said(*one) for one in row["values"].items())).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)
-        line.alert = share > 1.005
+        line.alert = share > STRAINED
         line.label(text=f"{measures.get('rms_percent', 0.0):.2g} %, {100 * share:.0f} %", translate=False)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ...engine.materials import STRAINED
 from ...engine.optimisation import remedies
 from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
 from . import notes
@@ -41,7 +42,7 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
 def helped(brought: dict[str, Any]) -> bool:
     """Whether the shape came nearer by as much as anybody would care for, or arms that were strained too much are strained less."""
     (far, near), (strain, eased) = (brought[name] for name in FIGURES)
-    return bool(near < NEARER * far or (strain is not None and eased is not None and strain > 1.0 and eased < strain))
+    return bool(near < NEARER * far or (strain is not None and eased is not None and strain > STRAINED and eased < strain))
 
 
 def said(brought: dict[str, Any]) -> str:

@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
-from ...engine.materials import STRAIN_MARGIN
+from ...engine.materials import STRAINED
 from . import attributes, notes, pose, scans, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
@@ -148,8 +148,8 @@ def _ended(text: str) -> str:
 
 
 def strained(block: dict[str, Any]) -> bool:
-    """Whether the largest strain, as it is shown in whole percents, lies beyond what the material bears for sure."""
-    return round(100.0 * block.get("strain_share_max", 0.0)) > round(100.0 / STRAIN_MARGIN)
+    """Return whether the largest strain lies beyond what the material bears for sure."""
+    return block.get("strain_share_max", 0.0) > STRAINED
 
 
 def warnings(block: dict[str, Any]) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...engine.materials import MATERIALS
+from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from . import cures, equilibrium, failures, flat_target, notes, states
 from .cures import Cure
@@ -306,7 +306,7 @@ def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     material = MATERIALS.get(given.material)
     if share is None or given.lasts == "years" or material is None or material.lasting is None:
         return []
-    times = share * material.strain_limit / material.lasting.strain
+    times = STRAIN_MARGIN * share * material.strain_limit / material.lasting.strain
     sheet = remedies.thinner(given_thickness(obj), times)
     if times <= 1.0:
         said = translate("It lasts for years too")

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bool, Float, Int
+from ..materials import STRAINED
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
 from ..simulation.rests import snapping
 from ..simulation.shortfall import Shortfall
-from ..simulation.simulate import STRAINED, Simulation
+from ..simulation.simulate import Simulation
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 

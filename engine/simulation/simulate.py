@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..errors import FlexMapsError
-from ..materials import FILLET_STRAIN, STRAIN_MARGIN, Material
+from ..materials import FILLET_STRAIN, STRAINED, Material
 from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
@@ -32,10 +32,6 @@ from ..threads import one_thread
 from .band import Band
 from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
-
-# share of what the material bears beyond which spirals are named: less a margin, for strains are known to within some 15 %; and an
-# optimised piece may lie beyond its limit by rounding
-STRAINED = 1.0005 / STRAIN_MARGIN
 
 
 @dataclass(frozen=True, eq=False)

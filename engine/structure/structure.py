@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..fabrication.connectors.connect import Connections
-from ..materials import Material
+from ..materials import STRAINED, Material
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.strain_changes import largest
 from ..mechanics.assembly import Pose
@@ -24,7 +24,7 @@ from ..mechanics.loads import Loads, standing
 from ..mechanics.newton_system import NewtonSystem
 from ..params import SimulateParams, StructureParams
 from ..progress import SILENT, Progress
-from ..simulation.simulate import STRAINED, Simulation, carried
+from ..simulation.simulate import Simulation, carried
 from ..surface.checking.check import Finding
 from ..threads import one_thread
 from . import joints

@@ -185,6 +185,7 @@ def test_spirals_that_were_set_by_hand_stay(strained: Any, attribute: Any) -> No
         ([2.0, 1.99], [0.5, 0.4], False),  # nobody needs less strain than is borne
         ([2.0, 2.1], [1.4, 0.9], True),
         ([2.0, 2.1], [1.4, 1.5], False),
+        ([2.0, 2.1], [0.97, 0.8], True),  # a tenth is kept as a margin
         ([2.0, 1.0], [None, None], True),  # rods tell no strain
         ([2.0, 2.0], [None, None], False),
     ],

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import STRAINED
 from flexmaps.engine.params import RemeshParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
@@ -164,7 +165,7 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
 def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
     assert result.optimisation is not None
     before, after = result.optimisation.before.report(), result.optimisation.after.report()
-    strained = before.get("strain_share_max", 0.0) > 1.0 and after["strain_share_max"] < before["strain_share_max"]
+    strained = before.get("strain_share_max", 0.0) > STRAINED and after["strain_share_max"] < before["strain_share_max"]
     worse = after["laplacian_rmse_mm"] > WORSE * before["laplacian_rmse_mm"] and not strained
     return {
         "rmse_mm_before": before["laplacian_rmse_mm"],
