@@ -50,7 +50,7 @@ class Regularise(ContinuedStage, bpy.types.Operator):
             notes.write_checks(obj.data, findings)
             states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
-        mesh.write_vertices(obj, surface, after)
+        mesh.write_vertices(obj, context.scene, surface, after)
         mesh.forget(obj, mesh.NAMES)
         collection.clear(obj)
         notes.drop_from(obj.data, "layout")

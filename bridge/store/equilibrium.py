@@ -22,7 +22,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.materials import STRAINED
-from . import attributes, notes, pose, scans, states
+from . import attributes, notes, pose, scans, seen, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
 from .keys import foreign_keys as foreign_keys
@@ -88,7 +88,9 @@ def write(
     others = [carried(simulation.design, other.pose, simulation.target) for other in simulation.others]
     names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
     for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
-        _put_key(obj, surface, name, vertices).value = float(name == KEY)
+        _put_key(obj, scene, surface, name, vertices)
+    for key in keys_of(obj.data):
+        key.value = float(key.name == KEY)
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     if not obj.show_only_shape_key:
@@ -111,8 +113,8 @@ def write(
 
 
 def _put_key(
-    obj: bpy.types.Object, surface: Surface, name: str, vertices: Float[np.ndarray, "used 3"]
-) -> bpy.types.ShapeKey:
+    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, name: str, vertices: Float[np.ndarray, "used 3"]
+) -> None:
     """The shape key of that name at the engine's vertices, metres in world axes; those of no quad stay."""
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
@@ -120,9 +122,18 @@ def _put_key(
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
     positions[used] += there - surface.seen[used]  # the user's keys and modifiers go on moving it
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
-    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
-    return key
+
+    def put(points: Float[np.ndarray, "vertices 3"]) -> None:
+        key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
+
+    if seen.deforming(obj):
+        wanted = surface.seen.astype(float)
+        wanted[used] = there
+        for one in keys_of(obj.data):
+            one.value = float(one == key)
+        positions = seen.points_before_bending(obj, scene, put, positions, wanted)
+    put(positions)
 
 
 # -- whether it is good, and still true ------------------------------------------------------------------------------------------

@@ -139,7 +139,7 @@ def _surface(
     return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
 
 
-def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> None:
+def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, mesh: QuadMesh) -> None:
     """Move the object's vertices to those of the engine's mesh; vertices of no quad stay."""
     if equilibrium.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
@@ -147,8 +147,15 @@ def write_vertices(obj: bpy.types.Object, surface: Surface, mesh: QuadMesh) -> N
     if obj.data.shape_keys is not None and not obj.data.is_editmode:
         obj.shape_key_clear()  # a basis by itself would hold the vertices where they are
     inverse = np.linalg.inv(surface.to_metres)
-    positions = surface.positions.astype(float).copy()
-    positions[surface.polygons.corners] = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
+    there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
+    positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
+    positions[corners] += there - surface.seen[corners]
+    if seeing.deforming(obj):
+        wanted = surface.seen.astype(float)
+        wanted[corners] = there
+        positions = seeing.points_before_bending(
+            obj, scene, lambda points: attributes.put_positions(obj, points), positions, wanted
+        )
     attributes.put_positions(obj, positions)
 
 

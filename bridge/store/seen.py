@@ -6,7 +6,7 @@ seen. Where it has others (Subdivision, Mirror, Boolean), ``objects.changed_by_m
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -17,6 +17,12 @@ from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import keys
 from .objects import DEFORMING
+
+_STEPS = 12  # of Newton's method; armatures need one, lattices and curves three
+_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of a step; shorter ones where modifiers follow the box of all points
+_CLOSE = 1e-6  # of the object's size: Blender stores single precision
+_SLOPE = 1e-3  # of the object's size: difference quotients lose least between rounding and curvature there
+_SINGULAR = 1e-3  # ways along which modifiers move points by a smaller share than along others are left
 
 
 def deforming(obj: bpy.types.Object) -> bool:
@@ -67,6 +73,60 @@ def _mixed(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
         group = obj.vertex_groups.get(key.vertex_group) if key.vertex_group else None
         mixed += step if group is None else step * _weights(obj, group.index)[:, None]
     return mixed
+
+
+def points_before_bending(
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    put: Callable[[Float[np.ndarray, "vertices 3"]], None],
+    start: Float[np.ndarray, "vertices 3"],
+    wanted: Float[np.ndarray, "vertices 3"],
+) -> Float[np.ndarray, "vertices 3"]:
+    """Return the points in the mesh's own frame that modifiers bend to the wanted ones, by Newton's method at every vertex.
+
+    Points that no modifier can bring there, as behind a Shrinkwrap, stay where the last step took them.
+
+    Parameters
+    ----------
+    put : stores points in the mesh, or in the shape key that is shown
+    start, wanted : in the object's own frame
+    """
+    points, size = start.astype(float), float(np.ptp(start, axis=0).max())
+    missing = wanted - _seen_with(obj, scene, put, points)
+    for _ in range(_STEPS):
+        if np.abs(missing).max() <= _CLOSE * size:
+            break
+        slope = np.empty((len(points), 3, 3))
+        for axis in range(3):
+            offset = _SLOPE * size * np.eye(3)[axis]
+            ahead, behind = (_seen_with(obj, scene, put, points + way * offset) for way in (1.0, -1.0))
+            slope[:, :, axis] = (ahead - behind) / (2.0 * _SLOPE * size)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=_SINGULAR), missing)
+        for share in _SHARES:
+            trial = points + share * step
+            left = wanted - _seen_with(obj, scene, put, trial)
+            if np.linalg.norm(left) < np.linalg.norm(missing):
+                points, missing = trial, left
+                break
+        else:
+            break
+    return points
+
+
+def _seen_with(
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    put: Callable[[Float[np.ndarray, "vertices 3"]], None],
+    points: Float[np.ndarray, "vertices 3"],
+) -> Float[np.ndarray, "vertices 3"]:
+    put(points)
+    obj.data.update()
+    with evaluated(obj, scene) as there:
+        mesh = there.to_mesh()
+        try:
+            return _positions(mesh.vertices, len(points)).astype(float)
+        finally:
+            there.to_mesh_clear()
 
 
 def _positions(items: bpy.types.bpy_prop_collection, count: int) -> Float[np.ndarray, "vertices 3"]:

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from ...engine.patches.joining import panel_numbers
 from ..store import attributes
 from . import collection, materials, meshes, preview
 
@@ -114,7 +115,8 @@ def _panel(
     patch_of = panels.design.flat.layout.patch_of
     faces = patch_of[panels.quad_of] == track.patch
     corners = np.repeat(faces, panels.sizes)
-    name = f"{obj.name} {ROOT} {track.patch + 1:02d}"
+    number = panel_numbers(panels.design.flat.layout)[track.patch]
+    name = f"{obj.name} {ROOT} {number:02d}"
     mesh = meshes.polygons(name, track.shapes[0], index[panels.corners[corners]], panels.sizes[faces])
     uv = np.empty(2 * len(whole.loops), np.float32)
     whole.attributes["flexmaps_flat"].data.foreach_get("vector", uv)

@@ -94,7 +94,7 @@ def put(
         supports.put(obj, surface, result.supports, result.force)
     moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
     if np.abs(moved).max() > 1e-5 * quads.median_edge:
-        mesh.write_vertices(obj, surface, quads)
+        mesh.write_vertices(obj, scene, surface, quads)
         surface = mesh.read_surface(obj, scene)
     offsets = np.zeros((len(quads.quads), 3)) if result.wishes is None else result.wishes.offsets(quads)
     handles.from_metres(obj, surface.to_metres, offsets)

@@ -14,6 +14,7 @@ import numpy as np
 from ..fabrication.connectors.connect import Connections
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..mechanics.arms.model import ArmModel
+from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
@@ -29,7 +30,7 @@ BEARS = 1.0  # of the strain that the material bears
 class SeamCheck:
     """One seam, before anybody has cut it.
 
-    name : its letters; panels : indices of the patches on its sides, the same twice for a cut within a patch
+    name : its letters; panels : numbers of the panels on its sides, the same twice for a cut within a panel
     joints : how many arms meet; lengths : metres of both flat sides, from corner to corner
     stretch : largest difference of the two sides of one edge, as a share of their mean
     force, moment : N and N m, the largest of its joints at rest; load : largest strain of a neck, as a share of what the
@@ -117,7 +118,7 @@ def check_assembly(
     Forces are told only of the arm model, and only of a state that can be believed: converged and not locked.
     """
     layout = design.flat.layout
-    lengths = _lengths(design)
+    numbers, lengths = panel_numbers(layout), _lengths(design)
     forces = None if simulation is None else _forces(design, made, simulation)
     found = []
     for number, edges in enumerate(layout.seams):
@@ -129,7 +130,7 @@ def check_assembly(
             "force": force is not None and force > HAND,
             "load": load is not None and load > BEARS,
         }
-        one, two = layout.patch_of[quads].tolist()
+        one, two = (numbers[p] for p in layout.patch_of[quads].tolist())
         whole = float(sides[:, 0].sum()), float(sides[:, 1].sum())
         reasons = tuple(kind for kind, is_so in hard.items() if is_so)
         found.append(SeamCheck(seam_name(number), (one, two), len(edges), whole, stretch, force, moment, load, reasons))

@@ -1,6 +1,6 @@
 """How the panels come together, as a film: from the table they fly to their places, and seam by seam they are joined.
 
-The order is that of ``assembly_order``. After some joints each, what is joined has the shape in which it rests
+The order is that of ``joining.steps``. After some joints each, what is joined has the shape in which it rests
 (``stages``): every stage is an equilibrium of the panels that are there, afloat, without weight. Between two stages hubs
 turn evenly and joints that are closed in the first stay closed (``blend``); arms are bent anew in every shape as in
 ``bent_arms``, and those of a seam that is being closed take up the wrench that they carry in the end, so that their tips
@@ -23,11 +23,11 @@ from ..mechanics.arms.bent import CLOSE, Bender
 from ..mechanics.assembly import Pose, nearest_rotation, rest_joints
 from ..mechanics.vectors import rotation_vector, times
 from ..params import SimulateParams
+from ..patches.joining import steps
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .blend import Blend, means
 from .flight import flight, lowest
-from .order import steps
 from .stages import Stage, Stages, find_stages, lying
 
 # how long a panel flies and is joined, in steps, chosen by eye; the next panel flies meanwhile

@@ -8,6 +8,7 @@ from ..fabrication.panels.labels import panel_name
 from ..fabrication.standing.base import Base, foot_name
 from ..fabrication.standing.eyelets import Eyelet
 from ..fabrication.writers.pdf import Page
+from ..patches.joining import panel_numbers
 from .pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
 
 DOT = 0.0013  # metres on paper, half the size of the mark of an eyelet
@@ -74,18 +75,19 @@ def _hanging(base: Base) -> Page:
         page.fill(scale * place + shift + square, INK)
         x, y = (scale * place + shift).tolist()
         page.text(one.name, (x, y + 1.5 * DOT), 0.0024, INK, middle=True)
-    _table(page, base.eyelets, HEIGHT - MARGIN - 0.034 - PICTURE)
+    _table(page, base, HEIGHT - MARGIN - 0.034 - PICTURE)
     return page
 
 
-def _table(page: Page, eyelets: tuple[Eyelet, ...], top: float) -> None:
+def _table(page: Page, base: Base, top: float) -> None:
     """Name, panel, face, place and force of every eyelet, in one column or two."""
+    eyelets, numbers = base.eyelets, panel_numbers(base.design.flat.layout)
     rows = int((top - MARGIN) / LINE) - 1
     for first in range(0, min(len(eyelets), 2 * rows), rows):
         left, some = MARGIN + (0.0 if first == 0 else 0.5 * (WIDTH - 2 * MARGIN)), eyelets[first : first + rows]
         narrow = 0.8 if len(eyelets) > rows else 1.0
         titles = ("", "Panel", "Face", "x mm", "y mm", "z mm", "Force N")
-        table = [titles, *(_row(one) for one in some)]
+        table = [titles, *(_row(one, numbers[one.patch]) for one in some)]
         for n, cells in enumerate(table):
             for place, text in zip(COLUMNS, cells, strict=True):
                 page.text(text, (left + narrow * place, top - n * LINE), 0.0026, GREY if n == 0 else INK)
@@ -93,7 +95,7 @@ def _table(page: Page, eyelets: tuple[Eyelet, ...], top: float) -> None:
         page.text(f"and {len(eyelets) - 2 * rows} more, see the report", (MARGIN, MARGIN), 0.0026, GREY)
 
 
-def _row(one: Eyelet) -> tuple[str, ...]:
+def _row(one: Eyelet, number: int) -> tuple[str, ...]:
     force = "-" if one.force is None else f"{one.force:.3g}"
     place = (f"{1e3 * float(x):.1f}" for x in one.place)
-    return (one.name, panel_name(one.patch), str(one.quad), *place, force)
+    return (one.name, panel_name(number), str(one.quad), *place, force)

@@ -11,8 +11,8 @@ from ..arrays import Bool, Float, Int
 from ..fabrication.panels.labels import panel_name, seam_name
 from ..fabrication.writers.pdf import Page
 from ..patches.flattening.flatten import FlatPatches
+from ..patches.joining import Join, Step, panel_numbers
 from ..spirals.arcs import Curve
-from .order import Join, Step
 
 WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # metres, of a page (A4)
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
@@ -101,7 +101,7 @@ def _numbers(
     page: Page, flat: FlatPatches, there: tuple[int, ...], places: np.ndarray, drawn: np.ndarray, towards: np.ndarray
 ) -> None:
     """The numbers of the panels that are there, where they are seen and no other number stands."""
-    layout, mesh = flat.layout, flat.layout.mesh
+    layout, mesh, numbers = flat.layout, flat.layout.mesh, panel_numbers(flat.layout)
     candidates = []
     for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small ones have the least choice
         quads = layout.patches[patch]
@@ -118,7 +118,7 @@ def _numbers(
             neighbours = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
             if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in neighbours):
                 written[box] = x, y
-                page.text(panel_name(patch), (x, y - 0.0012), 0.0036, INK, middle=True)
+                page.text(panel_name(numbers[patch]), (x, y - 0.0012), 0.0036, INK, middle=True)
                 break
 
 
@@ -199,7 +199,9 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: Look) -> No
     page.fill(loop, look.patches[step.panel], INK, 2e-4)
     for corner in corners * scale + shift:
         page.stroke(Curve(corner, np.zeros(4)), mixed(look.patches[step.panel], "#000000", 0.2), 4e-5)
-    page.text(panel_name(step.panel), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, middle=True)
+    page.text(
+        panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, middle=True
+    )
     for number, edges in ((join.seam, layout.seams[join.seam]) for join in step.joins):
         for place, edge in enumerate(edges.tolist()):
             for quad, side in zip(mesh.edge_quads[edge].tolist(), mesh.edge_sides[edge].tolist(), strict=True):

@@ -15,11 +15,11 @@ from ..fabrication.sheets import CutSheets
 from ..fabrication.writers.pdf import Page, document, text_width
 from ..files import NewFile, replacing
 from ..patches.flattening.flatten import FlatPatches
+from ..patches.joining import Join, Step, panel_numbers, steps
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .check import AssemblyCheck
 from .holding import held_page
-from .order import Join, Step, steps
 from .pictures import (
     GREY,
     HEIGHT,
@@ -95,7 +95,7 @@ def pages(
             box = Box(MARGIN, HEIGHT - MARGIN - (row + 1) * height, WIDTH - 2 * MARGIN, height)
             _step(page, box, flat, first + row + 1, len(order), step, look)
         found.append(page)
-    found += _in_words(order, drawn, look, progress)
+    found += _in_words(order, panel_numbers(flat.layout), drawn, look, progress)
     if sheets.base is not None:
         found.append(held_page(sheets.base))
     for number, page in enumerate(found, start=1):
@@ -216,7 +216,7 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: P
             page.fill(points, look.patches[one.patch] if one.patch >= 0 else GREY)
             if one.patch < 0 or small:  # a loose key has no number
                 continue
-            page.text(panel_name(one.patch, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
+            page.text(panel_name(one.number, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
         page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 
 
@@ -237,6 +237,7 @@ def _coarse(points: np.ndarray, tolerance: float) -> np.ndarray:
 def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: AssemblyCheck | None) -> None:
     """Every seam with its panels and joints, and what the check found, in columns."""
     layout, seams = flat.layout, () if checked is None else checked.seams
+    numbers = panel_numbers(layout)
     forces = any(s.force is not None for s in seams)
     title = "Seams: panels, number of joints" + ", largest force" * forces
     title += "; ! is hard to join" * any(s.hard for s in seams)
@@ -247,7 +248,7 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: Ass
         row, column = number % (most // columns), number // (most // columns)
         x, y = box.x + column * box.width / columns, box.y + box.height - (row + 1.2) * line
         page.fill(np.array([[x, y], [x + 0.003, y], [x + 0.003, y + 0.002], [x, y + 0.002]]), look.seams[number])
-        one, two = (panel_name(p) for p in layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist())
+        one, two = (panel_name(numbers[p]) for p in layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist())
         text = (
             f"{seam_name(number)}: {one} - {two}, {len(edges)}"
             if one != two
@@ -265,10 +266,11 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step
     top = box.y + box.height
     page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
     page.text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
-    page.text(_done(step), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
+    numbers = panel_numbers(flat.layout)
+    page.text(_done(step, number), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
     x, y = box.x + 0.004 + text_width(str(number), 0.008), top - 0.0125
     for join in step.joins:
-        text = _sentence(join)
+        text = _sentence(join, numbers)
         if x + text_width(text, 0.0029) > box.x + box.width:
             x, y = box.x + 0.012, y - 0.0045
         page.text(text, (x, y), 0.0029, look.seams[join.seam])
@@ -289,7 +291,7 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step
     panel(page, Box(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
 
 
-def _in_words(order: list[Step], first: int, look: Look, progress: Progress) -> list[Page]:
+def _in_words(order: list[Step], numbers: tuple[int, ...], first: int, look: Look, progress: Progress) -> list[Page]:
     """Pages with the steps from ``first`` on without pictures, in two columns."""
     found = []
     width = 0.5 * (WIDTH - 2 * MARGIN)
@@ -299,10 +301,10 @@ def _in_words(order: list[Step], first: int, look: Look, progress: Progress) -> 
             progress(0.9, "writing the steps of the assembly")
             column, row = divmod(place, LINES)
             x, y = MARGIN + column * width, HEIGHT - MARGIN - (row + 1) * (HEIGHT - 2 * MARGIN) / (LINES + 1)
-            page.text(f"{start + place + 1}. {_done(step)}", (x, y), 0.0028, INK)
+            page.text(f"{start + place + 1}. {_done(step, start + place + 1)}", (x, y), 0.0028, INK)
             end, x = x + width - 0.004, x + 0.034
             for join in step.joins:
-                text = f"{join.name} to {panel_name(join.other)}"
+                text = f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}"
                 if x + text_width(text, 0.0025) > end:
                     page.text("...", (x, y), 0.0025, GREY)
                     break
@@ -312,12 +314,12 @@ def _in_words(order: list[Step], first: int, look: Look, progress: Progress) -> 
     return found
 
 
-def _done(step: Step) -> str:
+def _done(step: Step, number: int) -> str:
     joined = len(step.there) > 1 and any(join.other != step.panel for join in step.joins)
-    return f"{'Add' if joined else 'Take'} panel {panel_name(step.panel)}"
+    return f"{'Add' if joined else 'Take'} panel {panel_name(number)}"
 
 
-def _sentence(join: Join) -> str:
+def _sentence(join: Join, numbers: tuple[int, ...]) -> str:
     joints = f"{join.joints} joint" + "s" * (join.joints > 1)
-    where = "within the panel" if join.other == join.panel else f"to panel {panel_name(join.other)}"
-    return f"{join.name}: {joints} {where}"
+    where = "within the panel" if join.other == join.panel else f"to panel {panel_name(numbers[join.other])}"
+    return f"{seam_name(join.seam)}: {joints} {where}"

@@ -5,7 +5,7 @@ joint is as it will be in the end, and nothing forces those that are open. Piece
 nor forces act on them, and each lies where it fits its place in the finished piece best. A loose panel lies flat.
 
 The stages are sought backwards. The finished piece is taken apart joint by joint, seam by seam, in the opposite order of
-``assembly_order``, and after some joints what is left relaxes from where it was: nothing has to be pulled together over a
+``joining.steps``, and after some joints what is left relaxes from where it was: nothing has to be pulled together over a
 gap, and energy is only given away. What springs open too far to be followed at once, such as a ring, is let go slowly: the
 joints that are opened become weaker and weaker first. Where a half-finished piece could rest in several shapes, this is the
 one from which the finished one is reached.
@@ -18,18 +18,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bool, Int
-from ..fabrication.panels.labels import panel_name
+from ..fabrication.panels.labels import panel_name, seam_name
 from ..materials import Material
 from ..mechanics.assembly import Pose, nearest_rotation, of_design
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import solve
 from ..mechanics.loads import Loads
 from ..params import SimulateParams
+from ..patches.joining import Step, steps
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
-from .order import Step, steps
 
 # about so many stages, one after the other, in which an arriving panel is joined; every seam has one at least; by eye
 PARTS = 3
@@ -43,7 +43,7 @@ WEAKER = 10.0 ** -np.arange(1.0, 13.0)
 class Stage:
     """What is joined after some joints, and where it rests.
 
-    step : number of the step of ``assembly_order.steps`` in which its last panel comes; seam : name of its last seam, empty
+    step : number of the step of ``joining.steps`` in which its last panel comes; seam : name of its last seam, empty
         before the first
     hubs : the spirals of its panels; closed : of all inner edges, those whose joints are closed
     share : of the joints of the step that are closed
@@ -89,7 +89,7 @@ def find_stages(
     plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
     found: list[Stage] = []
     for done, (number, k) in enumerate(reversed(plan)):
-        panel = panel_name(search.order[number].panel)
+        panel = panel_name(number + 1)
         # many joints are many hubs: the first stages that are sought are the longest
         share = 1.0 - (1.0 - done / len(plan)) ** 2
         progress(share, f"Taking the piece apart: panel {panel}, {len(plan) - done} half-finished pieces to go")
@@ -109,7 +109,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
         hubs = np.flatnonzero(np.isin(layout.patch_of, patches))
         closed = np.isin(layout.patch_of[sides], patches).all(axis=1)
         whole = all(bodies[later.panel] != body for later in order[number + 1 :])
-        seam = step.joins[-1].name if step.joins else ""
+        seam = seam_name(step.joins[-1].seam) if step.joins else ""
         found.append(Stage(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
     return Stages(tuple(found), ())
 
@@ -147,7 +147,7 @@ class _Search:
         else:
             made = self._solved(here, step.panel, progress)
             if made is None:
-                self.skipped.append((panel_name(step.panel), seam))
+                self.skipped.append((panel_name(number + 1), seam))
                 # something has to be there before the panel comes
                 made = self._standing(replace(here, solved=False)) if last else None
         if made is not None:
@@ -235,5 +235,5 @@ def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, 
                 edges = edges[::-1]
         held.update(mesh.edges[edges].ravel().tolist())
         count = min(max(round(PARTS * len(edges) / total), 1), len(edges))
-        found += [(join.name, joint[part]) for part in np.array_split(edges, count)]
+        found += [(seam_name(join.seam), joint[part]) for part in np.array_split(edges, count)]
     return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
+from ..patches.joining import panel_numbers
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
@@ -187,11 +188,12 @@ def _panels(
     design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, base: Base | None, progress: Progress
 ) -> tuple[Panel, ...]:
     """One panel a patch, with the eyelets that it hangs by."""
-    holds, panels = _holds(design, progress), []
+    holds, numbers = _holds(design, progress), panel_numbers(design.flat.layout)
+    panels = []
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
         pierced = (*o.holes, *(() if base is None else base.holes(i)))
         area = o.outer.area + sum(h.area for h in pierced)
-        panels.append(Panel(i + 1, i, o.outer, pierced, labels.strokes[i], area, holds[i]))
+        panels.append(Panel(numbers[i], i, o.outer, pierced, labels.strokes[i], area, holds[i]))
     return tuple(panels)
 
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from .. import colours
 from ..arrays import Float
-from ..assembling import order
 from ..assembling.film import Shots, shoot
 from ..assembling.passage import Hubs, closings
 from ..assembling.stages import at_once, find_stages
@@ -30,6 +29,7 @@ from ..materials import Material
 from ..mechanics.arms.spiral_stiffness import stiffness
 from ..mechanics.assembly import Pose, target_pose
 from ..params import ObjectSettings
+from ..patches import joining
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.far import near
@@ -128,7 +128,7 @@ def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
     design, pose, packed = shown.design, shown.pose, Packed()
     material = settings.material.chosen
     layout = design.flat.layout
-    steps = order.steps(layout)
+    steps = joining.steps(layout)
     skin = Skin.of(design, pose, progress.part(0.0, 0.2))
     _skin(packed, skin)
     _target(packed, shown.measured)
@@ -177,19 +177,21 @@ def _target(packed: Packed, measured: Measured) -> None:
 def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
     """By patch: what the panel is called, its colour, the spiral that bears its name here, and when it is joined."""
     layout = design.flat.layout
-    shades = colours.hexadecimal(colours.of_patches(len(layout.patches)))
+    shades, numbers = colours.hexadecimal(colours.of_patches(len(layout.patches))), joining.panel_numbers(layout)
     found = []
     for patch, quads in enumerate(layout.patches):
         centres = design.arms.centre[quads]
         middle = int(quads[np.argmin(np.linalg.norm(centres - centres.mean(axis=0), axis=1))])
-        found.append({"name": panel_name(patch), "colour": shades[patch], "hub": middle, "step": joined.index(patch)})
+        found.append(
+            {"name": panel_name(numbers[patch]), "colour": shades[patch], "hub": middle, "step": joined.index(patch)}
+        )
     return found
 
 
-def _seams(design: SpiralDesign, steps: list[order.Step]) -> list[list[dict[str, Any]]]:
+def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
     """Step by step the seams that are closed: letter, colour, the panel on the other side, and arm and name of every joint."""
     layout = design.flat.layout
-    mesh, names = layout.mesh, seam_labels(layout)
+    mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)
     shades = colours.hexadecimal(colours.of_seams(max(len(layout.seams), 1)))
     found = []
     for step in steps:
@@ -199,7 +201,7 @@ def _seams(design: SpiralDesign, steps: list[order.Step]) -> list[list[dict[str,
             for edge in layout.seams[join.seam].tolist():
                 quad, side = int(mesh.edge_quads[edge][0]), int(mesh.edge_sides[edge][0])
                 joints.append([4 * quad + side, names[quad, side]])
-            other = None if join.other == join.panel else panel_name(join.other)
+            other = None if join.other == join.panel else panel_name(numbers[join.other])
             row.append({"name": seam_name(join.seam), "colour": shades[join.seam], "other": other, "joints": joints})
         found.append(row)
     return found

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
+from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
@@ -299,7 +300,7 @@ def outlines(
         if curve.area > 0.0:
             if patch in outer:
                 raise FlexMapsError(
-                    f"Patch {patch + 1} overlaps itself once its spirals are drawn; cut it in two",
+                    f"Panel {panel_numbers(layout)[patch]} overlaps itself once its spirals are drawn; cut it in two",
                     faces=np.flatnonzero(patch_of == patch),
                 )
             outer[patch] = curve

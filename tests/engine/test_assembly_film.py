@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from flexmaps.engine.assembling import film as assembly_film
 from flexmaps.engine.assembling.blend import Blend
-from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.joining import steps
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from flexmaps.engine.assembling import pictures
 from flexmaps.engine.assembling import sheet as assembly_sheet
-from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
@@ -16,6 +15,7 @@ from flexmaps.engine.fabrication.writers import pdf
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import LayoutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -82,6 +82,8 @@ def test_the_sheet_says_what_to_do(tmp_path):
     assert "1 of 2" in text[0]
     joined = "\n".join(text)
     order = steps(flat.layout)
+    said = re.findall(r"(?:Take|Add) panel (\d+)", joined)
+    assert [int(number) for number in said] == list(range(1, len(order) + 1))
     assert joined.count("Add panel") == len(order) - 1
     for step in order:
         for join in step.joins:
@@ -135,10 +137,10 @@ def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
     assert len(found) == 1 + 4 + 1  # the overview, ten pictures on pages of three, and words
     document = pdfium.PdfDocument(pdf.document(found, "x"))
     text = [" ".join(page.get_textpage().get_text_range().split()) for page in document]
-    order = steps(flat.layout)
+    order, numbers = steps(flat.layout), panel_numbers(flat.layout)
     assert [int(number) for number in re.findall(r"(\d+)\. Add panel", text[-1])] == list(range(11, 37))
     for number, step in enumerate(order[10:], start=11):
-        joins = " ".join(f"{join.name} to {panel_name(join.other)}" for join in step.joins)
-        assert f"{number}. Add panel {panel_name(step.panel)} {joins}" in text[-1]
+        joins = " ".join(f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}" for join in step.joins)
+        assert f"{number}. Add panel {panel_name(number)} {joins}" in text[-1]
     with pytest.raises(Cancelled):
         assembly_sheet.pages(spirals, made, figures, "x", progress=Progress(stopped=lambda: True))

@@ -39,7 +39,7 @@ def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
     panels = [p for p in made.sheets.panels if p.patch >= 0]
     assert len(panels) == 2 * alone[0] + alone[1]
     assert Counter(p.mark for p in panels) == {"A": alone[0], "B": alone[0], "C": alone[1]}
-    names = [panel_name(p.patch, p.mark) for p in panels]
+    names = [panel_name(p.number, p.mark) for p in panels]
     assert len(set(names)) == len(names)
     for k in range(made.sheets.count):
         placed = [shapely.Polygon(p.outline.sampled(1e-5)) for p in made.sheets.on_sheet(k)]
@@ -64,7 +64,7 @@ def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
             bare = next(p for p in plain.sheets.panels if p.patch == panel.patch)
             joints = [name for (quad, _), name in seam_labels(layout).items() if layout.patch_of[quad] == panel.patch]
             both = [
-                (panel_name(panel.patch, mark), panel_name(panel.patch)),
+                (panel_name(panel.number, mark), panel_name(panel.number)),
                 *((f"{mark}-{j}", j) for j in joints),
             ]
             more = sum(len(lettering.strokes(a)) - len(lettering.strokes(b)) for a, b in both)

@@ -64,6 +64,25 @@ def test_key_fits_both_sockets():
             )
 
 
+def _convex_radii(curve):
+    """Radii of the arcs that turn left by more than 25 degrees."""
+    chord = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1)
+    sharp = 4.0 * np.arctan(curve.bulge) > np.radians(25.0)
+    bulge = curve.bulge[sharp]
+    return chord[sharp] * (1.0 + bulge**2) / (4.0 * bulge)
+
+
+@pytest.mark.parametrize("rounding", [0.0001, 0.0002, 0.0003])
+@pytest.mark.parametrize("kind", KINDS)
+def test_corners_are_as_round_as_asked(flat_grid, kind, rounding):
+    for twist in (0.0, 2.0, 6.0):
+        made = _halves(flat_grid, twist)
+        found = connectors.connect(made, ConnectorParams(connector=kind, rounding=rounding))
+        least = min(_convex_radii(o.outer).min(initial=1.0) for o in (*found.outlines, *found.keys))
+        assert least >= 0.995 * (min(rounding, 0.2 * 0.0012) if kind == "tab" else rounding)  # ends for glue are short
+        assert found.report["connector_rounding_min_mm"] == pytest.approx(1e3 * least, rel=0.01)
+
+
 # -- panels ------------------------------------------------------------------------------------------------------------
 
 

@@ -12,14 +12,14 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.display.panel_mesh import panel_mesh
 from flexmaps.engine.display.skin import Skin, detail_of
-from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
+from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import ObjectSettings, changed
+from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.runs import job, page_data, report, report_page, share_page
 from flexmaps.engine.runs.page_data import Packed, Shown, unpacked
 from flexmaps.engine.surface import shapes
@@ -144,7 +144,7 @@ def test_a_thousand_spirals_take_less_than_three_megabytes(large):
 def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
     made, arrays = read(page_data.text(Shown.of(dome), SETTINGS, "it"))
     layout = dome.flat.layout
-    assert [panel["name"] for panel in made["panels"]] == [panel_name(p) for p in range(len(layout.patches))]
+    assert [panel["name"] for panel in made["panels"]] == [panel_name(panel["step"] + 1) for panel in made["panels"]]
     assert sorted(panel["step"] for panel in made["panels"]) == list(range(len(layout.patches)))
     names = seam_labels(layout)
     told = {(arm // 4, arm % 4): name for step in made["seams"] for seam in step for arm, name in seam["joints"]}
@@ -252,12 +252,12 @@ def test_all_steps_are_there_on_paper(dome):
     layout = dome.design.flat.layout
     words = share_page.steps_in_words(text)
     assert len(words) == len(layout.patches)
-    order = steps(layout)
+    order, numbers = steps(layout), panel_numbers(layout)
     for number, (step, said) in enumerate(zip(order, words, strict=True)):
-        assert said.startswith(f"{'Add' if number else 'Take'} panel {panel_name(step.panel)}")
+        assert said.startswith(f"{'Add' if number else 'Take'} panel {panel_name(number + 1)}")
         for join in step.joins:
-            where = "within the panel" if join.other == step.panel else f"to panel {panel_name(join.other)}"
-            assert f"{join.name} {where} ({join.joints} joint" in said
+            where = "within the panel" if join.other == step.panel else f"to panel {panel_name(numbers[join.other])}"
+            assert f"{seam_name(join.seam)} {where} ({join.joints} joint" in said
     whole = share_page.page(text, "it", {}, {})
     assert whole.count("<li>") >= len(words) and "@media print" in whole
 

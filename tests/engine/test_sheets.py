@@ -99,7 +99,7 @@ def test_labels_that_would_be_too_small_are_counted(flat_grid):
 def test_names():
     assert [seam_name(i) for i in (0, 23, 24, 25, 599, 600)] == ["A", "Z", "AA", "AB", "ZZ", "AAA"]
     assert not set("IO") & set("".join(seam_name(i) for i in range(100)))
-    assert [panel_name(i - 1) for i in (1, 5, 6, 8, 9, 12, 66, 68, 69, 91)] == [
+    assert [panel_name(i) for i in (1, 5, 6, 8, 9, 12, 66, 68, 69, 91)] == [
         "1",
         "5",
         "6.",

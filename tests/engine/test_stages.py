@@ -7,9 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.assembling import stages
-from flexmaps.engine.assembling.order import steps
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.fabrication.panels.labels import panel_name
+from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
@@ -18,6 +17,7 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.joining import steps
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -177,7 +177,7 @@ def test_what_does_not_come_to_rest_is_left_out_and_named(ring):
     made, _, rest = ring
     found = stages.find_stages(made, rest.pose, POM, SimulateParams(iterations=1))
     second = steps(made.flat.layout)[1]
-    assert found.skipped == ((panel_name(second.panel), second.joins[0].name),)
+    assert found.skipped == ((panel_name(2), seam_name(second.joins[0].seam)),)
     assert [stage.whole for stage in found.all] == [False, True]
     assert found.all[-1].pose.centres == pytest.approx(rest.pose.centres)
 
@@ -215,7 +215,9 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
         held: set[int] = set()
         closed = []
         for join in sorted(step.joins, key=lambda join: join.other == join.panel):
-            edges = inner[np.concatenate([j for name, j in stages.batches(layout, step) if name == join.name])]
+            edges = inner[
+                np.concatenate([j for name, j in stages.batches(layout, step) if name == seam_name(join.seam)])
+            ]
             assert sorted(edges.tolist()) == sorted(layout.seams[join.seam].tolist())
             ends = [set(mesh.edges[edge].tolist()) for edge in edges]
             assert all(one & two for one, two in pairwise(ends))

@@ -90,6 +90,12 @@ class Connections:
         return tuple(Outline(key(c.made.size, c.made.back), ()) for c in self.connectors if c.kind == "key")
 
     @property
+    def _least_radius(self) -> float:
+        """Metres: the smallest radius of a corner of heads, sockets and shoulders."""
+        sizes = {c.made.size for c in self.connectors if c.kind != "tab"}
+        return min([*map(least_radius, sizes), *(radius for tip in self.tips for radius in tip.shoulder_radii)])
+
+    @property
     def report(self) -> dict[str, Any]:
         """The figures of report.json."""
         made = self.connectors
@@ -103,7 +109,7 @@ class Connections:
             "connector_kinds": {k: n for k, n in count.items() if n},
             "connector_clearance_mm": round(self.clearance * 1e3, 4),
             **necks,
-            **({"connector_rounding_min_mm": round(min(map(least_radius, shaped)) * 1e3, 4)} if shaped else {}),
+            **({"connector_rounding_min_mm": round(self._least_radius * 1e3, 4)} if made else {}),
             "shrunk": sum(c.shrunk for c in made),
             "swapped": sum(c.swapped for c in made),
             "shifted": sum(c.made.shift != 0.0 for c in made),

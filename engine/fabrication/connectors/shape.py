@@ -62,8 +62,8 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     ``mill`` is the diameter in metres of the mill that cuts it, 0 for a beam.
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
-    # the corners of the head lose half of the clearance
-    rounding = max(params.rounding, 0.75 * c)
+    # of the finished corners some are sharper by half of the clearance
+    rounding = max(params.rounding + 0.5 * c, 0.75 * c)
     neck = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside)
     # room on a flank for both of its corners
     corners = max(2.1 * _TURN * rounding, (1.05 * _TURN + _DOGBONE) * inside)

@@ -6,7 +6,7 @@ Thousands of joints are tried at once, one a row; the frames are those of ``conn
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -22,6 +22,9 @@ from .shape import Size, face, head, socket
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
 _SAMPLES = 31  # points along either edge of a tip, before arcs are fitted; not measured
+_ROUNDER = (
+    3  # times that the end of both edges moves inwards until shoulders are round enough; later moves are under 1 um
+)
 _TOLERANCE = 5e-6  # metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "full", "over")
 
@@ -66,6 +69,13 @@ class Tip:
     begin: float
     across: tuple[Complex[np.ndarray, " nodes"], Float[np.ndarray, " nodes"]]
     polygon: Any
+
+    @property
+    def shoulder_radii(self) -> tuple[float, ...]:
+        """Metres: radii of the arcs between its edges and its straight end."""
+        nodes, bulge = self.across
+        chords = (abs(nodes[1] - nodes[0]), bulge[0]), (abs(nodes[-1] - nodes[-2]), bulge[-2])
+        return tuple(float(chord * (1.0 + b**2) / (4.0 * abs(b))) for chord, b in chords if b)
 
     @property
     def arm(self) -> int:
@@ -172,11 +182,12 @@ def make_tips(
     k = np.flatnonzero(good)
     if not len(k):
         return found
-    through, wide, begin, point, way, aside = through.rows(k), wide.rows(k), begin[k], point[k], way[k], aside[k]
+    shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
+    through, wide, point, way, aside = through.rows(k), wide.rows(k), point[k], way[k], aside[k]
+    begin, wide = _round_shoulders(shapes, through, wide, (edge_ends - shift)[k], size["rounding"][k], point, way)
     tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, _SAMPLES)
     (left, right), (left_way, right_way) = through.edges(tau, wide)
     straight = _straight(left, right, left_way, right_way)
-    shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
     shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
@@ -207,6 +218,34 @@ def _straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_w
     return same & (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
 
 
+def _round_shoulders(
+    shapes: Sequence[_End], through: Throughs, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
+    point: np.ndarray, way: np.ndarray,
+) -> tuple[np.ndarray, Widening]:  # fmt: skip
+    """Return tau (n,) where the edges end so that both shoulders are at least as round as asked, where the arm has that room.
+
+    The arms keep their full width up to there.
+
+    distance : metres from the joints where they end if the arms are straight
+    """
+    x, first = np.array([s.x for s in shapes]), through.tau(distance[:, None])[:, 0]
+    begin = first
+    for _ in range(_ROUNDER):
+        edges, ways = (e[..., 0] for e in through.edges(begin[:, None], wide))
+        radius = _shoulder_radii(x, (edges - point) / way, ways / way).min(axis=0)
+        distance = distance + np.clip(rounding - radius, 0.0, rounding)
+        begin = through.tau(distance[:, None])[:, 0]
+    full = np.maximum(wide.full, through.tau(distance[:, None] + 0.1 * rounding[:, None])[:, 0])
+    room = (full < wide.over) | (full == wide.full)
+    return np.where(room, begin, first), replace(wide, full=np.where(room, full, wide.full))
+
+
+def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """(2, n) radii of the arcs between the left and the right edges (2, n), complex with their directions, and shoulders at x."""
+    turn = np.array([[-1j], [1j]])
+    return np.asarray((x - points.real) / (1.0 + (turn * ways).real))
+
+
 _Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -221,8 +260,8 @@ def _shoulders(
     """
     x = np.array([s.x for s in shapes])
     made, fits = [], np.ones(len(x), dtype=bool)
-    for point, way, turn in ((right, right_way, 1j), (left, left_way, -1j)):
-        radius = (x - point.real) / (1.0 + (turn * way).real)
+    left_radius, right_radius = _shoulder_radii(x, np.stack([left, right]), np.stack([left_way, right_way]))
+    for point, way, turn, radius in ((right, right_way, 1j, right_radius), (left, left_way, -1j, left_radius)):
         angle = np.angle(1j / way if turn == 1j else -way / 1j)
         made.append(((point + radius * turn * way).imag, np.tan(0.25 * angle)))
         fits &= radius > 0.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...params import SheetParams
+from ...patches.joining import panel_numbers
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
@@ -53,15 +54,15 @@ def marked(name: str, mark: str) -> str:
     return f"{mark}-{name}" if mark else name
 
 
-def panel_name(patch: int, mark: str = "") -> str:
-    """The panel's number, patch + 1; with a dot after numbers that are others upside down.
+def panel_name(number: int, mark: str = "") -> str:
+    """What is engraved for a panel's number; with a dot after numbers that are others upside down.
 
     mark : letter of its piece, where several lie on common sheets; then nothing is the same upside down
     """
-    number = str(patch + 1)
+    name = str(number)
     if mark:
-        return marked(number, mark)
-    return number + "." if set(number) <= set("01689") and number != number[::-1].translate(_UPSIDE_DOWN) else number
+        return marked(name, mark)
+    return name + "." if set(name) <= set("01689") and name != name[::-1].translate(_UPSIDE_DOWN) else name
 
 
 def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
@@ -98,9 +99,10 @@ def make_labels(
     strokes: list[list[Curve]] = [[] for _ in layout.patches]
     placed = left_out = 0
     names = seam_labels(layout)
+    numbers = panel_numbers(layout)
     for patch, quads in enumerate(layout.patches):
         progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
-        found = _panel_label(panel_name(patch, mark), quads, lines, names, params.label_height)
+        found = _panel_label(panel_name(numbers[patch], mark), quads, lines, names, params.label_height)
         strokes[patch].extend(_curves(found))
         placed += 1
     for number, ((quad, side), joint) in enumerate(names.items()):

@@ -14,7 +14,7 @@ from ...spirals.arcs import Curve
 class Panel:
     """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
 
-    number : what is engraved on it, patch + 1; patch : index of its patch in the layout; 0 and -1 for other parts
+    number : what is engraved on it, from 1 in the order in which panels are joined; patch : index of its patch in the layout; 0 and -1 for other parts
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
     kind : panel, key for the loose key of a joint, base for a plate that the piece stands on
     holds : where a holding tab may be: x and y in metres, and how little it is liked there

@@ -61,7 +61,7 @@ def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
         length = sum(curve.length for curve in (panel.outline, *panel.holes))
         mass = material.density * sheets.thickness * panel.area
         found.append([
-            panel_name(panel.patch, panel.mark) if panel.patch >= 0 else f"{panel.mark} {panel.kind} {count}".strip(),
+            panel_name(panel.number, panel.mark) if panel.patch >= 0 else f"{panel.mark} {panel.kind} {count}".strip(),
             panel.kind, int(where.sheet[number]) + 1, len(quads), int(joints),
             width, height, panel.area * 1e4, length * 1e3, mass * 1e3,
         ])  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 from ...params import LayoutParams
 from ...surface.curvature import is_flat
 from ...surface.symmetry import Symmetry
+from ..joining import panel_numbers
 from .flatten import FlatPatches, flips, overlapping, seam_mismatch
 
 REMARKS = 3  # patches beyond a limit that are named one by one; chosen by eye
@@ -57,7 +58,7 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     """Where a limit could not be kept, because every change within the other limits was tried and refused."""
     layout = flat.layout
-    mesh, necks = layout.mesh, layout.isthmus_widths(own=False)
+    mesh, necks, numbers = layout.mesh, layout.isthmus_widths(own=False), panel_numbers(layout)
     listed = []
     for patch, quads in enumerate(layout.patches):
         reasons = []
@@ -71,7 +72,7 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
             reasons.append(f"a distortion of {worst:.3f}")
         if reasons:
             x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
-            name = f"Patch {patch + 1}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
+            name = f"Panel {numbers[patch]}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
             listed.append(
                 f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
                 "every change to it would go beyond another limit"

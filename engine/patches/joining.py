@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from bisect import insort
 from dataclasses import dataclass
+from functools import lru_cache
 from heapq import heappop, heappush
 
 import numpy as np
 
-from ..fabrication.panels.labels import seam_name
-from ..patches.layout import PatchLayout
+from .layout import PatchLayout
 
 
 @dataclass(frozen=True)
 class Join:
     """One seam that is closed in a step.
 
-    seam : its index in ``layout.seams``; name : its letters; joints : how many arms meet along it
+    seam : its index in ``layout.seams``; joints : how many arms meet along it
     panel, other : the patches on its sides; ``panel`` is the one that the step adds
     """
 
     seam: int
-    name: str
     joints: int
     panel: int
     other: int
@@ -77,8 +76,16 @@ def steps(layout: PatchLayout) -> list[Step]:
                 known[other] = min(nearest, depth[here]), fewer - joints[seam]
                 heappush(waiting, (*known[other], other))
         joins = tuple(
-            Join(s, seam_name(s), joints[s], here, sum(sides[s]) - here)
-            for s in sorted(closing, key=lambda s: (-joints[s], s))
+            Join(s, joints[s], here, sum(sides[s]) - here) for s in sorted(closing, key=lambda s: (-joints[s], s))
         )
         found.append(Step(here, joins, tuple(there)))
     return found
+
+
+@lru_cache(maxsize=4)
+def panel_numbers(layout: PatchLayout) -> tuple[int, ...]:
+    """The number of every patch's panel, from 1 in the order of the steps."""
+    numbers = [0] * len(layout.patches)
+    for number, step in enumerate(steps(layout), start=1):
+        numbers[step.panel] = number
+    return tuple(numbers)
