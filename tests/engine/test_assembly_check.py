@@ -33,7 +33,7 @@ def test_lengths_of_both_sides(flat_grid):
     assert sorted(seam.lengths) == pytest.approx([0.06, 0.0648])
     assert seam.mismatch == pytest.approx(0.08 / 1.04)
     assert seam.stretch == pytest.approx(0.08 / 1.04)
-    assert (seam.joints, seam.panels, seam.hard) == (3, (0, 1), ("stretch",))
+    assert (seam.joints, seam.panels, seam.hard) == (3, (1, 2), ("stretch",))
     assert seam.force is seam.moment is seam.load is None
 
 
