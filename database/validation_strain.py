@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..engine.arrays import Float, Int
 from ..engine.materials import MATERIALS
 from ..engine.mechanics.arms.model import ArmModel
+from ..engine.mechanics.arms.strain_changes import kinks
 from ..engine.mechanics.assembly import Pose
 from ..engine.mechanics.equilibrium import solve
 from ..engine.mechanics.loads import Loads
@@ -45,7 +46,7 @@ class ArmStrains:
     """What a solid says about the arms of one state of a case that meet at joints, and what the estimate says.
 
     spiral, side : (n,) int; joint : (n,) int; solid : farther than a fillet's reach from fillets; fillet : fillets included
-    estimate : of the arm model at its own equilibrium; bend : radians by which the arm turns to its mate at the joint
+    estimate : of the arm model at its own equilibrium; kink : of the joint, see ``kinks``
     """
 
     case: str
@@ -55,7 +56,7 @@ class ArmStrains:
     solid: Float[np.ndarray, " n"]
     fillet: Float[np.ndarray, " n"]
     estimate: Float[np.ndarray, " n"]
-    bend: Float[np.ndarray, " n"]
+    kink: Float[np.ndarray, " n"]
     limit: float
     rim: bool
 
@@ -197,12 +198,10 @@ def compare(case: Case) -> list[ArmStrains]:
         strains = coarse.strains(coarse.start(pose), case.material)
         e, at = np.nonzero(known.pairs < known.spirals)
         spiral, side = known.pairs[e, at], known.sides[e, at]
-        arms = case.design.arms
-        bend = np.abs(arms.blend_slope).max(axis=-1)[spiral, side] / arms.radius[spiral, side]
         out.append(
             ArmStrains(
                 f"{case.name} {loading.name}", spiral, side, e, arrays["free"][k][spiral, side].astype(float),
-                arrays["fillet"][k][spiral, side].astype(float), strains[e, at], bend, case.material.strain_limit,
+                arrays["fillet"][k][spiral, side].astype(float), strains[e, at], kinks(known)[e], case.material.strain_limit,
                 case.design.rim is not None,
             )
         )  # fmt: skip

@@ -64,6 +64,7 @@ WORDS = {
     "joined-to-nothing": ("{} joined to none", WORSE),
     "beyond-model": ("{} less sure", INFORMATION),
     "strained": ("{} too strained", BREAKS),
+    "kinked": ("{} less sure", INFORMATION),
     "slots-close": ("Closed gaps: {}", BREAKS),
     "about-to-snap": ("About to snap", BREAKS),
     "other-rest": ("Another rest", WORSE),

@@ -6,12 +6,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import MATERIALS, Material
+from flexmaps.engine.materials import MATERIALS, STRAINED, Material
 from flexmaps.engine.mechanics.arms.bar_sections import SATURATION, Curvature, Torsion
 from flexmaps.engine.mechanics.arms.peak_strain import GRAIN, NUMBERS, SHARE, StrainedArms
-from flexmaps.engine.mechanics.arms.strain_changes import arm_strains, by_shapes, largest, strained_arms
+from flexmaps.engine.mechanics.arms.strain_changes import (
+    KINKED,
+    KINKED_STRAIN,
+    arm_strains,
+    by_shapes,
+    kinks,
+    largest,
+    strained_arms,
+)
 from flexmaps.engine.mechanics.assembly import Assembly, Cut
+from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.patches.flattening.flatten import flatten
+from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.blends import ANGLE, MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.spiral import centre_line
+from flexmaps.engine.surface import shapes
 
 POM, BIRCH = MATERIALS["pom"], MATERIALS["birch"]
 UNITS = np.repeat([1.0, 0.01], 3)  # N and N m of ordinary wrenches
@@ -179,6 +194,41 @@ def test_derivatives_by_the_rest_geometry(clockwise: bool) -> None:
     way = np.concatenate([move, turn[..., None]], axis=2)
     wanted = np.einsum("nsk,nsk->n", found, np.repeat(way, 2, axis=0))
     assert fourth_order(strains, 1e-5) == pytest.approx(wanted, rel=1e-6, abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def checker() -> Simulation:
+    """A sheet of thick spirals at rest, wound much and little in turn."""
+    mesh = shapes.strip(4, 4)
+    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), LayoutParams())
+    odd = (np.arange(16) + np.arange(16) // 4) % 2 == 1
+    params = SpiralParams(thickness=0.004)
+    design = SpiralDesign(flat, params, np.full((len(odd), 4), 0.0015), np.where(odd, 0.5, 3.5))
+    force = np.zeros((len(odd), 3))
+    force[-1] = [0.0, 0.0, 0.3]
+    return simulate(design, mesh, POM, SimulateParams(), supports=np.arange(4), force=force)
+
+
+def test_kinks_are_what_blends_turn_arms_by(checker: Simulation) -> None:
+    """Against the tangents of the curves that are cut, with their blends and without them."""
+    arms, known = checker.design.arms, checker.assembly
+    at_joint = np.zeros((*arms.radius.shape, 1))
+    blended, pure = (centre_line(one, at_joint)[1][..., 0, :] for one in (arms, arms.unblended(arms.wind)))
+    turned = np.linalg.norm(blended - pure, axis=-1)[known.pairs, known.sides]
+    assert kinks(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
+    assert kinks(known).max() > KINKED and not kinks(replace(known, cut=None)).any()
+
+
+def test_kinks_that_may_break_are_named(checker: Simulation) -> None:
+    largest_share = checker.strain.max() * POM.strain_limit
+
+    def codes(share: float) -> set[str]:
+        material = replace(POM, strain_limit=largest_share / share)
+        return {finding.code for finding in replace(checker, material=material).findings}
+
+    assert "kinked" in codes(0.99 * STRAINED) and "kinked" not in codes(0.99 * STRAINED / KINKED_STRAIN)
+    assert "strained" in codes(1.01 * STRAINED) and "strained" not in codes(0.99 * STRAINED)
 
 
 def test_arms_that_are_cut_as_pure_spirals_have_no_kink() -> None:
