@@ -8,21 +8,56 @@ which an arm is bent as much as in the end. So flat panels and the final pose ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arrays import Float, Int
-from ..mechanics.arms.bent import Bender, hub_ends
+from ..mechanics.arms.bent import Bender, BentArms, hub_ends
 from ..mechanics.assembly import Pose, rest_joints
 from ..mechanics.vectors import exponential, rotation_vector, times
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .panel_mesh import Detail, panel_mesh
+from .rim_mesh import RimMesh
 
 # pieces of a straight arm and degrees of twist for each more, by eye: few spirals are looked at from near, and of more than MANY
 # each has some 40 pixels of a screen. It saves a fifth of the triangles, of 290 to 370 a spiral on four surfaces
 DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """The rim of a piece: plates whose points follow a hub, sorted by its quad. Lengths in metres, seen from the hub's centre.
+
+    quad : of every point; flat : where it lies in the panel
+    way, up : in the hub's frame, from there to where it is in the final pose, and the strip's upward normal then
+    triangles : counter-clockwise, seen from above; walls : edges of the plates, material on the left
+    """
+
+    quad: Int[np.ndarray, " points"]
+    flat: Float[np.ndarray, "points 2"]
+    way: Float[np.ndarray, "points 3"]
+    up: Float[np.ndarray, "points 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+    walls: Int[np.ndarray, "walls 2"]
+
+    @classmethod
+    def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> Strip:
+        """The plates of a rim, which end in a pose, if there is one."""
+        order = np.argsort(rim.quad, kind="stable")
+        new = np.empty(len(order), dtype=np.int64)
+        new[order] = np.arange(len(order))
+        quad = rim.quad[order]
+        flat = rim.flat[order, :2] - design.arms.centre[quad]
+        way, up = np.zeros((len(quad), 3)), np.tile([0.0, 0.0, 1.0], (len(quad), 1))
+        if pose is not None and arms is not None:
+            place, normal = (values[order] for values in rim.placed(arms))
+            back = np.swapaxes(pose.rotations, 1, 2)[quad]
+            way, up = times(back, place - pose.centres[quad]) - _flat(flat), times(back, normal)
+        triangles, walls = new[rim.triangles], new[rim.walls]
+        triangles = triangles[np.argsort(quad[triangles[:, 0]], kind="stable")]
+        return cls(quad, flat, way, up, triangles, walls[np.argsort(quad[walls[:, 0]], kind="stable")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +69,7 @@ class Skin:
     tip : flat, where every arm ends; axis : radians, of its side; partner : the arm that it meets, or -1
     way, turn : what the hub and tip frames leave, in the hub's frame: metres and rotation vectors
     full : (A, 6) how the tip is moved against the hub in the final pose, see ``tips``
+    strip : the rim, where there is one
     """
 
     arm: Int[np.ndarray, " sections"]
@@ -46,6 +82,7 @@ class Skin:
     way: Float[np.ndarray, "sections 3"]
     turn: Float[np.ndarray, "sections 3"]
     full: Float[np.ndarray, "arms 6"]
+    strip: Strip | None = None
 
     @classmethod
     def of(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
@@ -67,9 +104,10 @@ class Skin:
             arm, np.clip(1.0 - panels.t / hub, 0.0, 1.0), flat[:, 0, :2], flat[:, 1, :2], spokes.reshape(-1, 2), axis,
             partner, nothing, nothing, np.zeros((len(axis), 6)),
         )  # fmt: skip
-        if pose is None:
-            return skin
-        arms = Bender.of(design).bent(pose, progress=progress.part(0.3, 1.0))
+        arms = None if pose is None else Bender.of(design).bent(pose, progress=progress.part(0.3, 1.0))
+        strip = None if panels.strip is None else Strip.of_rim(panels.strip, design, pose, arms)
+        if pose is None or arms is None:
+            return replace(skin, strip=strip)
         place, turn = arms.at(arm, panels.t, panels.line)
         middle = place + times(turn, panels.sides.mean(axis=1))
         full = skin.tips(pose, (partner >= 0).astype(float))
@@ -79,7 +117,7 @@ class Skin:
         turned = rotation_vector(back @ turn)
         guess, guessed = skin.followed(full)
         return cls(
-            arm, skin.share, skin.left, skin.right, skin.tip, axis, partner, own - guess, turned - guessed, full
+            arm, skin.share, skin.left, skin.right, skin.tip, axis, partner, own - guess, turned - guessed, full, strip
         )  # fmt: skip
 
     def tips(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
@@ -110,7 +148,7 @@ class Skin:
         """(n, 4, 3) metres: of every section the left and right edge above, then below; the page does the same."""
         moved = self.tips(pose, closed)
         middle, turn = self.followed(moved)
-        measure = self.measure(moved)[self.arm, None]
+        measure = self.bends(moved)[self.arm, None]
         quad = self.arm // 4
         rotation = pose.rotations[quad] @ exponential(turn + measure * self.turn)
         middle = pose.centres[quad] + times(pose.rotations[quad], middle + measure * self.way)
@@ -118,6 +156,29 @@ class Skin:
         up = 0.5 * thickness * rotation[:, :, 2]
         left, right = middle + times(rotation, half), middle - times(rotation, half)
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
+
+    def placed_strip(
+        self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float
+    ) -> Float[np.ndarray, "points 2 3"]:
+        """Metres: of every point of the rim its place above and below; the page does the same."""
+        assert self.strip is not None
+        quad, up = self.strip.quad, np.array([0.0, 0.0, 1.0])
+        bend = self._means(self.measure(self.tips(pose, closed)))[quad, None]
+        middle = _flat(self.strip.flat) + bend * self.strip.way
+        lift = (1.0 - bend) * up + bend * self.strip.up
+        lift *= 0.5 * thickness / np.linalg.norm(lift, axis=1, keepdims=True)
+        ends = np.stack([middle + lift, middle - lift], axis=1)
+        return pose.centres[quad, None] + ends @ np.swapaxes(pose.rotations, 1, 2)[quad]
+
+    def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
+        """From 0 to 1: how much of its final bend an arm has; at a border, which no joint tells of, as much as the others of its spiral."""
+        measure = self.measure(moved)
+        return np.where(self.partner >= 0, measure, np.repeat(self._means(measure), 4))
+
+    def _means(self, measure: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " quads"]:
+        """The mean over the arms of every spiral that have a joint."""
+        met = (self.partner >= 0).reshape(-1, 4)
+        return (measure.reshape(-1, 4) * met).sum(axis=1) / np.maximum(met.sum(axis=1), 1)
 
     def measure(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
         """From 0 to 1: how much of the arms' final bend they have."""

@@ -167,6 +167,13 @@ def _skin(packed: Packed, skin: Skin) -> None:
     packed.add("axis", skin.axis, TURN / 10)
     packed.add("way", MM * skin.way, FINE)
     packed.add("turn", skin.turn, TURN)
+    if skin.strip is not None:
+        packed.add("rim_quad", skin.strip.quad)
+        packed.add("rim_flat", MM * skin.strip.flat, FINE)
+        packed.add("rim_way", MM * skin.strip.way, FINE)
+        packed.add("rim_up", skin.strip.up, TURN)
+        packed.add("rim_triangles", skin.strip.triangles)
+        packed.add("rim_walls", skin.strip.walls)
 
 
 def _target(packed: Packed, measured: Measured) -> None:

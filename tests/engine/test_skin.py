@@ -8,6 +8,7 @@ from flexmaps.engine.assembling import film, passage, stages
 from flexmaps.engine.assembling.blend import Blend
 from flexmaps.engine.display import arrange
 from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
+from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
@@ -29,6 +30,15 @@ def piece(request):
     mesh = shapes.make(request.param)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     made = design.uniform(flat, SpiralParams(), twist=3.0)
+    return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
+
+
+@pytest.fixture(scope="module")
+def rimmed():
+    """A dome of panels with a rim, and where it rests."""
+    mesh = shapes.make("dome")
+    flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
+    made = design.uniform(flat, SpiralParams(border="rim"), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 
@@ -63,6 +73,23 @@ def test_it_begins_flat(piece):
     found = skin.placed(flat, np.zeros(len(skin.tip)), made.params.thickness)
     there = np.isfinite(wanted)
     assert found[there] == pytest.approx(wanted[there], abs=1e-9)
+
+
+def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
+    made, pose = rimmed
+    rim, skin = RimMesh.of(made), Skin.of(made, pose)
+    assert rim is not None and skin.strip is not None
+    order, half = np.argsort(rim.quad, kind="stable"), 0.5 * made.params.thickness
+    place, up = rim.placed(bent(made, pose))
+    wanted = np.stack([place + half * up, place - half * up], axis=1)[order]
+    assert skin.placed_strip(pose, joined(skin), made.params.thickness) == pytest.approx(wanted, abs=1e-9)
+    centres = np.c_[made.arms.centre, np.zeros(len(made.width))]
+    flat = Pose(centres, np.broadcast_to(np.eye(3), (len(centres), 3, 3)))
+    lying = skin.placed_strip(flat, np.zeros(len(skin.tip)), made.params.thickness)
+    assert lying.mean(axis=1) == pytest.approx(rim.flat[order], abs=1e-9)
+    # the same bodies, though their points are in another order
+    same = place[order][skin.strip.triangles].mean(axis=1)
+    assert np.sort(same, axis=0) == pytest.approx(np.sort(place[rim.triangles].mean(axis=1), axis=0), abs=1e-9)
 
 
 def test_half_way_it_is_near_the_elastic_arms(piece):

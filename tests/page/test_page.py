@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import panel_mesh
+from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import detail_of
 from flexmaps.engine.mechanics.arms.bent import bent
-from flexmaps.engine.params import ObjectSettings
+from flexmaps.engine.params import ObjectSettings, changed
 from flexmaps.engine.runs import job, page_data, report, report_page
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface import shapes
@@ -25,7 +26,7 @@ READY = "window.flexmaps || document.querySelector('.needed')"
 # reading a pixel waits until all is drawn
 DRAWN = """(() => { const gl = flexmaps.page.view.renderer.getContext();
                     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); })()"""
-SETTINGS = ObjectSettings()
+SETTINGS = changed(ObjectSettings(), {"spiral.border": "rim"})
 SIZES = ("desktop", "phone")
 pytestmark = pytest.mark.timeout(600)  # drawn by software, maybe on a busy machine
 
@@ -107,6 +108,13 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         used = panels.used < len(drawn)
         drawn[panels.used[used]] = panels.placed(bent(piece.design, pose), pose)[used]
         assert 1e3 * np.nanmax(np.linalg.norm(1e-3 * corners[: len(drawn)] - drawn, axis=1)) < 0.05
+        rim = RimMesh.of(piece.design)
+        assert rim is not None
+        order = np.argsort(rim.quad, kind="stable")
+        place, up = (values[order] for values in rim.placed(bent(piece.design, pose)))
+        lift = 0.5 * piece.design.params.thickness * up
+        strip = corners[len(drawn) + 2 * len(pose.centres) :].reshape(-1, 2, 3)
+        assert np.abs(strip - 1e3 * np.stack([place + lift, place - lift], axis=1)).max() < 0.05
         moved(page, "way", 0.0)
         flat = np.array(page.evaluate("flexmaps.hubs()")).reshape(-1, 3)
         for quads in piece.design.flat.layout.patches:

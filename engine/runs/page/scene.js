@@ -124,6 +124,8 @@ class View3D {
       };
       fill(12 * skin.first[4 * quad], 12 * skin.first[4 * quad + 4]);
       fill(12 * skin.sections + 6 * quad, 12 * skin.sections + 6 * quad + 6);
+      const rim = 12 * skin.sections + 6 * skin.quads;
+      fill(rim + 6 * skin.rimPoints[quad], rim + 6 * skin.rimPoints[quad + 1]);
     }
     this.colour.needsUpdate = true;
     this.ask();

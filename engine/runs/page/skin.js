@@ -24,6 +24,19 @@
  * @property {string} block
  */
 
+/** The first of every `columns` numbers. @param {number} columns @param {ArrayLike<number>} [numbers] */
+function every(columns, numbers) {
+  return Array.from({ length: numbers ? numbers.length / columns : 0 }, (_, i) => numbers[columns * i]);
+}
+
+/** Where the rows of every quad begin, which are sorted by it. @param {ArrayLike<number>} rows @param {number} quads @param {(row: number) => number} of */
+function firsts(rows, quads, of) {
+  const out = new Int32Array(quads + 1);
+  for (let i = 0; i < rows.length; i++) out[of(rows[i]) + 1] += 1;
+  for (let quad = 0; quad < quads; quad++) out[quad + 1] += out[quad];
+  return out;
+}
+
 class Skin {
   /**
    * @param {Piece} piece
@@ -41,8 +54,19 @@ class Skin {
     /** How the tips are moved against their hubs: way, then rotation vector. */
     this.moved = new Float32Array(6 * this.arms);
     this.full = new Float32Array(6 * this.arms);
-    /** Of every section four corners, left and right above and below; then of every hub its middle above and below. */
-    this.positions = new Float32Array(12 * this.sections + 6 * this.quads);
+    /** Which arms have a joint; those at a border bend as much as the others of their spiral. */
+    this.met = new Uint8Array(this.arms);
+    for (const arm of arrays.joints) this.met[arm] = 1;
+    this.bends = new Float32Array(this.arms);
+    const rim = arrays.rim_quad || [];
+    this.rimPoints = firsts(rim, this.quads, (quad) => quad);
+    this.rimTriangles = firsts(every(3, arrays.rim_triangles), this.quads, (point) => rim[point]);
+    this.rimWalls = firsts(every(2, arrays.rim_walls), this.quads, (point) => rim[point]);
+    /**
+     * Of every section four corners, left and right above and below; then of every hub its middle above and below, and of every
+     * point of the rim.
+     */
+    this.positions = new Float32Array(12 * this.sections + 6 * this.quads + 6 * rim.length);
     /** @type {number[][]} hubs of every panel */
     this.hubs = piece.panels.map(() => []);
     for (let quad = 0; quad < this.quads; quad++) this.hubs[arrays.patch[quad]].push(quad);
@@ -153,6 +177,7 @@ class Skin {
       const z = this.centres[3 * quad + 2] + this.shifts[shift + 2];
       matrixOf(this.turns, 4 * quad, hub);
       this.drawHub(quad, hub, x, y, z);
+      this.drawRim(quad, hub, x, y, z, this.bend(quad));
       for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) this.drawArm(arm, hub, bent, x, y, z);
     }
     return this.positions;
@@ -181,7 +206,7 @@ class Skin {
     const e4 = m[4];
     const e6 = m[6];
     const e7 = m[7];
-    const bend = this.measure(arm);
+    const bend = this.bends[arm];
     const tx = tip[2 * arm];
     const ty = tip[2 * arm + 1];
     for (let s = this.first[arm]; s < this.first[arm + 1]; s++) {
@@ -225,6 +250,41 @@ class Skin {
     }
   }
 
+  /** How much the arms of a spiral are bent, into `bends`; gives the mean of those that have a joint. @private @param {number} quad */
+  bend(quad) {
+    let [sum, count] = [0, 0];
+    for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) {
+      if (!this.met[arm]) continue;
+      this.bends[arm] = this.measure(arm);
+      sum += this.bends[arm];
+      count += 1;
+    }
+    const mean = sum / Math.max(count, 1);
+    for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) if (!this.met[arm]) this.bends[arm] = mean;
+    return mean;
+  }
+
+  /** @private @param {number} quad @param {Float32Array} hub @param {number} cx @param {number} cy @param {number} cz @param {number} bend */
+  drawRim(quad, hub, cx, cy, cz, bend) {
+    const { rim_flat, rim_way, rim_up } = this.arrays;
+    for (let p = this.rimPoints[quad]; p < this.rimPoints[quad + 1]; p++) {
+      const ux = bend * rim_up[3 * p];
+      const uy = bend * rim_up[3 * p + 1];
+      const uz = 1 - bend + bend * rim_up[3 * p + 2];
+      const lift = (0.5 * this.piece.thickness) / Math.hypot(ux, uy, uz);
+      for (let side = 0; side < 2; side++) {
+        const up = side ? -lift : lift;
+        const qx = rim_flat[2 * p] + bend * rim_way[3 * p] + up * ux;
+        const qy = rim_flat[2 * p + 1] + bend * rim_way[3 * p + 1] + up * uy;
+        const qz = bend * rim_way[3 * p + 2] + up * uz;
+        const to = 12 * this.sections + 6 * this.quads + 6 * p + 3 * side;
+        this.positions[to] = cx + hub[0] * qx + hub[1] * qy + hub[2] * qz;
+        this.positions[to + 1] = cy + hub[3] * qx + hub[4] * qy + hub[5] * qz;
+        this.positions[to + 2] = cz + hub[6] * qx + hub[7] * qy + hub[8] * qz;
+      }
+    }
+  }
+
   /** From 0 to 1: how much of its final bend an arm has. @private @param {number} arm */
   measure(arm) {
     const size = Math.hypot(this.arrays.tip[2 * arm], this.arrays.tip[2 * arm + 1]);
@@ -255,7 +315,9 @@ class Skin {
    */
   triangles() {
     const { panels } = this.piece;
-    const corners = new Uint32Array(24 * this.sections);
+    const { rim_triangles, rim_walls } = this.arrays;
+    const rim = rim_triangles ? 2 * rim_triangles.length + 3 * rim_walls.length : 0;
+    const corners = new Uint32Array(24 * this.sections + rim);
     const ends = [];
     let at = 0;
     for (const panel of panels.map((_, i) => i).sort((a, b) => panels[a].step - panels[b].step)) {
@@ -296,6 +358,17 @@ class Skin {
       triangle(middle + 1, last + 2, last + 3);
       triangle(middle + 1, onward + 2, last + 2);
       face(last + 2, onward + 2, onward, last);
+    }
+    const rim = 4 * this.sections + 2 * this.quads; // points above and below in turn
+    const { rim_triangles: t, rim_walls: w } = this.arrays;
+    for (let k = this.rimTriangles[quad]; k < this.rimTriangles[quad + 1]; k++) {
+      const [a, b, c] = [3 * k, 3 * k + 1, 3 * k + 2].map((i) => rim + 2 * t[i]);
+      triangle(a, b, c);
+      triangle(c + 1, b + 1, a + 1);
+    }
+    for (let k = this.rimWalls[quad]; k < this.rimWalls[quad + 1]; k++) {
+      const [a, b] = [rim + 2 * w[2 * k], rim + 2 * w[2 * k + 1]];
+      face(a + 1, b + 1, b, a);
     }
     return at;
   }
