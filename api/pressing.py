@@ -57,7 +57,7 @@ def presses(obj: bpy.types.Object, *, cures: int = 0, most: int = MOST) -> Itera
     for _ in range(most):
         obj = bpy.context.view_layer.objects.active if obj is None else obj
         act = guidance.of(obj, bpy.context.scene).act
-        last = act is None or act.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
+        last = act is None or act.idname in {"flexmaps.export", "wm.path_open"}
         found = press(obj, cure=cures > 0 and last)
         if found is None:
             return

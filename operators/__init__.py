@@ -2,80 +2,20 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 import bpy
 
 from ..bridge.hosts import background
-from . import (
-    advice,
-    animate,
-    brush,
-    calibrate,
-    check,
-    choose,
-    compare,
-    example,
-    explore,
-    export,
-    fit,
-    handle_tool,
-    handles,
-    layout,
-    live,
-    mend,
-    next,
-    optimise,
-    overlay,
-    painting,
-    presets,
-    preview,
-    regularise,
-    remesh,
-    render,
-    report,
-    simulate,
-    spirals,
-    structure,
-    tab,
-    together,
-    tutorial,
-    writes,
-)
 
-MODULES = (
-    example,
-    next,
-    check,
-    mend,
-    remesh,
-    regularise,
-    layout,
-    choose,
-    spirals,
-    brush,
-    painting,
-    simulate,
-    live,
-    handles,
-    handle_tool,
-    compare,
-    structure,
-    optimise,
-    fit,
-    advice,
-    explore,
-    preview,
-    animate,
-    render,
-    export,
-    together,
-    tutorial,
-    calibrate,
-    report,
-    overlay,
-    presets,
-    writes,
-    tab,
-)
+# in the order in which they are registered
+NAMES = (
+    "example", "next", "check", "mend", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
+    "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
+    "render", "export", "together", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
+)  # fmt: skip
+MODULES: list[Any] = [import_module(f"{__package__}.{name}") for name in NAMES]
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 
@@ -83,20 +23,16 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(_before_load)
-    overlay.register()
-    live.register()
-    handle_tool.register()
-    presets.register()
-    brush.register()
+    for module in MODULES:
+        if hasattr(module, "register"):  # it adds more than classes
+            module.register()
 
 
 def unregister() -> None:
     background.stop_current()
-    brush.unregister()
-    presets.unregister()
-    handle_tool.unregister()
-    live.unregister()
-    overlay.unregister()
+    for module in reversed(MODULES):
+        if hasattr(module, "unregister"):
+            module.unregister()
     bpy.app.handlers.load_pre.remove(_before_load)
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

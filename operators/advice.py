@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
-import numpy as np
 
 from ..bridge.store import advice, notes
 from ..bridge.store.objects import find
@@ -17,27 +16,13 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 from .optimise import searching
-from .remesh import take_over
 from .simulate import settled
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import Surface
-    from ..bridge.view.flat_panels import PanelDrawing
+    from ..bridge.view.advised import Made
     from ..engine.runs.result import Result
-    from ..engine.surface.mesh import QuadMesh
-
-LIKE = 1e-3  # share of an edge by which vertices may be rounded in Blender's single precision; not measured
-
-
-@dataclass(frozen=True, eq=False)
-class Made:
-    """The piece as it was and as it is with what was advised, the panels to draw, and what the stages tell of it."""
-
-    before: Result
-    after: Result
-    panels: PanelDrawing
-    blocks: dict[str, Any]
 
 
 class Advised(ContinuedStage):
@@ -67,6 +52,7 @@ class Advised(ContinuedStage):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import states
+        from ..bridge.view import advised
         from ..bridge.view.flat_panels import PanelDrawing
 
         blocks = notes.read(obj.data)
@@ -78,7 +64,7 @@ class Advised(ContinuedStage):
         searched, wanted = "optimise" in blocks, self.settings(snapshot)
         search = searching(wanted)
 
-        def go_on(result: Result, progress: Progress) -> Made:
+        def go_on(result: Result, progress: Progress) -> advised.Made:
             from ..engine.runs import report
 
             made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
@@ -92,7 +78,7 @@ class Advised(ContinuedStage):
             assert made.design is not None
             progress(0.92, "Drawing outlines")
             panels = PanelDrawing.of(made.design, wanted, progress.part(0.92, 0.99))
-            return Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
+            return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
 
         return go_on
 
@@ -103,27 +89,11 @@ class Advised(ContinuedStage):
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, made: Made, was: float, now: float
     ) -> str:
         """Write the piece into an object that has its shape, with its notes; what to tell the user comes back."""
-        from ..bridge.store import equilibrium, mesh
+        from ..bridge.view import advised
 
-        blocks, kept = dict(made.blocks), notes.read(obj.data).get("layout", {})
-        if made.after.flat is made.before.flat:
-            del blocks["layout"]
-        else:
-            mesh.write_flat(obj, surface, made.panels.design.flat, made.panels.centres)
-            blocks["layout"] |= {key: kept[key] for key in (notes.TRACED,) if key in kept}
-        if made.after.design is made.before.design:
-            del blocks["spirals"]
-        else:
-            mesh.write_design(obj, surface, made.panels.design)
-        simulation = made.after.simulation
-        assert simulation is not None
-        equilibrium.write(obj, context.scene, surface, simulation, made.after.limits)
-        brought = advice.compared(self.remedy, was, now, self._figures, blocks["equilibrium"])
-        blocks["reach"] |= {advice.BROUGHT: brought}
-        notes.write_all(obj.data, blocks)
-        text, warning = equilibrium.sentences(blocks["equilibrium"])
-        self.level = "INFO" if advice.helped(brought) and not warning else "WARNING"
-        return ". ".join([advice.said(brought), *([text] if warning else [])])
+        text, good = advised.write(obj, context.scene, surface, made, (self.remedy, was, now), self._figures)
+        self.level = "INFO" if good else "WARNING"
+        return text
 
 
 class MakeLarger(Advised, bpy.types.Operator):
@@ -152,12 +122,13 @@ class MakeLarger(Advised, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh, states
+        from ..bridge.view.advised import alike
 
         scale = obj.scale.copy()
         obj.scale = scale * self._amount
         context.view_layer.update()
         now = mesh.read_surface(obj, context.scene)
-        if not _alike(now, result.after.mesh):
+        if not alike(now, result.after.mesh):
             obj.scale = scale
             context.view_layer.update()
             raise FlexMapsError(
@@ -235,7 +206,8 @@ class MakeFiner(Advised, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.hosts import remesh
         from ..bridge.store import mesh, states
-        from ..bridge.view import overlay
+        from ..bridge.view import overlay, replacing
+        from ..bridge.view.advised import alike
         from ..engine.surface.mesh import PolygonMesh
 
         quads = result.after.mesh
@@ -243,14 +215,14 @@ class MakeFiner(Advised, bpy.types.Operator):
         try:
             context.view_layer.update()
             now = mesh.read_surface(made, context.scene)
-            if not _alike(now, quads):
+            if not alike(now, quads):
                 raise FlexMapsError(f"'{obj.name}' is sheared by its parents; apply its scale and rotation first")
             notes.write_checks(made.data, result.after.findings)
             text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
         except FlexMapsError:
             bpy.data.meshes.remove(made.data)  # the object goes with it
             raise
-        take_over(context, obj, made)
+        replacing.take_over(context, obj, made)
         states.stamp(made, context.scene, self._made_from)
         overlay.renew(made, self.shows)
         self._made = made.session_uid
@@ -258,15 +230,6 @@ class MakeFiner(Advised, bpy.types.Operator):
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
         return super().after(context, find(self._made), result)
-
-
-def _alike(surface: Surface, mesh: QuadMesh) -> bool:
-    """Whether an object has the corners of the engine's quads, one by one and where they are."""
-    corners = surface.polygons.corners
-    if len(corners) != mesh.quads.size:
-        return False
-    away = surface.polygons.vertices[corners] - mesh.vertices[mesh.quads.ravel()]
-    return float(np.abs(away).max()) <= LIKE * mesh.median_edge
 
 
 CLASSES = (MakeLarger, MakeThinner, MakeFiner)

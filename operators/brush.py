@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..bridge.store.i18n import translate
-from ..bridge.store.objects import unusable
+from ..bridge.view import brush_settings
 
 TOOL = "flexmaps.brush"
 ICONS = (
@@ -18,63 +17,6 @@ ICONS = (
     "ops.generic.select_circle",
 )  # of newer and older versions of Blender
 SETTINGS = "window_manager.flexmaps_brush"  # where Blender's own F and Shift F find them
-PAINTS = (
-    ("stiffer", "Stiffer", "Wider arms, less wound; with Ctrl softer"),
-    ("softer", "Softer", "Thinner arms, more wound; with Ctrl stiffer"),
-    ("smooth", "Smooth", "More like the neighbours; with Shift every brush does that"),
-    ("twist", "Twist", "More wound; with Ctrl less"),
-    ("width", "Width", "Wider arms; with Ctrl thinner"),
-    ("along", "Along", "Arms along the stroke wider and those across it thinner: stiff that way, soft the other; with Ctrl the other way round"),
-    ("protect", "Protect", "Optimise and every other brush leave these spirals exactly as they are; with Ctrl not any longer"),
-)  # fmt: skip
-FROM = (("stiffness", "Stiffness", "As stiff as the numbers say: 0 the softest, 1 the stiffest"), *PAINTS)
-
-
-def sources(self: Any, context: bpy.types.Context, text: str) -> list[str]:
-    """Vertex groups, colours and other numbers of the active object, for the field in which one is named."""
-    from ..bridge.store import fields
-
-    return [] if unusable(context.object) is not None else fields.names(context.object)
-
-
-class BrushSettings(bpy.types.PropertyGroup):
-    """How the brush paints; of the window, as no file is about it."""
-
-    brush: EnumProperty(name="Brush", items=PAINTS)  # type: ignore[valid-type]
-    size: IntProperty(  # type: ignore[valid-type]
-        name="Size",
-        description="Radius of the brush in pixels; F changes it in the view",
-        default=60,
-        min=1,
-        max=5000,
-        soft_max=500,
-        subtype="PIXEL",
-    )
-    strength: FloatProperty(  # type: ignore[valid-type]
-        name="Strength",
-        description="How much one stroke changes; Shift F changes it in the view",
-        default=0.5,
-        min=0.0,
-        max=1.0,
-        subtype="FACTOR",
-    )
-    pressure_size: BoolProperty(  # type: ignore[valid-type]
-        name="Pressure on the size", description="The harder the pen is pressed, the larger the brush"
-    )
-    pressure_strength: BoolProperty(  # type: ignore[valid-type]
-        name="Pressure on the strength",
-        description="The harder the pen is pressed, the stronger the brush",
-        default=True,
-    )
-    mirror: BoolProperty(name="Mirror X", description="Paint the other side of the object's x too")  # type: ignore[valid-type]
-    what: EnumProperty(name="Sets", items=FROM)  # type: ignore[valid-type]
-    source: StringProperty(  # type: ignore[valid-type]
-        name="From", description="A vertex group, a colour or other numbers of this object", search=sources
-    )
-    direction: EnumProperty(  # type: ignore[valid-type]
-        name="Along",
-        items=(("x", "X", "Along the world's x"), ("y", "Y", "Along the world's y"), ("z", "Z", "Along the world's z")),
-    )
 
 
 def _keys(operator: str, **keys: Any) -> tuple[str, dict[str, Any], Any]:
@@ -124,7 +66,7 @@ def draw_settings(layout: Any, context: bpy.types.Context) -> None:
 def register() -> None:
     from ..bridge.view import easel
 
-    bpy.types.WindowManager.flexmaps_brush = PointerProperty(type=BrushSettings)
+    brush_settings.register()
     handlers = bpy.app.handlers
     handlers.load_pre.append(easel.forget)
     handlers.undo_post.append(easel.renew)
@@ -145,7 +87,7 @@ def unregister() -> None:
     handlers.undo_post.remove(easel.renew)
     handlers.redo_post.remove(easel.renew)
     easel.forget()
-    del bpy.types.WindowManager.flexmaps_brush
+    brush_settings.unregister()
 
 
-CLASSES = (BrushSettings,)
+CLASSES = (brush_settings.BrushSettings,)

@@ -9,36 +9,29 @@ import bpy
 
 from ..bridge.store import presets, settings
 from ..bridge.store.i18n import translate
+from ..bridge.store.paths import folder_of
 from ..engine.errors import FlexMapsError
-from ..engine.own_files import TheirFile
 from ..engine.params import ObjectSettings, changed
-from .export import folder_of
-from .stage import OnObject, redraw
+from .stage import AtOnce, OnObject
 from .writes import Writes
 
 SUBFOLDER = "calibration"  # of the folder for the sheets
 
 
-class CalibrationSheet(Writes, OnObject, bpy.types.Operator):
+class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
     """Write a small sheet to cut and to measure: a kerf comb, ladders of clearances, a strip to bend, two spirals to hang a weight on"""
 
     bl_idname = "flexmaps.calibration_sheet"
     bl_label = "Calibration sheet"
+    bl_options = {"REGISTER"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from .. import api
 
-        try:
-            wanted = settings.read(context.object.flexmaps, ObjectSettings)
-            folder = folder_of(wanted.export.folder) / SUBFOLDER
-            written = api.calibration_sheet(folder, wanted, formats=_formats(wanted), overwrite=self.overwrite)
-        except TheirFile as error:
-            return self.ask(error)
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, translate("{} in {}", ", ".join(path.name for path in written), folder))
-        return {"FINISHED"}
+        wanted = settings.read(context.object.flexmaps, ObjectSettings)
+        folder = folder_of(wanted.export.folder) / SUBFOLDER
+        written = api.calibration_sheet(folder, wanted, formats=_formats(wanted), overwrite=self.overwrite)
+        return translate("{} in {}", ", ".join(path.name for path in written), folder)
 
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
@@ -53,12 +46,11 @@ def _reading(name: str, description: str) -> Any:
     return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
 
 
-class Calibrated(OnObject, bpy.types.Operator):
+class Calibrated(AtOnce, OnObject, bpy.types.Operator):
     """Make kerf, clearance and stiffness out of what was measured on the calibration sheet, use them here, and keep them as a preset"""
 
     bl_idname = "flexmaps.calibrated"
     bl_label = "Enter measurements"
-    bl_options = {"REGISTER", "UNDO"}
 
     several = "Several readings with commas between them are better than one"
     kerf_comb: _reading("Kerf comb (mm)", f"Gap with the squares pushed to one side. {several}")  # type: ignore[valid-type]
@@ -80,22 +72,17 @@ class Calibrated(OnObject, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self, width=360)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ..engine.calibrating import calibrate, coupons
 
         obj = context.object
-        try:
-            wanted = settings.read(obj.flexmaps, ObjectSettings)
-            made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
-            found = calibrate.calibrate(made, self._readings())
-            settings.write(obj.flexmaps, changed(wanted, found.settings))
-            kept = presets.keep(self.preset, found.settings) if self.preset.strip() else None
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        redraw(context)
-        self.report({"WARNING" if found.warnings else "INFO"}, _said(found, kept))
-        return {"FINISHED"}
+        wanted = settings.read(obj.flexmaps, ObjectSettings)
+        made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
+        found = calibrate.calibrate(made, self._readings())
+        settings.write(obj.flexmaps, changed(wanted, found.settings))
+        kept = presets.keep(self.preset, found.settings) if self.preset.strip() else None
+        self.level = "WARNING" if found.warnings else "INFO"
+        return _said(found, kept)
 
     def _readings(self) -> Any:
         from ..engine.calibrating.calibrate import Readings, numbers

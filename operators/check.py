@@ -6,13 +6,12 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import preload
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import OnObject, StageOperator, Work, reveal
+from .stage import AtOnce, OnObject, StageOperator, Work
 
 
 class Check(StageOperator, bpy.types.Operator):
@@ -43,12 +42,11 @@ class Check(StageOperator, bpy.types.Operator):
         )
 
 
-class ShowFinding(OnObject, bpy.types.Operator):
+class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
     """Select the faces that this is about"""
 
     bl_idname = "flexmaps.show_finding"
     bl_label = "Show faces"
-    bl_options = {"REGISTER", "UNDO"}
 
     index: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
@@ -59,25 +57,15 @@ class ShowFinding(OnObject, bpy.types.Operator):
             return "There is nothing to show; press Check first"
         return problem
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        preload.wait()
-        from ..bridge.store import mesh
+    def act(self, context: bpy.types.Context) -> str:
+        from ..bridge.view import framing
 
-        obj = context.object
-        findings = notes.read(obj.data)["checks"]
+        findings = notes.read(context.object.data)["checks"]
         if self.index >= len(findings):
-            return {"CANCELLED"}
+            raise FlexMapsError("There is nothing to show; press Check first")
         finding = findings[self.index]
-        try:
-            surface = mesh.read_surface(obj, context.scene)
-            if any(f >= len(surface.polygons.sizes) for f in finding["faces"]):
-                raise FlexMapsError("The mesh was changed since; press Check again")
-            reveal(context, obj, surface, finding["faces"], finding["edges"])
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, finding["message"])
-        return {"FINISHED"}
+        framing.show_place(context, finding["faces"], finding["edges"])
+        return str(finding["message"])
 
 
 CLASSES = (Check, ShowFinding)

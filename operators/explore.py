@@ -10,7 +10,7 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .stage import AnyMesh, redraw
+from .stage import AnyMesh, AtOnce
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -47,29 +47,22 @@ class Explore(ContinuedStage, bpy.types.Operator):
         return translate("{} candidates were tried. {}", len(result.candidates), result.note)
 
 
-class UseCandidate(AnyMesh, bpy.types.Operator):
+class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
     """Give the object the settings and the size of this candidate; what they make out of date is to be made again"""
 
     bl_idname = "flexmaps.use_candidate"
     bl_label = "Use this one"
-    bl_options = {"REGISTER", "UNDO"}
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ..bridge.store import explored
 
         found = explored.read(context.object)
-        try:
-            if found is None or self.number >= len(found["rows"]):
-                raise FlexMapsError("There is no such candidate; press Explore first")
-            explored.use(context.object, context.scene, found["rows"][self.number]["values"])
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        redraw(context)
-        self.report({"INFO"}, translate("Settings and size of the candidate were taken"))
-        return {"FINISHED"}
+        if found is None or self.number >= len(found["rows"]):
+            raise FlexMapsError("There is no such candidate; press Explore first")
+        explored.use(context.object, context.scene, found["rows"][self.number]["values"])
+        return translate("Settings and size of the candidate were taken")
 
 
 CLASSES = (Explore, UseCandidate)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import count
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -14,19 +11,18 @@ import bpy
 from ..bridge.hosts import letters
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
-from ..bridge.store.settings import unsaved
+from ..bridge.store.paths import file_name, folder_of
 from ..engine import files
-from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .writes import Writes
+from .writes import IntoFolder
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Export(Writes, ContinuedStage, bpy.types.Operator):
+class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
@@ -88,40 +84,6 @@ class Export(Writes, ContinuedStage, bpy.types.Operator):
             return text
         self.level = "WARNING"
         return f"{text}. {'. '.join(warnings)}"
-
-
-def folder_of(text: str) -> Path:
-    """The folder that a setting names; raises ``FlexMapsError`` where there is none."""
-    if unsaved(text):
-        raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
-    if not text.strip():
-        raise FlexMapsError("Choose a folder for the files")
-    return Path(bpy.path.abspath(text))
-
-
-def file_name(name: str) -> str:
-    """What an object's files are called, unlike those of all other meshes of this .blend file.
-
-    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case or in how an accent
-    is written alone: the later of them in the order of the names get a number.
-    """
-    taken = set[str]()
-    for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
-        numbers = (_plain(other) if number == 1 else f"{_plain(other)}_{number}" for number in count(1))
-        own = next(free for free in numbers if _on_disk(free) not in taken)
-        if other == name:
-            return own
-        taken.add(_on_disk(own))
-    raise AssertionError("the name itself is among them")
-
-
-def _on_disk(name: str) -> str:
-    """By what those systems tell names apart that look at neither case nor the way in which an accent is written."""
-    return unicodedata.normalize("NFC", name).casefold()
-
-
-def _plain(name: str) -> str:
-    return files.named(name) or "flexmaps"
 
 
 CLASSES = (Export,)

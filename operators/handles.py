@@ -6,9 +6,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
-from .stage import OnObject, redraw
+from .stage import AtOnce, OnObject, redraw
 
 KINDS = (
     ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
@@ -38,7 +37,7 @@ class _OnSpiral(OnObject):
         mouse = event.mouse_region_x, event.mouse_region_y
         origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
-        points, quads = picking.seen(context.object, _shape(context.object))
+        points, quads = picking.seen(context.object, picking.live_shape(context.object))
         found = picking.quad_at(points, quads, origin, way)
         self.quad = ALONE if found is None else found
         return found is not None
@@ -130,7 +129,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         obj = context.object
         self._before = handles.read(obj, _name(self.kind))
         scale = context.scene.unit_settings.scale_length
-        points, quads = picking.seen(obj, _shape(obj))
+        points, quads = picking.seen(obj, picking.live_shape(obj))
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
             self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))
@@ -181,10 +180,12 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         """What the handle has now: what it had, and as far as the mouse has moved."""
         import numpy as np
 
+        from ..bridge.view import picking
+
         start, middle = self._grip
         way = np.array(self._mouse(context, event, middle) - start)
         if self.kind == "PULL":
-            return self._from + way / edge_of(context.object)
+            return self._from + way / picking.edge_of(context.object)
         return self._from + 1e3 * context.scene.unit_settings.scale_length * way
 
     def _put(self, context: bpy.types.Context, quads: list[int]) -> None:
@@ -203,48 +204,25 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         redraw(context)
 
 
-class ClearHandles(OnObject, bpy.types.Operator):
+class ClearHandles(AtOnce, OnObject, bpy.types.Operator):
     """Take all handles away: let go of single spirals, end their pulls and wishes"""
 
     bl_idname = "flexmaps.clear_handles"
     bl_label = "Take handles away"
-    bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         import numpy as np
 
         from ..bridge.store import handles
 
         for name in handles.NAMES:
             handles.write(context.object, name, np.zeros(0))
-        redraw(context)
-        return {"FINISHED"}
 
 
 def _name(kind: str) -> str:
     from ..bridge.store import handles
 
     return handles.PULL if kind == "PULL" else handles.WISH
-
-
-def _shape(obj: bpy.types.Object) -> Any:
-    """The live shape of an object, where one is drawn."""
-    following = live.current()
-    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
-
-
-def edge_of(obj: bpy.types.Object) -> float:
-    """Median edge of the target in the scene's units: the way that is a newton."""
-    import numpy as np
-
-    from ..bridge.store import attributes
-    from ..bridge.view import picking
-
-    with attributes.readable(obj) as mesh:
-        pairs = np.empty(2 * len(mesh.edges), np.int32)
-        mesh.edges.foreach_get("vertices", pairs)
-    points = picking.target(obj)[pairs.reshape(-1, 2)]
-    return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)
 
 
 def _say(context: bpy.types.Context, kind: str, by: Any) -> None:

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.hosts import background, live, preload
-from .stage import OnObject, redraw
+from ..bridge.hosts import background, live
+from .stage import AtOnce, OnObject, redraw
 
 
-class Live(OnObject, bpy.types.Operator):
+class Live(AtOnce, OnObject, bpy.types.Operator):
     """Show the shape that the piece takes while you change it: settings, supports and loads, spirals, seams, vertices of the target. Press again to stop; press Simulate for the final shape with its figures"""
 
     bl_idname = "flexmaps.live"
     bl_label = "Live"
+    bl_options = {"REGISTER"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         following = live.current()
         if following is not None and following.uid == context.object.session_uid:
             live.stop()
-            redraw(context)
-            return {"FINISHED"}
-        preload.wait()
+            return
         live.start(context.object)
         if not bpy.app.timers.is_registered(_tick):
             bpy.app.timers.register(_tick)
-        redraw(context)
-        return {"FINISHED"}
 
 
 def _tick() -> float | None:

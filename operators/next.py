@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.hosts import background, preload
 from ..bridge.store import failures, guidance
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
-from .stage import AnyMesh, OnObject, reveal
+from .stage import AnyMesh, AtOnce, OnObject
 
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
@@ -77,74 +76,55 @@ class Next(AnyMesh, bpy.types.Operator):
         return guidance.of(context.object, context.scene)
 
 
-def _noticed(context: bpy.types.Context, key: str) -> Notice | None:
-    return next((n for n in guidance.of(context.object, context.scene).notices if n.key == key), None)
+def _noticed(context: bpy.types.Context, key: str) -> Notice:
+    """The notice of this key; raises ``FlexMapsError`` where it is gone."""
+    for notice in guidance.of(context.object, context.scene).notices:
+        if notice.key == key:
+            return notice
+    raise FlexMapsError("The mesh was changed since; press Check again")
 
 
-class ShowNotice(OnObject, bpy.types.Operator):
+class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
     """Select the place that this is about, and turn the view to it"""
 
     bl_idname = "flexmaps.show_notice"
     bl_label = "Show the place"
-    bl_options = {"REGISTER", "UNDO"}
 
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        found = None if context.object is None else _noticed(context, properties.key)
-        return translate(cls.__doc__ or "") if found is None else found.sentence
+        with suppress(FlexMapsError, AttributeError):  # where no object is active
+            return _noticed(context, properties.key).sentence
+        return translate(cls.__doc__ or "")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        preload.wait()
-        from ..bridge.store import mesh
+    def act(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
         found = _noticed(context, self.key)
-        if found is None:
-            return {"CANCELLED"}
-        try:
-            surface = mesh.read_surface(context.object, context.scene)
-            if any(face >= len(surface.polygons.sizes) for face in found.faces):
-                raise FlexMapsError("The mesh was changed since; press Check again")
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
         if found.faces or found.edges:
-            reveal(context, context.object, surface, list(found.faces), list(found.edges))
-            framing.frame(context)
-        self.report({"INFO"}, found.sentence)
-        return {"FINISHED"}
+            framing.show_place(context, list(found.faces), list(found.edges))
+        return found.sentence
 
 
-class LetGo(OnObject, bpy.types.Operator):
+class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
     """Go on in spite of this: it becomes information, until it says something else"""
 
     bl_idname = "flexmaps.let_go"
     bl_label = "Go on as it is"
-    bl_options = {"REGISTER", "UNDO"}
 
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    @classmethod
-    def problem(cls, context: bpy.types.Context) -> str | None:
-        running = background.current()
-        return super().problem(context) if running is None else translate("Wait until the job has ended")
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         found = _noticed(context, self.key)
-        if found is None:
-            return {"CANCELLED"}
         failures.let_go(context.object.data, found.key, found.sentence)
-        return {"FINISHED"}
 
 
-class StandOn(OnObject, bpy.types.Operator):
+class StandOn(AtOnce, OnObject, bpy.types.Operator):
     """Let the piece stand on its lowest quads, or let go of a vertex group that was chosen"""
 
     bl_idname = "flexmaps.stand_on"
     bl_label = "Stand on lowest"
-    bl_options = {"REGISTER", "UNDO"}
 
     where: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Where", items=(("lowest", "Lowest quads", ""), ("nothing", "Nothing", "")), options={"SKIP_SAVE"}
@@ -153,12 +133,11 @@ class StandOn(OnObject, bpy.types.Operator):
         name="Setting", items=(("supports", "Supports", ""), ("pulled", "Pulled", "")), options={"SKIP_SAVE"}
     )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         obj = context.object
         setattr(obj.flexmaps.loads, self.setting, "")
         if self.where == "lowest":
             obj.flexmaps_rests = "STANDS"
-        return {"FINISHED"}
 
 
 CLASSES = (Next, ShowNotice, LetGo, StandOn)

@@ -68,15 +68,11 @@ class SearchStage(ContinuedStage):
         return result[0].show(obj, context.scene)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge.store import equilibrium, mesh
+        from ..bridge.store import equilibrium
 
         panels, made, report, block, layout = result
         simulation = made.optimisation.after
-        if layout is not None:  # the flat shapes moved too
-            mesh.write_flat(obj, surface, panels.design.flat, panels.centres)
-            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
-        mesh.write_design(obj, surface, panels.design)
-        notes.write(obj.data, "spirals", block)
+        panels.write(obj, surface, block, layout)
         equilibrium.write(obj, context.scene, surface, simulation, made.limits)
         shape = simulation.report()
         limits = {} if made.limits is None else {"reach": made.limits.report()}  # not known after a stop

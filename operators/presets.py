@@ -6,7 +6,6 @@ and its material ask for; a saved one holds every setting but those of the one o
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
 from pathlib import Path
 
 import bpy
@@ -14,24 +13,10 @@ from bl_operators.presets import AddPresetBase
 
 from ..bridge.store import presets
 from ..bridge.store.i18n import translate
-from ..engine.params import ObjectSettings
 from .stage import OnObject
 
 FOLDER = Path(__file__).resolve().parent.parent
 MENU = "FLEXMAPS_PT_presets"
-OWN = {"loads", "export.folder", "render.file"}  # of the object, not of a way to work
-
-
-def values() -> list[str]:
-    """The settings that a preset holds, as expressions."""
-    found = []
-    for block in fields(ObjectSettings):
-        kind = block.default_factory
-        if kind is MISSING or block.name in OWN:
-            continue
-        names = [f"{block.name}.{f.name}" for f in fields(kind)]  # type: ignore[arg-type]
-        found += [f"settings.{name}" for name in names if name not in OWN]
-    return found
 
 
 class Preset(OnObject, AddPresetBase, bpy.types.Operator):
@@ -42,7 +27,7 @@ class Preset(OnObject, AddPresetBase, bpy.types.Operator):
     preset_menu = MENU
     preset_subdir = "flexmaps"
     preset_defines = ["settings = bpy.context.object.flexmaps"]
-    preset_values = values()
+    preset_values = presets.values()
 
 
 class ApplyPreset(OnObject, bpy.types.Operator):

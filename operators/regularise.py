@@ -43,7 +43,7 @@ class Regularise(ContinuedStage, bpy.types.Operator):
         import numpy as np
 
         from ..bridge.store import mesh, states
-        from ..bridge.view import collection
+        from ..bridge.view import replacing
 
         before, after, findings = result
         if after is before:
@@ -51,10 +51,7 @@ class Regularise(ContinuedStage, bpy.types.Operator):
             states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
         mesh.write_vertices(obj, context.scene, surface, after)
-        mesh.forget(obj, mesh.NAMES)
-        collection.clear(obj)
-        notes.drop_from(obj.data, "layout")
-        notes.write_checks(obj.data, findings)
+        replacing.begin_anew(obj, findings)
         states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()
         return translate("Vertices moved by up to {:.0%} of an edge", moved / before.median_edge)

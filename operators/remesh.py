@@ -8,9 +8,10 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import preload
-from ..bridge.store import failures, notes, settings
+from ..bridge.store import notes, settings
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import find
+from ..bridge.view import replacing
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -44,7 +45,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         from ..bridge.hosts import remesh
 
         self._source = context.object.session_uid
-        leave_edit_mode(context)
+        replacing.leave_edit_mode(context)
         wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
         polygons, count = remesh.seen(context.object, context), self.quads or wanted.quads
         return lambda progress: remesh.quads_of(polygons, count, wanted.smooth, progress, wanted.crumbs)
@@ -56,9 +57,9 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
-        take_over(context, obj, made)
+        replacing.take_over(context, obj, made)
         if self.size:
-            _resize(context, made, self.size)
+            replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons
         notes.write_checks(made.data, [*check.findings(polygons), *result.findings])
         states.stamp(made, context.scene)
@@ -68,40 +69,6 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
         redraw(context)
         yield
-
-
-def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
-    """The new object takes the place of the old one, with its settings."""
-    from ..bridge.store import handing_down
-    from ..bridge.view import collection
-
-    leave_edit_mode(context)
-    settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
-    failures.hand_down(obj.data, made.data)
-    handing_down.hand_down(obj, made)
-    collection.clear(obj)
-    obj.select_set(False)
-    obj.hide_set(True)
-    obj.hide_render = True
-    context.view_layer.objects.active = made
-    made.select_set(True)
-
-
-def _resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
-    """Scale an object about its origin until its longest side is so long; the views go along."""
-    from ..bridge.view import framing
-
-    context.view_layer.update()
-    factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
-    obj.scale = [s * factor for s in obj.scale]
-    framing.follow(context, obj, factor)
-    context.view_layer.update()
-
-
-def leave_edit_mode(context: bpy.types.Context) -> None:
-    """For a new object, which becomes the active one; *Check* may have gone to edit mode to show what is wrong."""
-    if context.object is not None and context.object.mode == "EDIT":
-        bpy.ops.object.mode_set(mode="OBJECT")
 
 
 class SetSize(StageOperator, bpy.types.Operator):
@@ -135,19 +102,11 @@ class SetSize(StageOperator, bpy.types.Operator):
         return work
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge.store import mesh
-        from ..bridge.view import collection, framing
-
         factor, edge, findings = result
         if self.times:
             obj.flexmaps.remesh.edge = edge * 1e3
-        obj.scale = [s * factor for s in obj.scale]
-        framing.follow(context, obj, factor)
-        context.view_layer.update()
-        mesh.forget(obj, mesh.NAMES)
-        collection.clear(obj)
-        notes.drop_from(obj.data, "layout")
-        notes.write_checks(obj.data, findings)
+        replacing.scale(context, obj, factor)
+        replacing.begin_anew(obj, findings)
         return translate("Scaled by {:.4g}", factor)
 
 

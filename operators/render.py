@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Iterator
-from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ import bpy
 
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
-from ..bridge.store.settings import unsaved
+from ..bridge.store.paths import picture_file, picture_files
 from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings
 from .stage import StageOperator, Work
@@ -44,8 +43,8 @@ class Render(Writes, StageOperator, bpy.types.Operator):
         from ..bridge.view import picture
 
         obj, params = find(surface.uid), settings.render
-        self._path = file_of(params.file, params.film)
-        self._guard = self.guard(settings, _present(self._path))
+        self._path = picture_file(params.file, params.film)
+        self._guard = self.guard(settings, picture_files(self._path))
         self._folder = tempfile.TemporaryDirectory(prefix="flexmaps-")
         pack, made = Path(self._folder.name) / "scene.blend", Path(self._folder.name) / "made"
         frames = 0
@@ -84,8 +83,8 @@ class Render(Writes, StageOperator, bpy.types.Operator):
 
         try:
             used = settings.read(context.object.flexmaps, ObjectSettings)
-            params, path = used.render, file_of(used.render.file, used.render.film)
-            guard = self.guard(used, _present(path))
+            params, path = used.render, picture_file(used.render.file, used.render.film)
+            guard = self.guard(used, picture_files(path))
             if params.film:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 count = picture.film(context.object, path, params)
@@ -102,23 +101,6 @@ class Render(Writes, StageOperator, bpy.types.Operator):
         shown = bpy.data.images.load(str(path), check_existing=True)
         shown.reload()
         self.report({"INFO"}, translate("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))
-
-
-def file_of(text: str, film: bool = False) -> Path:
-    """The PNG file, or the film, that a setting names. Raises ``FlexMapsError`` where it names none."""
-    if unsaved(text):
-        raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
-    if not text.strip():
-        raise FlexMapsError("Choose a file for the picture")
-    path = Path(bpy.path.abspath(text))
-    return (
-        path if path.suffix.lower() in ({".png", ".mp4"} if film else {".png"}) else path.with_name(f"{path.name}.png")
-    )
-
-
-def _present(path: Path) -> list[Path]:
-    """The picture or film, and the frames of an earlier one."""
-    return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]
 
 
 CLASSES = (Render,)

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store.i18n import translate
+from ..bridge.store.paths import file_name, folder_of
 from ..bridge.store.settings import unsaved
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .export import file_name, folder_of
-from .writes import Writes
+from .writes import IntoFolder
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
 
-class Report(Writes, ContinuedStage, bpy.types.Operator):
+class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -102,7 +102,7 @@ class Report(Writes, ContinuedStage, bpy.types.Operator):
             yield
 
 
-class Share(Writes, ContinuedStage, bpy.types.Operator):
+class Share(IntoFolder, ContinuedStage, bpy.types.Operator):
     """Write one page that holds the piece in 3D, to send to somebody who has only a browser: from flat panels to the shape, and how to join them step by step"""
 
     bl_idname = "flexmaps.share"

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import notes
-from ..bridge.store.i18n import translate
+from ..bridge.store.i18n import span, translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
@@ -47,16 +46,11 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         return result[0].show(obj, context.scene)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
-        from ..bridge.store import mesh
-
         drawing, block, layout = result
-        if layout is not None:  # flat points have made room
-            mesh.write_flat(obj, surface, drawing.design.flat, drawing.centres)
-            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
-        mesh.write_design(obj, surface, drawing.design)
-        notes.write(obj.data, "spirals", block)
+        drawing.write(obj, surface, block, layout)
         low, _, high = block["twist_deg"]
-        said = translate("{} spirals, twist {:.0f} to {:.0f}\N{DEGREE SIGN}", block["count"], low, high)
+        twist = span(f"{low:.0f}", f"{high:.0f}", "\N{DEGREE SIGN}")
+        said = translate("{} spirals, twist {}", block["count"], twist)
         found = drawing.design.findings
         self.level = "WARNING" if found else "INFO"
         return ". ".join([said, *(finding.message for finding in found)])

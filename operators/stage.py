@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..bridge.hosts import background, preload
 from ..bridge.store.i18n import button_name, translate
-from ..bridge.view import tab
+from ..bridge.view import framing, progress, tab
+from ..bridge.view.progress import redraw
 from ..engine.errors import Cancelled, FlexMapsError
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
@@ -27,29 +28,6 @@ if TYPE_CHECKING:
 Work = Callable[[Progress], Any]
 
 TICK = 0.02  # seconds between two looks at the job
-LEAST = 0.2  # seconds between two drawings of the progress at least; by eye
-SHARE = 0.1  # of the time at most is spent on drawing, which without a graphics card slows the work down
-
-
-class Pace:
-    """Decides when the progress is drawn again: the longer the last drawing took, the later.
-
-    Blender draws before it sends the next timer event, so the delay of that event is the time that drawing took.
-    """
-
-    def __init__(self) -> None:
-        self._asked: float | None = None
-        self._next = 0.0
-
-    def due(self, now: float) -> bool:
-        """Whether to draw now, in seconds of any clock; ask at every tick, and draw when it says so."""
-        if self._asked is not None:
-            self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
-            self._asked = None
-        if now < self._next:
-            return False
-        self._asked = now
-        return True
 
 
 class Polled:
@@ -78,15 +56,40 @@ class OnObject(Polled):
         return unusable(context.object)
 
 
-class AnyMesh(Polled):
+class AnyMesh(OnObject):
     """Base of what takes a mesh with modifiers too, while no other job runs; of stages, before ``StageOperator``."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        from ..bridge.store.objects import unusable
-
         running = background.current()
-        return unusable(context.object) if running is None else still_running(running)
+        return super().problem(context) if running is None else still_running(running)
+
+
+class AtOnce:
+    """Base of small operators, which need no job: mixed in before what says where they can run."""
+
+    bl_options = {"REGISTER", "UNDO"}
+    level = "INFO"  # of the line that ``act`` returns; it may set "WARNING"
+    report: Any
+
+    def act(self, context: bpy.types.Context) -> str | None:
+        """Do it, and return the line that the user reads; an error of the user's is reported, and leaves all as it was."""
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        preload.wait()
+        try:
+            text = self.act(context)
+        except FlexMapsError as error:
+            return self._refused(context, error)
+        redraw(context)
+        if text:
+            self.report({self.level}, text)
+        return {"FINISHED"}
+
+    def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
+        self.report({"ERROR"}, str(error))
+        return {"CANCELLED"}
 
 
 class NewObject(Polled):
@@ -100,7 +103,7 @@ class NewObject(Polled):
         return None if context.mode == "OBJECT" else "Go to Object Mode: a new object is made"
 
 
-class StageOperator:
+class StageOperator(Polled):
     """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
 
     A stage gives ``prepare``, which returns the engine work as a function of a ``Progress``, and ``finish``, which writes
@@ -116,7 +119,7 @@ class StageOperator:
 
     _job: background.Job | None = None
     _timer: Any = None
-    _pace: Any = None  # a Pace
+    _pace: Any = None  # a ``progress.Pace``
     _helped = False  # whether ``meanwhile`` was called
     _writing: Any = None  # the pieces that are still to be written
     _made_from: Any = None  # checksums of the settings that the work began with
@@ -153,11 +156,8 @@ class StageOperator:
     # -- how it runs -----------------------------------------------------------------------------------------------------
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        problem = why_not(cls, context.object)
-        if problem:
-            cls.poll_message_set(translate(problem))  # type: ignore[attr-defined]
-        return problem is None
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        return why_not(cls, context.object)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
@@ -185,16 +185,16 @@ class StageOperator:
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
         manager.modal_handler_add(self)
-        self._pace = Pace()
+        self._pace = progress.Pace()
         self._pace.due(time.perf_counter())
-        show_progress(context, self._job)
+        progress.show(context, self._job)
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
         assert self._job is not None
         if event.type == "ESC" and event.value == "PRESS" and self._writing is None:
             self._job.stop()
-            show_progress(context, self._job)
+            progress.show(context, self._job)
             return {"RUNNING_MODAL"}
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
@@ -203,7 +203,7 @@ class StageOperator:
             self.meanwhile()
         if not self._job.finished:
             if self._pace.due(time.perf_counter()):
-                show_progress(context, self._job)
+                progress.show(context, self._job)
             return {"PASS_THROUGH"}
         going_on = False
         try:
@@ -230,7 +230,7 @@ class StageOperator:
         if self._writing is None:
             self._job.shown = None  # from now on the mesh itself is to be seen
             self._writing = self._write(context, self._job.result)
-        with in_scene(context, self._scene):
+        with framing.in_scene(context, self._scene):
             return next(self._writing, self) is None
 
     # -- the steps ---------------------------------------------------------------------------------------------------------
@@ -270,7 +270,8 @@ class StageOperator:
             for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
-        self.report({self.level}, message)
+        # the status bar has room for one sentence; the tab tells the others
+        self.report({self.level}, message if bpy.app.background else message.partition(". ")[0])
 
     def _clear(self, context: bpy.types.Context) -> None:
         if self._job is None:
@@ -291,11 +292,10 @@ class StageOperator:
 
     def _refused(self, context: bpy.types.Context, error: FlexMapsError) -> set[str]:
         from ..bridge.store.objects import find
-        from ..bridge.view import framing
 
         if self._surface is not None and (error.faces or error.edges):
             with suppress(FlexMapsError):  # where the object is gone there is nothing to select
-                reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
+                framing.reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame(context)
         with suppress(FlexMapsError):  # where it is gone there is nothing to note
             self._note(context, find(self.uid), error)
@@ -316,16 +316,8 @@ def idname_of(operator: Any) -> str:
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
-def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
-    """Where a result belongs: the scene that the work began in, also where another one is seen by now."""
-    scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
-    if scene == context.scene:
-        return nullcontext()
-    return context.temp_override(scene=scene, view_layer=scene.view_layers[0])
-
-
-def why_not(stage: type[StageOperator], obj: bpy.types.Object | None) -> str | None:
-    """Why a stage cannot run on the object now, as a sentence; ``None`` if it can."""
+def why_not(stage: Any, obj: bpy.types.Object | None) -> str | None:
+    """Why a stage, which has an ``obstacle``, cannot run on the object now, as a sentence; ``None`` if it can."""
     from ..bridge.store.objects import changed_by_modifiers, unusable
 
     running = background.current()
@@ -339,47 +331,3 @@ def why_not(stage: type[StageOperator], obj: bpy.types.Object | None) -> str | N
 
 def still_running(running: background.Job) -> str:
     return translate("{} is running; wait for it, or stop it with ESC", button_name(running.title))
-
-
-def reveal(
-    context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, faces: list[int], edges: list[int]
-) -> None:
-    """Select faces and edges, given in the engine's numbers, where the user sees them.
-
-    With a window that is edit mode, in face mode or, for edges alone, in edge mode.
-    """
-    import numpy as np
-
-    from ..bridge.store import attributes
-
-    if not bpy.app.background and context.view_layer.objects.active == obj:
-        if obj.mode != "EDIT":
-            bpy.ops.object.mode_set(mode="EDIT")
-        context.tool_settings.mesh_select_mode = (False, not faces, bool(faces))
-    culprits = np.asarray(edges, dtype=int)
-    attributes.select(obj, np.asarray(faces, dtype=int), surface.edge_of[culprits] if len(culprits) else culprits)
-
-
-def show_progress(context: bpy.types.Context, running: background.Job) -> None:
-    """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
-    context.window_manager.progress_update(int(100 * running.fraction))
-    if context.workspace is not None:
-        context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
-    redraw(context, "UI" if running.shown is None else "")
-
-
-def progress_line(running: background.Job) -> str:
-    if running.stopping:
-        return translate("{}: stopping", button_name(running.title))
-    line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
-    return f"{line}, {translate('about {} left', running.left)}" if running.left else line
-
-
-def redraw(context: bpy.types.Context, kind: str = "") -> None:
-    """Draw every 3D view again, for the sidebar and the overlay, or only its regions of one kind."""
-    for window in context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if kind in {"", region.type}:
-                        region.tag_redraw()

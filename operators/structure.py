@@ -12,7 +12,7 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .stage import OnObject
+from .stage import AtOnce, OnObject
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -57,12 +57,11 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         return ". ".join(told) or translate("{} loads are borne", len(block["outcomes"]))
 
 
-class AddLoad(OnObject, bpy.types.Operator):
+class AddLoad(AtOnce, OnObject, bpy.types.Operator):
     """Add a load to the load cases; loads of one name act together"""
 
     bl_idname = "flexmaps.add_load"
     bl_label = "Add load"
-    bl_options = {"REGISTER", "UNDO"}
 
     name: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Load case", description="A word; loads of one name act together", default="load"
@@ -105,36 +104,29 @@ class AddLoad(OnObject, bpy.types.Operator):
         if self.kind != "weight":
             layout.prop(self, "lasting")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..engine.structure import cases
 
         wanted = context.object.flexmaps.structure
-        try:
-            line = cases.line_of(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        line = cases.line_of(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
         wanted.cases = "; ".join([*cases.lines(wanted.cases), line])
-        return {"FINISHED"}
 
 
-class RemoveLoad(OnObject, bpy.types.Operator):
+class RemoveLoad(AtOnce, OnObject, bpy.types.Operator):
     """Take this load out"""
 
     bl_idname = "flexmaps.remove_load"
     bl_label = "Remove load"
-    bl_options = {"REGISTER", "UNDO"}
 
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..engine.structure import cases
 
         wanted = context.object.flexmaps.structure
         left = cases.lines(wanted.cases)
         del left[self.number : self.number + 1]
         wanted.cases = "; ".join(left)
-        return {"FINISHED"}
 
 
 CLASSES = (CheckStructure, AddLoad, RemoveLoad)

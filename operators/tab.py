@@ -8,7 +8,8 @@ import numpy as np
 from ..bridge.hosts import background
 from ..bridge.store import decided
 from ..bridge.store.i18n import translate
-from .stage import AnyMesh, redraw
+from ..engine.errors import FlexMapsError
+from .stage import AnyMesh, AtOnce, redraw
 
 
 class Stop(bpy.types.Operator):
@@ -26,24 +27,21 @@ class Stop(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class HoldSelection(AnyMesh, bpy.types.Operator):
+class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
     """Hold the piece at what is selected in Edit Mode: quads with two corners or more in it"""
 
     bl_idname = "flexmaps.hold_selection"
     bl_label = "Hold the selection"
-    bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         obj = context.object
         obj.update_from_editmode()
         chosen = np.empty(len(obj.data.vertices), bool)
         obj.data.vertices.foreach_get("select", chosen)
         if not chosen.any():
-            self.report({"ERROR"}, translate("Select in Edit Mode where the piece is held"))
-            return {"CANCELLED"}
+            raise FlexMapsError(translate("Select in Edit Mode where the piece is held"))
         decided.hold(obj, np.flatnonzero(chosen).tolist())
-        self.report({"INFO"}, translate("Held at {} vertices", int(chosen.sum())))
-        return {"FINISHED"}
+        return translate("Held at {} vertices", int(chosen.sum()))
 
 
 CLASSES = (Stop, HoldSelection)

@@ -11,16 +11,16 @@ import bpy
 from ..bridge.hosts import preload
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
+from ..bridge.store.paths import file_name, folder_of
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .export import file_name, folder_of
-from .stage import AnyMesh, OnObject, StageOperator, Work
-from .writes import Writes
+from .stage import AnyMesh, AtOnce, OnObject, StageOperator, Work
+from .writes import IntoFolder
 
 ENDING = "together"  # of the files' name, which begins with the active object's
 
 
-class ExportTogether(Writes, AnyMesh, StageOperator, bpy.types.Operator):
+class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
     """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
 
     bl_idname = "flexmaps.export_together"
@@ -81,12 +81,11 @@ def _chosen(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [active, *sorted(others, key=lambda obj: obj.name)]
 
 
-class AddRemnant(OnObject, bpy.types.Operator):
+class AddRemnant(AtOnce, OnObject, bpy.types.Operator):
     """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
 
     bl_idname = "flexmaps.add_remnant"
     bl_label = "Add remnant"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
@@ -95,19 +94,14 @@ class AddRemnant(OnObject, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> str:
         from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
 
-        try:
-            found = read_file(Path(bpy.path.abspath(self.filepath)))
-        except FlexMapsError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+        found = read_file(Path(bpy.path.abspath(self.filepath)))
         sheet = context.object.flexmaps.sheet
         sheet.remnants = SEPARATOR.join([*filter(None, [sheet.remnants.strip()]), bpy.path.abspath(self.filepath)])
         sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in found)
-        self.report({"INFO"}, translate("Remnant of {}", sizes))
-        return {"FINISHED"}
+        return translate("Remnant of {}", sizes)
 
 
 CLASSES = (ExportTogether, AddRemnant)

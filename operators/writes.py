@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store.i18n import translate
+from ..bridge.store.paths import folder_of
+from ..bridge.store.settings import unsaved
 from ..engine.own_files import Guard, TheirFile
+from .stage import AtOnce, OnObject
 
 if TYPE_CHECKING:
     from ..engine.params import ObjectSettings
@@ -47,6 +50,16 @@ class Writes:
         return {"CANCELLED"}
 
 
+class IntoFolder(Writes):
+    """Of the operators that write into the object's folder: they ask for one where the .blend file has no place yet."""
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        if bpy.app.background or not unsaved(context.object.flexmaps.export.folder):
+            return super().invoke(context, event)  # type: ignore[misc]
+        bpy.ops.flexmaps.choose_folder("INVOKE_DEFAULT", stage=self.bl_idname)  # type: ignore[attr-defined]
+        return {"CANCELLED"}
+
+
 class ReplaceFiles(bpy.types.Operator):
     """Write over files that FlexMaps did not write, or that were changed since"""
 
@@ -69,9 +82,33 @@ class ReplaceFiles(bpy.types.Operator):
         )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        name = self.stage.lower().replace("_ot_", ".").split(".")[-1]
-        getattr(bpy.ops.flexmaps, name)("INVOKE_DEFAULT", overwrite=True)
+        begin(self.stage, overwrite=True)
         return {"FINISHED"}
 
 
-CLASSES = (ReplaceFiles,)
+class ChooseFolder(AtOnce, OnObject, bpy.types.Operator):
+    """Choose where the files go, and write them there; it is the folder in Make from now on"""
+
+    bl_idname = "flexmaps.choose_folder"
+    bl_label = "Write the files here"
+
+    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    filter_folder: bpy.props.BoolProperty(default=True, options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+    stage: bpy.props.StringProperty(default="flexmaps.export", options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def act(self, context: bpy.types.Context) -> None:
+        context.object.flexmaps.export.folder = str(folder_of(self.directory))
+        begin(self.stage)
+
+
+def begin(stage: str, **options: Any) -> None:
+    """Run a stage by its idname, beside the window where there is one."""
+    name = stage.lower().replace("_ot_", ".").split(".")[-1]
+    getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)
+
+
+CLASSES = (ReplaceFiles, ChooseFolder)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import bpy
 
 from ..bridge.store import explored
 from ..engine.materials import STRAINED
-from ..engine.params import SHOWN, ObjectSettings
 from ..engine.structure import cases
 from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of, look
@@ -108,25 +106,12 @@ def _explore(body: Any, context: bpy.types.Context) -> None:
     column = body.box().column(align=True)
     for number, row in enumerate(found["rows"][:CANDIDATES]):
         line = column.split(factor=0.62, align=True)
-        button(line, "flexmaps.use_candidate", ", ".join(_said(*one) for one in row["values"].items())).number = number
+        said = ", ".join(explored.said(*one) for one in row["values"].items())
+        button(line, "flexmaps.use_candidate", said).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)
         line.alert = share > STRAINED
         line.label(text=f"{measures.get('rms_percent', 0.0):.2g} %, {100 * share:.0f} %", translate=False)
-
-
-def _said(name: str, found: Any) -> str:
-    """A value with its unit, in the words of the place where it is set."""
-    section, _, short = ("remesh.edge" if name == "edge" else name).partition(".")
-    block = {f.name: f.default_factory for f in fields(ObjectSettings)}.get(section)
-    known = [f for f in fields(block) if f.name == short] if block is not None else []  # type: ignore[arg-type]
-    if not known:  # of another version
-        return f"{name} {found}"
-    meta = known[0].metadata
-    for key, label, _ in meta["choices"]:
-        if key == found:
-            return tr(label)
-    return f"{found:.4g} {SHOWN[meta['unit']][1]}".rstrip() if isinstance(found, int | float) else str(found)
 
 
 def key(context: bpy.types.Context) -> str:

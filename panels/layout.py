@@ -7,7 +7,6 @@ from typing import Any
 import bpy
 
 from ..bridge.view import choices
-from ..engine.params import LayoutParams
 from .rows import (
     LOW,
     button,
@@ -16,9 +15,8 @@ from .rows import (
     menu,
     panels,
     percent,
-    popover,
     quads,
-    settings_of,
+    settings_popover,
     sheets,
     tr,
     value,
@@ -27,6 +25,7 @@ from .stages import block_of, look
 
 PICTURE = 3.2  # size of a card's picture, in rows: three beside each other
 CARDS, A_ROW = 6, 3  # cards in sight, and in a row
+LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seamless"
 
 
 def draw(body: Any, context: bpy.types.Context) -> None:
@@ -102,19 +101,6 @@ def key(context: bpy.types.Context) -> str:
     return "" if block is None else panels(block.get("patches", 0))
 
 
-def _limits(layout: Any, wanted: Any) -> None:
-    settings_of(
-        layout,
-        wanted.layout,
-        LayoutParams,
-        "distortion_limit",
-        "compactness_limit",
-        "neck_min",
-        "patch_min",
-        "seamless",
-    )
-
-
 def _by_hand(layout: Any, context: bpy.types.Context) -> None:
     button(layout, "flexmaps.trace", tr("Trace the cuts"), "GRID")
     button(layout, "flexmaps.merge", tr("Merge panels"), "AUTOMERGE_ON")
@@ -122,4 +108,4 @@ def _by_hand(layout: Any, context: bpy.types.Context) -> None:
     button(layout, "flexmaps.flatten", tr("Flatten all"), "UV")
 
 
-CLASSES = (popover("limits", "Limits of the layout", _limits), menu("by_hand", "By hand", _by_hand))
+CLASSES = (settings_popover("limits", "Limits of the layout", "layout", *LIMITS), menu("by_hand", "By hand", _by_hand))

@@ -7,8 +7,7 @@ from typing import Any
 import bpy
 
 from ..bridge.store.settings import unsaved
-from ..engine.params import PageParams
-from .rows import button, decimals, duration, figures, menu, percent, popover, rare, settings_of, sheets, tr, value
+from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, sheets, tr, value
 from .stages import block_of, look
 
 # kinds of files that several versions stand for: setting, words, what a press switches on
@@ -74,14 +73,10 @@ def key(context: bpy.types.Context) -> str:
     return f"{said}, {duration(block['cut_minutes'])}" if "cut_minutes" in block else said
 
 
-def _page(layout: Any, wanted: Any) -> None:
-    settings_of(layout, wanted.page, PageParams)
-
-
 def _files(layout: Any, context: bpy.types.Context) -> None:
     button(layout, "flexmaps.export_together", tr("All selected on common sheets"), "PACKAGE")
     folder = bpy.path.abspath(context.object.flexmaps.export.folder)
     button(layout, "wm.path_open", tr("Open the folder"), "FILE_FOLDER").filepath = folder
 
 
-CLASSES = (popover("page", "Pages", _page), menu("files", "Files", _files))
+CLASSES = (settings_popover("page", "Pages", "page"), menu("files", "Files", _files))

@@ -7,8 +7,8 @@ from typing import Any
 import bpy
 
 from ..bridge.store import decided
-from ..engine.params import BaseParams, MaterialParams, RegulariseParams, SpiralParams
-from .rows import choice, line, pair, popover, rare, settings_of, tr, value
+from ..engine.params import MaterialParams
+from .rows import choice, line, pair, popover, rare, settings_of, settings_popover, tr, value
 
 AXES = "force_x", "force_y", "force_z"
 RIM = "rim_width", "rim_hole", "rim_spacing"
@@ -59,7 +59,7 @@ def key(context: bpy.types.Context) -> str:
 def _material(layout: Any, wanted: Any) -> None:
     """The values of a custom material; those of the list are known."""
     layout.enabled = wanted.material.material == "custom"
-    settings_of(layout, wanted.material, MaterialParams, *CUSTOM)
+    settings_of(layout, wanted.material, *CUSTOM)
 
 
 CUSTOM = tuple(name for name in MaterialParams.__dataclass_fields__ if name not in ("material", "lasts"))
@@ -68,13 +68,13 @@ CUSTOM = tuple(name for name in MaterialParams.__dataclass_fields__ if name not 
 def _quads(layout: Any, wanted: Any) -> None:
     for name in ("smooth", "crumbs"):
         layout.prop(wanted.remesh, name)
-    settings_of(layout, wanted.regularise, RegulariseParams, "boundary")
+    layout.prop(wanted.regularise, "boundary")
     layout.operator("flexmaps.regularise", icon="MOD_SMOOTH")
 
 
 def _border(layout: Any, wanted: Any) -> None:
     layout.enabled = wanted.spiral.border == "rim"
-    settings_of(layout, wanted.spiral, SpiralParams, *RIM)
+    settings_of(layout, wanted.spiral, *RIM)
 
 
 def _rests(layout: Any, wanted: Any) -> None:
@@ -87,14 +87,10 @@ def _rests(layout: Any, wanted: Any) -> None:
         layout.prop(loads, name)
 
 
-def _base(layout: Any, wanted: Any) -> None:
-    settings_of(layout, wanted.base, BaseParams, "base_height", "foot_width", "base_edge", "eyelet")
-
-
 CLASSES = (
     popover("material", "Custom material", _material),
     popover("quads", "Quads", _quads),
     popover("border", "Rim", _border),
     popover("rests", "Supports and forces", _rests),
-    popover("base", "Base", _base),
+    settings_popover("base", "Base", "base", "base_height", "foot_width", "base_edge", "eyelet"),
 )

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import MISSING, fields
-from functools import lru_cache
 from typing import Any
 
-import blf
 import bpy
 
 from ..bridge.store.i18n import CONTEXT
 from ..bridge.store.i18n import interface as tr
+from ..bridge.view.widths import lines, room
 
-# pixels at an interface scale of 1, read off pictures of the sidebar: what tabs, frames and a box take of a line, and the sidebar's
-# width where no window tells it
-FRAMES, UNKNOWN = 66, 291
 NAMES = 0.4  # share of a row that the name before its value takes, as Blender has it
 LOW = 0.85  # height of a figure, in rows; by eye
 Layout = Any  # bpy.types.UILayout, which tests stand in for
@@ -85,11 +80,17 @@ def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
     return type(idname, (_Popover, bpy.types.Panel), members)
 
 
-def settings_of(layout: Layout, owner: Any, cls: type, *names: str) -> None:
-    """Settings of a dataclass with their whole names and units, in its order: those named, or all."""
-    for f in fields(cls):
-        if f.default is not MISSING and (not names or f.name in names):
-            layout.prop(owner, f.name)
+def settings_of(layout: Layout, owner: Any, *names: str) -> None:
+    """Settings of a group with their whole names and units, in its order: those named, or all."""
+    for name, prop in owner.bl_rna.properties.items():
+        ours = prop.type != "POINTER" and not prop.is_hidden and name != "name"
+        if name in names or (ours and not names):
+            layout.prop(owner, name)
+
+
+def settings_popover(name: str, label: str, section: str, *names: str) -> type:
+    """The class of a popover with settings of a section, see ``settings_of``."""
+    return popover(name, label, lambda layout, wanted: settings_of(layout, getattr(wanted, section), *names))
 
 
 def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
@@ -128,45 +129,6 @@ def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 
         row = column.row()
         row.scale_y = LOW
         row.label(text=said, translate=False)
-
-
-def lines(text: str, width: float, most: int) -> list[str]:
-    """A sentence in at most so many lines of a width in pixels; a longer word, such as a path, goes on in the next line."""
-    found: list[str] = []
-    for word in text.split():
-        if found and wide(f"{found[-1]} {word}") <= width:
-            found[-1] += f" {word}"
-            continue
-        while len(word) > 1 and wide(word) > width:
-            fits = next((k for k in range(len(word) - 1, 1, -1) if wide(word[:k]) <= width), 1)
-            found.append(word[:fits])
-            word = word[fits:]
-        found.append(word)
-    if len(found) > most:
-        found[most - 1] += "\N{HORIZONTAL ELLIPSIS}"
-    return found[:most]
-
-
-def room(context: bpy.types.Context) -> float:
-    """Pixels, at an interface scale of 1, that the sidebar has for the words of one line."""
-    region = context.region
-    return (UNKNOWN if region is None else region.width / _unit()) - FRAMES
-
-
-def _unit() -> float:
-    return bpy.context.preferences.system.ui_scale or 1.0  # 0 without a window
-
-
-def wide(text: str) -> float:
-    """Pixels, at an interface scale of 1, that some words take in Blender's font."""
-    unit = _unit()
-    return _measured(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
-
-
-@lru_cache(4096)
-def _measured(text: str, size: float) -> float:
-    blf.size(0, size)
-    return float(blf.dimensions(0, text)[0])
 
 
 # -- how values are written --------------------------------------------------------------------------------------------

@@ -8,8 +8,8 @@ import bpy
 
 from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
+from ..bridge.store.i18n import span
 from ..bridge.view import easel, plot
-from ..engine.params import OptimiseParams, SpiralParams
 from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
 from .stages import block_of, look
 
@@ -112,12 +112,14 @@ def _results(body: Any, context: bpy.types.Context) -> None:
     figures(layout, *rows)
 
 
-RANGES = ("width_mm", "Arm width", "{:.2f} mm"), ("twist_deg", "Twist", "{:.0f}\N{DEGREE SIGN}")
+# key, words, digits and unit
+RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f", "\N{DEGREE SIGN}"))
 
 
-def _span(block: dict[str, Any], key: str, form: str) -> str:
+def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
     """The smallest and the largest of [smallest, mean, largest]."""
-    return tr("{} to {}", form.format(block[key][0]).partition(" ")[0], form.format(block[key][-1]))
+    digits, unit = form
+    return span(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
 def key(context: bpy.types.Context) -> str:
@@ -134,11 +136,9 @@ def key(context: bpy.types.Context) -> str:
 
 
 def _rare(layout: Any, wanted: Any) -> None:
-    settings_of(layout, wanted.spiral, SpiralParams, "twist_min", "twist_max", "clockwise", "grain")
+    settings_of(layout, wanted.spiral, "twist_min", "twist_max", "clockwise", "grain")
     layout.separator()
-    settings_of(
-        layout, wanted.optimise, OptimiseParams, "grain", "lies", "urge", "smoothness", "open_slots", "codesign"
-    )
+    settings_of(layout, wanted.optimise, "grain", "lies", "urge", "smoothness", "open_slots", "codesign")
 
 
 def _paint_from(layout: Any, wanted: Any) -> None:

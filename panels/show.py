@@ -6,8 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..engine.params import RenderParams
-from .rows import button, choice, line, popover, rare, settings_of, tr, value
+from .rows import button, choice, line, rare, settings_popover, tr, value
 
 SEEN = ("target", "Target"), ("assembled", "Piece"), ("panels", "Panels")
 CAMERA = "azimuth", "elevation", "pixels_x", "pixels_y", "samples", "film"
@@ -36,8 +35,4 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     rare(row, "camera")
 
 
-def _camera(layout: Any, wanted: Any) -> None:
-    settings_of(layout, wanted.render, RenderParams, *CAMERA)
-
-
-CLASSES = (popover("camera", "Camera", _camera),)
+CLASSES = (settings_popover("camera", "Camera", "render", *CAMERA),)

@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from pathlib import Path
 
 import bpy
 
-from ..bridge.store.i18n import CONTEXT
-from ..engine.params import SHOWN, ObjectSettings
+from ..bridge.store import catalogue
 
 FOLDER = Path(__file__).parent / "locale"
-CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's names, of what stands anywhere and of buttons, and our own
-
-
-def table(file: Path) -> dict[tuple[str, str], str]:
-    """What Blender wants of a language: (context, English text) -> translation; only what is translated and sure.
-
-    A message stands for the other context too where that has none of its own, names of settings also with their units.
-    """
-    import polib
-
-    entries = [entry for entry in polib.pofile(str(file)) if entry.translated()]
-    known = {(entry.msgctxt or CONTEXTS[0], entry.msgid): entry.msgstr for entry in entries}
-    for block in fields(ObjectSettings):
-        for f in fields(block.default_factory):  # type: ignore[arg-type]
-            label, unit = f.metadata["label"], SHOWN[f.metadata["unit"]][1]
-            if unit and (CONTEXTS[0], label) in known:
-                known[CONTEXTS[0], f"{label} ({unit})"] = f"{known[CONTEXTS[0], label]} ({unit})"
-    # where the contexts differ, what stands anywhere is ours too
-    ordered = sorted(known.items(), key=lambda entry: entry[0][0] == CONTEXTS[0])
-    return {(context, text): words for context in CONTEXTS for (_, text), words in ordered} | known
 
 
 def register() -> None:
     # "de" serves German wherever it is spoken, "pt_BR" Brazil's Portuguese alone
-    bpy.app.translations.register(__package__, {file.stem: table(file) for file in sorted(FOLDER.glob("*.po"))})
+    bpy.app.translations.register(
+        __package__, {file.stem: catalogue.table(file) for file in sorted(FOLDER.glob("*.po"))}
+    )
 
 
 def unregister() -> None:

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 LOCALE = ROOT / "panels" / "locale"
 BUTTON = "Operator"  # Blender's context of what stands on buttons; what stands elsewhere has none
 # calls in panels -> the context of the texts that they show
-SHOWING = {"tr": "", "counted": "", "popover": "", "menu": "", "operator": BUTTON}
+SHOWING = {"tr": "", "counted": "", "popover": "", "settings_popover": "", "menu": "", "operator": BUTTON}
 # the same in every language, or names of things
 SAME = {"", "FlexMaps", "SVG", "DXF", "PDF", "R2010", "R12", "3MF", "STL", "MDF", "VeroWhite", "RMSE", "Gauss-Newton",
         "L-BFGS-B", "Delrin (POM)", "Delrin", "Delrin acetal", "mm", "E", "Esq"}  # fmt: skip
@@ -108,9 +108,8 @@ def _of_panels() -> Found:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and _name(node.func) in SHOWING:
                 context = SHOWING[_name(node.func)]
-                given = (
-                    node.args[1:] if _name(node.func) in {"popover", "menu"} else node.args
-                )  # the first is an idname
+                named = _name(node.func) in {"popover", "settings_popover", "menu"}
+                given = node.args[1:2] if named else node.args  # an idname is before the words
                 texts = [
                     *(() if context else given),
                     *(k.value for k in node.keywords if k.arg in {"text", "label"}),

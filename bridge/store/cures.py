@@ -13,10 +13,10 @@ from .i18n import interface
 
 # findings of the check that one press mends, by what ``flexmaps.mend`` calls it; the words are of its button
 MENDS = {
-    "zero-edge": ("short-edges", "Merge {} vertices"),
-    "repeated-vertex": ("short-edges", "Merge {} vertices"),
-    "doubled-vertices": ("doubles", "Merge doubled vertices"),
-    "doubled-faces": ("double-shells", "Delete doubled faces"),
+    "zero-edge": ("short-edges", "Merge {}"),
+    "repeated-vertex": ("short-edges", "Merge {}"),
+    "doubled-vertices": ("doubles", "Merge them"),
+    "doubled-faces": ("double-shells", "Delete one"),
     "zero-area": ("thin-faces", "Dissolve {} faces"),
     "duplicate-faces": ("double-faces", "Delete {} faces"),
     "folded": ("folds", "Delete {} faces"),
@@ -29,6 +29,23 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
+# what the operator does
+MENDING = (
+    ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
+    ("doubles", "Merge doubled vertices", "Merge vertices of the border that lie in one place"),
+    ("double-shells", "Delete doubled shells", "Delete one of two shells that lie on each other"),
+    ("thin-faces", "Dissolve faces without area", "Dissolve faces that have no area"),
+    ("double-faces", "Delete doubled faces", "Delete faces on the same vertices as another one"),
+    ("folds", "Delete folded faces", "Delete one of two faces that lie on each other"),
+    ("normals", "Turn faces", "Turn faces that look to the other side than their neighbours"),
+    ("outside", "Turn bodies", "Turn closed bodies whose faces look inwards"),
+    ("loose", "Delete loose parts", "Delete vertices and edges that belong to no face"),
+    ("far", "Delete far faces", "Delete faces that lie nowhere near the others"),
+    ("not-finite", "Delete lost faces", "Delete faces whose place is no number"),
+    ("fans", "Split vertices", "Split vertices at which faces touch that share no edge"),
+    ("walls", "Split edges", "Split edges of three or more faces"),
+    ("one-sided", "Cut it open", "Cut a body with only one side open"),
+)
 
 
 @dataclass(frozen=True)
@@ -63,7 +80,7 @@ def mend(code: str, count: int) -> Cure | None:
 
 def remesh(quads: int) -> Cure:
     """New quads, about so many."""
-    return Cure(interface("Remesh, {} quads", quads), "flexmaps.quad_remesh", {"quads": quads})
+    return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
 
 
 def regularise() -> Cure:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import fields
 from typing import Any
 
 import bpy
 
 from ...engine.exploring.space import MEASURES, SIZES
-from ...engine.params import ObjectSettings, changed
+from ...engine.params import SHOWN, ObjectSettings, changed
 from . import settings
+from .i18n import interface
 
 NAME = "flexmaps_explored"
 
@@ -54,3 +56,17 @@ def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
     bpy.context.view_layer.update()  # a scale that was set a moment ago counts
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
+
+
+def said(name: str, found: Any) -> str:
+    """A value with its unit, in the words of the place where it is set."""
+    section, _, short = ("remesh.edge" if name == "edge" else name).partition(".")
+    block = {f.name: f.default_factory for f in fields(ObjectSettings)}.get(section)
+    known = [f for f in fields(block) if f.name == short] if block is not None else []  # type: ignore[arg-type]
+    if not known:  # of another version
+        return f"{name} {found}"
+    meta = known[0].metadata
+    for key, label, _ in meta["choices"]:
+        if key == found:
+            return interface(label)
+    return f"{found:.4g} {SHOWN[meta['unit']][1]}".rstrip() if isinstance(found, int | float) else str(found)

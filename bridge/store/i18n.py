@@ -21,6 +21,11 @@ def button_name(label: str) -> str:
     return bpy.app.translations.pgettext_iface(label, "Operator")
 
 
+def span(low: str, high: str, unit: str = "") -> str:
+    """For example "2 to 3 mm"; one figure where both read alike."""
+    return f"{high if low == high else interface('{} to {}', low, high)}{unit}"
+
+
 def interface(text: str, *values: Any) -> str:
     """The translation of words in the sidebar, as the preferences want it for the interface, with the values in its places."""
     translated: str = bpy.app.translations.pgettext_iface(text, CONTEXT)

@@ -14,7 +14,6 @@ from .cures import Cure
 from .flat_target import passed_over
 from .i18n import interface, translate
 from .notices import INFORMATION, KEPT, LEAST_QUADS, MADE_SQUARER, STOPS, Notice
-from .settings import unsaved
 from .states import DONE, TODO, State, is_old_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
@@ -96,7 +95,7 @@ def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice
             return Act("flexmaps.spirals", _next(interface("Cut the spirals")), said, "shape")
         said = translate("Gives every quad its spiral, and searches for those that spring into the shape")
         return Act("flexmaps.fit", _next(interface("Make it fit")), said, "shape")
-    return _cured(obj.data, found) or _files(obj)
+    return _cured(obj.data, found) or _files()
 
 
 def _layout() -> Act:
@@ -104,10 +103,7 @@ def _layout() -> Act:
     return Act("flexmaps.merge", _next(interface("Lay out the panels")), said, "layout")
 
 
-def _files(obj: bpy.types.Object) -> Act:
-    if unsaved(obj.flexmaps.export.folder):
-        said = translate("The folder for the files begins with //, which is where this file is: save it first")
-        return Act("wm.save_mainfile", _next(interface("Save the file")), said, "make")
+def _files() -> Act:
     said = translate("Lays the panels on sheets and writes the files for the cutter")
     return Act("flexmaps.export", _next(interface("Write the files")), said, "make")
 

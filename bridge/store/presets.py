@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
@@ -14,9 +15,23 @@ import bpy
 
 from ...engine import files
 from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings
 
 SUBFOLDER = "flexmaps"  # of Blender's folder of presets
+OWN = {"loads", "export.folder", "render.file"}  # settings of the object, not of a way to work
 TAKEN = "flexmaps_preset"  # on an object: the preset that it took last, and what that set
+
+
+def values() -> list[str]:
+    """The settings that a preset holds, as expressions."""
+    found = []
+    for block in fields(ObjectSettings):
+        kind = block.default_factory
+        if kind is MISSING or block.name in OWN:
+            continue
+        names = [f"{block.name}.{f.name}" for f in fields(kind)]  # type: ignore[arg-type]
+        found += [f"settings.{name}" for name in names if name not in OWN]
+    return found
 
 
 def keep(name: str, values: Mapping[str, Any]) -> Path:

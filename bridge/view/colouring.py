@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -14,23 +15,57 @@ from ...engine.params import ObjectSettings
 from ..store import attributes, equilibrium, fields, scans, settings
 from .legend import Legend
 
-# kind -> (attribute, label, unit)
-KINDS: dict[str, tuple[str, str, str]] = {
-    "ENERGY": ("flexmaps_energy", "Distortion E", ""),
-    "SQUARE": ("flexmaps_square", "Distance from a square", ""),
-    "WIDTH": ("flexmaps_width", "Width", "mm"),
-    "ANISOTROPY": ("flexmaps_width", "Anisotropy", "%"),
-    "STIFFNESS": ("flexmaps_stiffness", "Stiffness of the arms", "N\u00b7mm/rad"),
-    "TWIST": ("flexmaps_twist", "Twist", "\N{DEGREE SIGN}"),
-    "PATCH": ("flexmaps_patch", "Patches", ""),
-    "DISTANCE": ("flexmaps_distance", "Distance to target", "mm"),
-    "STRAIN_ENERGY": ("flexmaps_strain_energy", "Strain energy", "mJ"),
-    "REACH": ("flexmaps_reach", "What limits the match", ""),
-    "SAFETY": ("flexmaps_strain", "Strain", "%"),
-    "SLOT": ("flexmaps_slot", "Slots", "mm"),
-    "SCAN": ("flexmaps_scan", "Distance of the scan", "mm"),
-    "UTILISATION": ("flexmaps_utilisation", "Utilisation", "%"),
-}
+
+class Kind(NamedTuple):
+    """One number that quads are coloured by: where it is stored, the words of its legend, and of its menu."""
+
+    attribute: str
+    label: str
+    unit: str
+    name: str
+    explanation: str
+
+
+KINDS = {
+    "PATCH": Kind("flexmaps_patch", "Panels", "", "Panels", "One colour per panel"),
+    "ENERGY": Kind("flexmaps_energy", "Distortion E", "", "Distortion", "Distortion of every quad when it is flattened"),
+    "SQUARE": Kind("flexmaps_square", "Distance from a square", "", "Squareness", "How far every quad is from a square"),
+    "STIFFNESS": Kind(
+        "flexmaps_stiffness", "Stiffness of the arms", "N\u00b7mm/rad", "Stiffness",
+        "How stiff the arms of the spirals are against bending, in the mean",
+    ),
+    "WIDTH": Kind("flexmaps_width", "Width", "mm", "Arm width", "Mean width of the spirals' arms"),
+    "ANISOTROPY": Kind(
+        "flexmaps_width", "Anisotropy", "%", "Anisotropy",
+        "How unlike the two pairs of opposite arms are; the bars are as long as each pair is wide",
+    ),
+    "TWIST": Kind("flexmaps_twist", "Twist", "\N{DEGREE SIGN}", "Twist", "Twist of the spirals"),
+    "DISTANCE": Kind(
+        "flexmaps_distance", "Distance to target", "mm", "Distance", "How far the simulated shape is from the target"
+    ),
+    "STRAIN_ENERGY": Kind(
+        "flexmaps_strain_energy", "Strain energy", "mJ", "Energy", "Elastic energy in every spiral of the simulated shape"
+    ),
+    "SAFETY": Kind(
+        "flexmaps_strain", "Strain", "%", "Strain",
+        "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
+    ),
+    "SLOT": Kind(
+        "flexmaps_slot", "Slots", "mm", "Gaps", "Narrowest gap beside the arms of every spiral in the simulated shape"
+    ),
+    "REACH": Kind(
+        "flexmaps_reach", "What limits the match", "", "Limits", "What keeps every spiral from bending as the target does"
+    ),
+    "UTILISATION": Kind(
+        "flexmaps_utilisation", "Utilisation", "%", "Loads",
+        "The most that the arms of every spiral carry under the load cases, against what they bear",
+    ),
+    "SCAN": Kind(
+        "flexmaps_scan", "Distance of the scan", "mm", "Scan",
+        "How far the built piece, scanned, is from the simulated shape",
+    ),
+}  # fmt: skip
+ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
 OPEN = 0.3  # mm: the scale of the slots ends at least here, the smallest one that a laser leaves
 LEAST_ANISOTROPY = (
@@ -52,7 +87,7 @@ def painted(
     obj: bpy.types.Object, kind: str, values: Shaped[np.ndarray, " quads"]
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Linear colours of the quads, and their legend."""
-    _, label, unit = KINDS[kind]
+    _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
         return colours.of_patches(count)[values.astype(int)], Legend("1 patch" if count == 1 else f"{count} patches")
@@ -103,7 +138,7 @@ def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: floa
 
 def stiffness_legend(low: float, high: float) -> Legend:
     """The ends of a logarithmic scale."""
-    _, label, unit = KINDS["STIFFNESS"]
+    _, label, unit, *_ = KINDS["STIFFNESS"]
     return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.MUCH)
 
 
@@ -115,13 +150,13 @@ def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 
     count = np.bincount(kinds, minlength=len(looks))
     entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
     rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
-    return rgb[kinds], Legend(KINDS["REACH"][1], entries=entries)
+    return rgb[kinds], Legend(KINDS["REACH"].label, entries=entries)
 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
     """The legend of an overlay that ``store`` has written."""
     with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind][0])
+        values = attributes.get(mesh, KINDS[kind].attribute)
     assert values is not None
     return painted(obj, kind, per_quad(kind, values))[1]
 
@@ -133,10 +168,10 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
     """
     if not current(obj, kind):
         return False
-    if kind == "STIFFNESS" and (afresh or not attributes.has(obj, KINDS[kind][0])):
+    if kind == "STIFFNESS" and (afresh or not attributes.has(obj, KINDS[kind].attribute)):
         _measure_stiffness(obj)
     with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, KINDS[kind][0])
+        values = attributes.get(mesh, KINDS[kind].attribute)
         sizes = np.empty(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("loop_total", sizes)
     if values is None or (sizes != 4).any():
@@ -155,7 +190,7 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
     from ...engine.mechanics.arms.spiral_stiffness import stiffness
     from ..store import mesh, snapshot
 
-    attributes.remove(obj, KINDS["STIFFNESS"][0])
+    attributes.remove(obj, KINDS["STIFFNESS"].attribute)
     with suppress(FlexMapsError):
         used = settings.read(obj.flexmaps, ObjectSettings)
         taken = snapshot.take(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
@@ -15,6 +15,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import ConnectorParams, ObjectSettings
 from ...engine.progress import SILENT, Progress
+from ..store import notes
 from ..store.objects import find
 from . import collection
 from .curves import drawing, lines
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from ...engine.patches.flattening.flatten import FlatPatches
     from ...engine.spirals.arcs import Curve
     from ...engine.spirals.design import SpiralDesign
+    from ..store.surface import Surface
 
 LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
 PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
@@ -166,6 +168,18 @@ class PanelDrawing:
 
         centres = arrange.side_by_side(design.flat)
         return cls(design, PLAIN, centres, solids.light(design, centres), [])
+
+    def write(
+        self, obj: bpy.types.Object, surface: Surface, spirals: dict[str, Any], layout: dict[str, Any] | None
+    ) -> None:
+        """Write the spirals into the object, with their note; and where flat points have moved, these with ``layout``, what they cost."""
+        from ..store import mesh
+
+        if layout is not None:
+            mesh.write_flat(obj, surface, self.design.flat, self.centres)
+            notes.write(obj.data, "layout", notes.read(obj.data).get("layout", {}) | layout)
+        mesh.write_design(obj, surface, self.design)
+        notes.write(obj.data, "spirals", spirals)
 
     def mesh(self, name: str) -> bpy.types.Mesh:
         """The solids in their colours, metres."""

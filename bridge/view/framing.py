@@ -1,11 +1,17 @@
-"""What the 3D views look at, where an object becomes larger or smaller."""
+"""What the 3D views look at and what is selected for a person to see, where an object grows or something is wrong with it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any
 
 import bpy
+
+from ...engine.errors import FlexMapsError
+
+if TYPE_CHECKING:
+    from ..store.surface import Surface
 
 
 def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
@@ -32,7 +38,54 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
         other.select_set(False)
 
 
+def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
+    """Select one object of a view layer and no other, and turn the views to it."""
+    for other in layer.objects:
+        other.select_set(other == obj, view_layer=layer)
+    layer.objects.active = obj
+    layer.update()
+    frame(context)
+
+
 def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
     """Windows and areas of all 3D views."""
     for window in context.window_manager.windows:
         yield from ((window, area) for area in window.screen.areas if area.type == "VIEW_3D")
+
+
+def reveal(
+    context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, faces: list[int], edges: list[int]
+) -> None:
+    """Select faces and edges, given in the engine's numbers, where the user sees them.
+
+    With a window that is edit mode, in face mode or, for edges alone, in edge mode.
+    """
+    import numpy as np
+
+    from ..store import attributes
+
+    if not bpy.app.background and context.view_layer.objects.active == obj:
+        if obj.mode != "EDIT":
+            bpy.ops.object.mode_set(mode="EDIT")
+        context.tool_settings.mesh_select_mode = (False, not faces, bool(faces))
+    culprits = np.asarray(edges, dtype=int)
+    attributes.select(obj, np.asarray(faces, dtype=int), surface.edge_of[culprits] if len(culprits) else culprits)
+
+
+def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -> None:
+    """Select faces and edges of the active object, given in the engine's numbers, and turn the views to them."""
+    from ..store import mesh
+
+    surface = mesh.read_surface(context.object, context.scene)
+    if any(face >= len(surface.polygons.sizes) for face in faces):
+        raise FlexMapsError("The mesh was changed since; press Check again")
+    reveal(context, context.object, surface, faces, edges)
+    frame(context)
+
+
+def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
+    """Where a result belongs: the scene that the work began in, also where another one is seen by now."""
+    scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
+    if scene == context.scene:
+        return nullcontext()
+    return context.temp_override(scene=scene, view_layer=scene.view_layers[0])

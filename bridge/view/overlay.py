@@ -60,9 +60,9 @@ _cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 
 def register(running: Callable[[], Any]) -> None:
     """Draw from now on; ``running`` gives what the job of now shows of its work, which is drawn if it is a ``LiveShape``."""
-    items = [("NONE", "None", "No colours")]
-    items += [(kind, label, f"Colour the quads by: {label.lower()}") for kind, (_, label, _) in colouring.KINDS.items()]
-    bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(items=items, name="Overlay", update=_switched)
+    bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(
+        items=colouring.ITEMS, name="Overlay", update=_switched
+    )
     bpy.types.WindowManager.flexmaps_chosen = bpy.props.BoolProperty(name="The user chose the colours, or none")
     handlers = bpy.app.handlers
     handlers.depsgraph_update_post.append(_changed)
@@ -112,7 +112,7 @@ def _stepped(*_: object) -> None:
     shown = manager.flexmaps_overlay
     if shown == "NONE" or obj is None or obj.type != "MESH":
         return
-    there = [kind for kind in (shown, *BEFORE) if attributes.has(obj, colouring.KINDS[kind][0])]
+    there = [kind for kind in (shown, *BEFORE) if attributes.has(obj, colouring.KINDS[kind].attribute)]
     if there and there[0] != shown and colouring.current(obj, there[0]):
         manager.flexmaps_overlay = there[0]
 
@@ -236,7 +236,7 @@ class _Quads:
 
 def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
     """The object as it is seen, with the values of a kind; None where there are none, or other faces than quads."""
-    name = colouring.KINDS[kind][0]
+    name = colouring.KINDS[kind].attribute
     if obj.data.is_editmode:
         import bmesh
 

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
+from ..hosts import live
 from ..store import attributes, equilibrium
 from ..store import seen as seeing
 
@@ -48,3 +49,18 @@ def quad_at(
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())
     found = tree.ray_cast(origin, way)
     return None if found[2] is None else int(found[2])
+
+
+def live_shape(obj: bpy.types.Object) -> Any:
+    """The live shape of an object, where one is drawn."""
+    following = live.current()
+    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
+
+
+def edge_of(obj: bpy.types.Object) -> float:
+    """Median edge of the target in the scene's units: the way that is a newton."""
+    with attributes.readable(obj) as mesh:
+        pairs = np.empty(2 * len(mesh.edges), np.int32)
+        mesh.edges.foreach_get("vertices", pairs)
+    points = target(obj)[pairs.reshape(-1, 2)]
+    return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)

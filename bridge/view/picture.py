@@ -214,7 +214,7 @@ def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     polygons = surface.polygons
     data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
     with attributes.readable(obj) as own:
-        known = attributes.get(own, colouring.KINDS["PATCH"][0]) is not None
+        known = attributes.get(own, colouring.KINDS["PATCH"].attribute) is not None
     if known and finish == "PATCH":
         meshes.paint(data, np.repeat(preview.quad_colours(obj, "PATCH"), polygons.sizes, axis=0))
         data.materials.append(materials.material("FlexMaps panel", None))

@@ -209,9 +209,9 @@ def _put_object(
 def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3"]:
     """Linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
     with attributes.readable(obj) as mesh:
-        values = attributes.get(mesh, colouring.KINDS[kind][0])
+        values = attributes.get(mesh, colouring.KINDS[kind].attribute)
     if values is None:
-        raise FlexMapsError(f"There is no {colouring.KINDS[kind][1].lower()} to show yet; press Simulate first")
+        raise FlexMapsError(f"There is no {colouring.KINDS[kind].label.lower()} to show yet; press Simulate first")
     return colouring.painted(obj, kind, values)[0]
 
 

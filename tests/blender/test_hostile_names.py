@@ -18,12 +18,12 @@ import ezdxf
 import pypdfium2
 import pytest
 from flexmaps import api
+from flexmaps.bridge.store.paths import file_name
 from flexmaps.command import main as command
 from flexmaps.engine import MARK
 from flexmaps.engine.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
-from flexmaps.operators.export import file_name
 from support.bowl import bowl
 
 # ends of places in HTML, XML, JSON, PDF, DXF, shell and templates, what a spreadsheet runs, and letters that XML knows not

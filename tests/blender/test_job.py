@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge.hosts import background
+from flexmaps.bridge.view import framing, progress
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.operators import stage
@@ -51,9 +52,9 @@ class Move(stage.StageOperator):
 
 @pytest.fixture
 def window(monkeypatch: pytest.MonkeyPatch) -> Window:
-    monkeypatch.setattr(
-        stage, "bpy", SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
-    )
+    played = SimpleNamespace(app=SimpleNamespace(background=False), ops=bpy.ops, types=bpy.types)
+    for module in (stage, framing):
+        monkeypatch.setattr(module, "bpy", played)
     return Window()
 
 
@@ -273,12 +274,12 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
 @pytest.mark.parametrize("frame", [0.0, 0.015, 0.09, 0.4, 3.0])
 def test_drawing_takes_a_tenth_of_the_time(frame: float) -> None:
     """However long one drawing takes; a clock stands for the window."""
-    pace, now, drawn = stage.Pace(), 0.0, []
+    pace, now, drawn = progress.Pace(), 0.0, []
     while now < 120.0:
         if pace.due(now):
             drawn.append(now)
             now += frame
         now += stage.TICK
-    assert len(drawn) * frame <= stage.SHARE * now + frame
-    longest = max(stage.LEAST, (frame + stage.TICK) / stage.SHARE) + 2 * stage.TICK
+    assert len(drawn) * frame <= progress.SHARE * now + frame
+    longest = max(progress.LEAST, (frame + stage.TICK) / progress.SHARE) + 2 * stage.TICK
     assert len(drawn) >= now / longest - 1  # and yet as often as that allows

@@ -11,10 +11,9 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import notes, settings
+from flexmaps.bridge.store import notes, presets, settings
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
-from flexmaps.operators import presets
 
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "presets" / "flexmaps").glob("*.py"))
 

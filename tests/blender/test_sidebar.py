@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,15 +10,17 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import notes
+from flexmaps.bridge.store import catalogue, notes, notices
+from flexmaps.bridge.view import widths
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
-from flexmaps.panels import head, rows, translations, workshop
+from flexmaps.panels import head, translations, workshop
 from support.buttons import press, report
 from support.drawing import Drawn, draw, everything
 
 FRAME, MARGIN = 56, 6  # pixels, read off pictures: of the tab beside its rows; beside words in their part of a row
+ROOM = widths.UNKNOWN - widths.FRAMES
 # settings that stand nowhere in the tab: for the command line, and what the size in the head says better
 OUT = {("ChooseParams", "near"), ("RemeshParams", "edge")}
 TODAY = {  # operators that a person finds in the tab
@@ -239,23 +241,66 @@ def test_a_preset_is_named_until_a_setting_of_it_is_changed(dome: Any, root: Pat
     assert "Laser Delrin 2 mm" in draw()
 
 
+def spoken(language: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the sidebar speak a language; "" for English."""
+    if not language:
+        return
+    known = {text: said for (_, text), said in catalogue.table(translations.FOLDER / f"{language}.po").items()}
+    words = SimpleNamespace(
+        pgettext_iface=lambda text, context=None: known.get(text, text), pgettext_rpt=lambda text: known.get(text, text)
+    )
+    monkeypatch.setattr("flexmaps.bridge.store.i18n.bpy", SimpleNamespace(app=SimpleNamespace(translations=words)))
+
+
+@pytest.mark.parametrize("language", ["", "de"])
+def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
+    dome: Any, language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the check and the simulation find, each with every button that may stand beside it."""
+    spoken(language, monkeypatch)
+    remedies = {"larger": 1.25, "thinner": 0.75, "finer": 1200.0, "cut": None}
+    monkeypatch.setattr("flexmaps.engine.optimisation.remedies.of_block", lambda block: remedies)
+    found = [
+        {"code": code, "faces": [0] * 24, "edges": [0] * 24, "severity": "warning", "message": "", "more": 0.1}
+        for code in notices.WORDS
+    ]
+    made = [
+        *notices._checks(dome, found),
+        *notices._findings("structure", found),
+        *(
+            notices.Notice(
+                "failed",
+                notices.interface(words, "24 quads"),
+                "",
+                notices.STOPS,
+                cures=tuple(notices._ways(dome, name)),
+            )
+            for name, words in notices.FAILED.items()
+        ),
+    ]
+    cut = set()
+    for notice in made:
+        for cure in notice.cures:
+            share = head._share(bpy.context, (replace(notice, cures=(cure,)),))
+            for text, free in (
+                (notice.words, share * ROOM - head.SIGN), (cure.label, (1.0 - share) * ROOM - head.CURE)
+            ):  # fmt: skip
+                if widths.wide(text) > free:
+                    cut.add((text, round(widths.wide(text)), round(free)))
+    assert not cut
+
+
 @pytest.mark.parametrize("language", ["", "de"])
 def test_no_name_is_cut_at_the_usual_width(dome: Any, language: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Names before values, and choices that stand beside each other."""
-    if language:
-        known = {text: said for (_, text), said in translations.table(translations.FOLDER / f"{language}.po").items()}
-        words = SimpleNamespace(
-            pgettext_iface=lambda text, context=None: known.get(text, text),
-            pgettext_rpt=lambda text: known.get(text, text),
-        )
-        monkeypatch.setattr("flexmaps.bridge.store.i18n.bpy", SimpleNamespace(app=SimpleNamespace(translations=words)))
+    spoken(language, monkeypatch)
     for button in ("flatten", "spirals"):
         press(button)
     monkeypatch.setattr(workshop, "expert", lambda context: True)
-    width = rows.UNKNOWN - FRAME
+    width = widths.UNKNOWN - FRAME
     cut = {
-        (words, round(share * width - MARGIN), round(rows.wide(words)))
+        (words, round(share * width - MARGIN), round(widths.wide(words)))
         for words, share in everything().tight
-        if rows.wide(words) > share * width - MARGIN
+        if widths.wide(words) > share * width - MARGIN
     }
     assert not cut

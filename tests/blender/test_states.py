@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import attributes, next_button, notes, states
+from flexmaps.bridge.store.settings import unsaved
 from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -111,11 +112,13 @@ def test_traced_patches_are_to_be_joined_before_they_get_spirals(add: Any) -> No
     assert offered(ball) == "fit"
 
 
-def test_an_unsaved_file_is_to_be_saved_before_sheets_go_beside_it(made: Any, tmp_path: Path) -> None:
+def test_an_unsaved_file_asks_once_for_a_folder(made: Any, tmp_path: Path) -> None:
     made.flexmaps.sheet.margin = 7.0
-    assert offered(made) == "wm.save_mainfile"
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"))
-    assert offered(made) == "export"
+    assert unsaved(made.flexmaps.export.folder)
+    assert offered(made) == "export"  # no file is to be saved first
+    press("choose_folder", directory=str(tmp_path))
+    assert not unsaved(made.flexmaps.export.folder)
+    assert list(tmp_path.glob("*.svg"))
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])

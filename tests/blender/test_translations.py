@@ -14,7 +14,7 @@ from typing import Any
 import polib
 import pytest
 from flexmaps import operators
-from flexmaps.bridge.store import states
+from flexmaps.bridge.store import catalogue, states
 from flexmaps.bridge.store.i18n import translate
 from flexmaps.engine.params import SHOWN, ObjectSettings
 from flexmaps.panels import translations
@@ -72,7 +72,7 @@ def test_what_is_not_sure_stays_english(tmp_path: Path) -> None:
         file.append(polib.POEntry(msgid=text, msgstr=words, msgctxt=context, flags=flags, obsolete=obsolete))
     file.append(polib.POEntry(msgid="empty", msgstr=""))
     file.save(str(tmp_path / "xx.po"))
-    assert translations.table(tmp_path / "xx.po") == {
+    assert catalogue.table(tmp_path / "xx.po") == {
         ("*", "sure"): "sure",
         ("Operator", "sure"): "sure Operator",
         ("*", "pressed"): "pressed Operator",
@@ -84,7 +84,7 @@ def test_what_is_not_sure_stays_english(tmp_path: Path) -> None:
 
 def test_said_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blender as a module knows no languages: its dictionary is played here."""
-    german = {text: words for (_, text), words in translations.table(translations.FOLDER / "de.po").items()}
+    german = {text: words for (_, text), words in catalogue.table(translations.FOLDER / "de.po").items()}
     played = SimpleNamespace(
         app=SimpleNamespace(translations=SimpleNamespace(pgettext_rpt=lambda text: german.get(text, text)))
     )
@@ -96,7 +96,7 @@ def test_said_in_the_users_language(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_units_stay_with_their_names(language: Path) -> None:
-    found = translations.table(language)
+    found = catalogue.table(language)
     for block in fields(ObjectSettings):
         for f in fields(block.default_factory):  # type: ignore[arg-type]
             unit = SHOWN[f.metadata["unit"]][1]

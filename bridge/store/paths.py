@@ -1,0 +1,65 @@
+"""Where the files of an object go, and what they are called."""
+
+from __future__ import annotations
+
+import unicodedata
+from glob import escape
+from itertools import count
+from pathlib import Path
+
+import bpy
+
+from ...engine import files
+from ...engine.errors import FlexMapsError
+from .settings import unsaved
+
+
+def folder_of(text: str) -> Path:
+    """The folder that a setting names; raises ``FlexMapsError`` where there is none."""
+    if unsaved(text):
+        raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
+    if not text.strip():
+        raise FlexMapsError("Choose a folder for the files")
+    return Path(bpy.path.abspath(text))
+
+
+def file_name(name: str) -> str:
+    """What an object's files are called, unlike those of all other meshes of this .blend file.
+
+    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case or in how an accent
+    is written alone: the later of them in the order of the names get a number.
+    """
+    taken = set[str]()
+    for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
+        numbers = (_plain(other) if number == 1 else f"{_plain(other)}_{number}" for number in count(1))
+        own = next(free for free in numbers if _on_disk(free) not in taken)
+        if other == name:
+            return own
+        taken.add(_on_disk(own))
+    raise AssertionError("the name itself is among them")
+
+
+def _on_disk(name: str) -> str:
+    """By what those systems tell names apart that look at neither case nor the way in which an accent is written."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def _plain(name: str) -> str:
+    return files.named(name) or "flexmaps"
+
+
+def picture_file(text: str, film: bool = False) -> Path:
+    """The PNG file, or the film, that a setting names. Raises ``FlexMapsError`` where it names none."""
+    if unsaved(text):
+        raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
+    if not text.strip():
+        raise FlexMapsError("Choose a file for the picture")
+    path = Path(bpy.path.abspath(text))
+    return (
+        path if path.suffix.lower() in ({".png", ".mp4"} if film else {".png"}) else path.with_name(f"{path.name}.png")
+    )
+
+
+def picture_files(path: Path) -> list[Path]:
+    """The picture or film, and the frames of an earlier one."""
+    return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]

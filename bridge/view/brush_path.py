@@ -1,0 +1,83 @@
+"""The way of the pointer over an object, as dabs of the brush."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import bpy
+import numpy as np
+from bpy_extras import view3d_utils
+from mathutils import Vector
+
+if TYPE_CHECKING:
+    from .easel import Easel
+
+SPACING = 0.25  # of the radius, between two dabs on the way of the pointer
+FLOW = 0.4  # of the strength, by one dab: four of them, as one place gets them from a passing brush, make nine tenths of it; by eye
+
+
+class BrushPath:
+    """The path of one stroke over the object on an easel."""
+
+    def __init__(self, obj: bpy.types.Object, easel: Easel):
+        self._object: Any = obj
+        self._easel = easel
+        self._last: np.ndarray | None = None  # of the pointer, in pixels of the region
+        self._place: np.ndarray | None = None  # of the last dab, in the object's frame
+
+    def hit(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
+        """Where the ray through a pixel of the region meets the object, and its normal there, in the object's frame."""
+        region, view = context.region, context.region_data
+        inverse = self._object.matrix_world.inverted_safe()
+        start = inverse @ view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
+        way = inverse.to_3x3() @ view3d_utils.region_2d_to_vector_3d(region, view, (x, y))
+        seen = self._object.evaluated_get(context.evaluated_depsgraph_get())
+        found, place, normal, _ = seen.ray_cast(start, way.normalized())
+        if not found:
+            return None
+        return place, normal if normal.dot(way) < 0.0 else -normal
+
+    def move(self, context: bpy.types.Context, event: Any) -> tuple[list[np.ndarray], np.ndarray] | None:
+        """The weights of the dabs from where the pointer was to where it is, and the way between them in world axes; None without any."""
+        brush = context.window_manager.flexmaps_brush
+        pressure = event.pressure if event.is_tablet else 1.0
+        size = brush.size * (pressure if brush.pressure_size else 1.0)
+        here = np.array([event.mouse_region_x, event.mouse_region_y], dtype=float)
+        last = here if self._last is None else self._last
+        steps = max(1, int(np.linalg.norm(here - last) / max(SPACING * size, 1.0)))
+        if self._last is not None and np.linalg.norm(here - last) < SPACING * size:
+            return None
+        self._last = here
+        weights, ways = list[np.ndarray](), list[np.ndarray]()
+        for k in range(steps):
+            found = self.hit(context, *(last + (here - last) * (k + 1) / steps))
+            if found is None:
+                self._place = None
+                continue
+            weights.append(self._dab(context, *found, size))
+            place = np.array(found[0])
+            if self._place is not None:
+                ways.append(place - self._place)
+            self._place = place
+        if not weights:
+            return None
+        strength = FLOW * brush.strength * (pressure if brush.pressure_strength else 1.0)
+        strength = 1.0 if brush.brush == "protect" else strength
+        way = np.array(self._object.matrix_world.to_3x3()) @ np.sum([np.zeros(3), *ways], axis=0)
+        return [strength * weight for weight in weights], way
+
+    def _dab(self, context: bpy.types.Context, place: Any, normal: Any, size: float) -> np.ndarray:
+        """The weight of one dab, mirrored where the brush is."""
+        frame, scale = self._object.matrix_world, context.scene.unit_settings.scale_length
+        region, view = context.region, context.region_data
+        centre = view3d_utils.location_3d_to_region_2d(region, view, frame @ place)
+        beside = view3d_utils.region_2d_to_location_3d(region, view, centre + Vector((size, 0.0)), frame @ place)
+        radius = (beside - frame @ place).length * scale
+        turned = frame.to_3x3().inverted_safe().transposed()
+        sides = (1.0, -1.0) if context.window_manager.flexmaps_brush.mirror else (1.0,)
+        found = []
+        for side in sides:
+            over = Vector((side, 1.0, 1.0))
+            where = np.array(frame @ (place * over)) * scale
+            found.append(self._easel.ground.weight(where, np.array(turned @ (normal * over)), radius))
+        return np.max(found, axis=0)

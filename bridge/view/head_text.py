@@ -1,0 +1,147 @@
+"""What the head of the tab says beside the guidance: of a job that runs, of live mode, and where there is no mesh to work on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+
+from ...engine import VERSION, versions
+from ..hosts import background, live
+from ..store import notes
+from ..store.cures import Cure
+from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
+from ..store.i18n import interface
+from ..store.notices import INFORMATION, Notice
+from ..store.objects import shared, unusable
+from . import collection
+
+SIGNS = {NEUTRAL: "INFO", TICK: "CHECKMARK", LOOK: "ERROR", STOPPED: "CANCEL", REDO: "FILE_REFRESH"}
+REMOVE = "flexmaps.remove_left_over"
+WELCOME = "Welcome to FlexMaps"
+ABOUT = "It turns a surface into flat panels that spring into its shape. Select a mesh, or press Next for an example."
+# what Next does where there is no mesh to work on: the object's type -> operator, words, its properties
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
+
+
+@dataclass(frozen=True)
+class Head:
+    """What the head says: the button, the status line with its icon, and either notices or a sentence.
+
+    press : what *Next* runs, with its properties; "" where nothing can be pressed
+    """
+
+    label: str
+    press: str
+    icon: str
+    status: str
+    about: str = ""
+    notices: tuple[Notice, ...] = ()
+    properties: tuple[tuple[str, Any], ...] = ()
+    alert: bool = False
+
+
+def current(context: bpy.types.Context, problem: str | None, seen: Guidance | None) -> Head:
+    """What the head says now; ``problem``: why there is nothing to work on, else ``seen``: the object's guidance."""
+    job = background.current()
+    if job is not None:
+        return _running(job)
+    if seen is None:
+        return _nothing(context, problem or "")
+    return _live(context, seen) or _idle(context, seen)
+
+
+def _running(job: Any) -> Head:
+    name = bpy.app.translations.pgettext_iface(job.title, "Operator")
+    label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
+    left = interface("About {} left", job.left) if job.left else interface("Begun")
+    step = interface(job.text) if job.text else interface("starting")
+    said = interface("Stopping") if job.stopping else left
+    return Head(
+        label, "", "SORTTIME", said, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"
+    )
+
+
+def _live(context: bpy.types.Context, seen: Guidance) -> Head | None:
+    """Of an object that live mode follows."""
+    following, obj = live.current(), context.object
+    if following is None or obj is None or following.uid != obj.session_uid:
+        return None
+    label = seen.act.label if seen.act else interface("Next")
+    press, shape = "flexmaps.next" if seen.act else "", following.shape
+    if following.problem:
+        return Head(label, press, "ERROR", interface("Live: stopped short"), interface(following.problem), alert=True)
+    if shape is None or not following.resting:
+        return Head(
+            label, press, "SORTTIME", interface("Live: on its way"), interface("The shape follows what you change.")
+        )
+    if shape.snapped:
+        jumped = interface("Snapped by up to {} mm", f"{shape.snapped:.0f}")
+        return Head(
+            label, press, "ERROR", jumped, interface("Spirals jumped to another shape. Undo brings the piece back.")
+        )
+    final = "" if following.final else interface("Press Simulate for the final shape and its figures.")
+    return Head(label, press, "CHECKMARK", interface("Live: at rest"), final)
+
+
+def _idle(context: bpy.types.Context, seen: Guidance) -> Head:
+    obj = context.object
+    notices = (*seen.notices, *around(context))
+    act, (status, sign) = seen.act, (seen.status.text, seen.status.sign)
+    about = act.tooltip if act else interface("Only you can mend this mesh. The rows tell where.")
+    others = sum(other.type == "MESH" for other in context.selected_objects if other != obj)
+    if others and not seen.open:
+        status = interface("{} selected; works on the active one", others + 1)
+    label = act.label if act else interface("Next")
+    return Head(label, "flexmaps.next" if act else "", SIGNS[sign], status, about, notices, alert=sign == STOPPED)
+
+
+def _nothing(context: bpy.types.Context, problem: str) -> Head:
+    """Where there is no mesh to work on."""
+    obj = context.object
+    if obj is None:
+        label = interface("Next: {}", interface("Add an example"))
+        return Head(label, "flexmaps.example", "INFO", interface(WELCOME), interface(ABOUT), around(context))
+    said = interface(problem)
+    if obj.type in CONVERTIBLE:
+        label = interface("Next: {}", interface("Convert to a mesh"))
+        return Head(
+            label, "object.convert", "INFO", interface("Not a mesh yet"), said, properties=(("target", "MESH"),)
+        )
+    if obj.type == "MESH" and obj.library is None and obj.data.library is None:
+        label = interface("Next: {}", interface("Object Mode"))
+        return Head(
+            label, "object.mode_set", "INFO", interface("In another mode"), said, properties=(("mode", "OBJECT"),)
+        )
+    return Head(interface("Next"), "", "INFO", interface("Nothing to work on"), said)
+
+
+def around(context: bpy.types.Context) -> tuple[Notice, ...]:
+    """What is to be known beside the object itself, as information."""
+    obj, found = context.object, []
+    left = collection.left_over(context.scene)
+    if left:
+        names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
+        said = interface("{} was deleted, its panels are still there", names)
+        found.append(
+            Notice("left", interface("Left-over panels"), said, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
+        )
+    if unusable(obj) is not None:
+        return tuple(found)
+    others, version = shared(obj), notes.made_with(obj.data)
+    if others:
+        said = interface("The mesh is shared with {}: seams and results are common to all", others)
+        found.append(Notice("shared", interface("Shared mesh"), said, INFORMATION))
+    changed = versions.since(version)
+    if versions.order(version) > versions.order(VERSION):
+        said = interface(
+            "Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION
+        )
+        found.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+    elif changed:
+        said = " ".join(
+            (interface("Made with FlexMaps {}; since then:", version), *(f"{interface(text)}." for text in changed))
+        )
+        found.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+    return tuple(found)

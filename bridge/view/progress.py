@@ -1,0 +1,57 @@
+"""How far a job is, as the status bar, the cursor and the sidebar tell it, and when they are drawn again."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..hosts import background
+from ..store.i18n import button_name, translate
+
+LEAST = 0.2  # seconds between two drawings of the progress at least; by eye
+SHARE = 0.1  # of the time at most is spent on drawing, which without a graphics card slows the work down
+
+
+class Pace:
+    """Decides when the progress is drawn again: the longer the last drawing took, the later.
+
+    Blender draws before it sends the next timer event, so the delay of that event is the time that drawing took.
+    """
+
+    def __init__(self) -> None:
+        self._asked: float | None = None
+        self._next = 0.0
+
+    def due(self, now: float) -> bool:
+        """Whether to draw now, in seconds of any clock; ask at every tick, and draw when it says so."""
+        if self._asked is not None:
+            self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
+            self._asked = None
+        if now < self._next:
+            return False
+        self._asked = now
+        return True
+
+
+def show(context: bpy.types.Context, running: background.Job) -> None:
+    """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
+    context.window_manager.progress_update(int(100 * running.fraction))
+    if context.workspace is not None:
+        context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
+    redraw(context, "UI" if running.shown is None else "")
+
+
+def progress_line(running: background.Job) -> str:
+    if running.stopping:
+        return translate("{}: stopping", button_name(running.title))
+    line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
+    return f"{line}, {translate('about {} left', running.left)}" if running.left else line
+
+
+def redraw(context: bpy.types.Context, kind: str = "") -> None:
+    """Draw every 3D view again, for the sidebar and the overlay, or only its regions of one kind."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if kind in {"", region.type}:
+                        region.tag_redraw()

@@ -1,0 +1,60 @@
+"""An object in the place of another one, or with other quads: what goes along, and what goes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ...engine.params import ObjectSettings
+from ..store import failures, notes, settings
+from . import collection, framing
+
+if TYPE_CHECKING:
+    from ...engine.surface.checking.check import Finding
+
+
+def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
+    """The new object takes the place of the old one, with its settings."""
+    from ..store import handing_down  # scipy comes with it
+
+    leave_edit_mode(context)
+    settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
+    failures.hand_down(obj.data, made.data)
+    handing_down.hand_down(obj, made)
+    collection.clear(obj)
+    obj.select_set(False)
+    obj.hide_set(True)
+    obj.hide_render = True
+    context.view_layer.objects.active = made
+    made.select_set(True)
+
+
+def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
+    """Scale an object about its origin until its longest side is so long; the views go along."""
+    context.view_layer.update()
+    factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
+    scale(context, obj, factor)
+
+
+def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
+    """Scale an object about its origin; the views go along."""
+    obj.scale = [s * factor for s in obj.scale]
+    framing.follow(context, obj, factor)
+    context.view_layer.update()
+
+
+def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
+    """Drop what was made of quads that are others now, and note what the check says of these."""
+    from ..store import mesh
+
+    mesh.forget(obj, mesh.NAMES)
+    collection.clear(obj)
+    notes.drop_from(obj.data, "layout")
+    notes.write_checks(obj.data, findings)
+
+
+def leave_edit_mode(context: bpy.types.Context) -> None:
+    """For a new object, which becomes the active one; *Check* may have gone to edit mode to show what is wrong."""
+    if context.object is not None and context.object.mode == "EDIT":
+        bpy.ops.object.mode_set(mode="OBJECT")
