@@ -9,6 +9,7 @@ import bpy
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .stage import AtOnce
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -65,23 +66,17 @@ class Preview(ContinuedStage, bpy.types.Operator):
         return text
 
 
-class RemoveLeftOver(bpy.types.Operator):
+class RemoveLeftOver(AtOnce, bpy.types.Operator):
     """Remove the panels, previews and films of models that were deleted"""
 
     bl_idname = "flexmaps.remove_left_over"
     bl_label = "Remove panels of deleted models"
-    bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         from ..bridge.view import collection
 
-        found = collection.left_over(context.scene)
-        for own in found:
+        for own in collection.left_over(context.scene):
             collection.remove(own)
-        return {"FINISHED"} if found else {"CANCELLED"}
 
 
-CLASSES = (
-    RemoveLeftOver,
-    Preview,
-)
+CLASSES = (RemoveLeftOver, Preview)

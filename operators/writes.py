@@ -11,6 +11,7 @@ import bpy
 from ..bridge.store.i18n import translate
 from ..bridge.store.paths import folder_of
 from ..bridge.store.settings import unsaved
+from ..engine.errors import FlexMapsError
 from ..engine.own_files import Guard, TheirFile
 from .stage import AtOnce, OnObject
 
@@ -60,7 +61,7 @@ class IntoFolder(Writes):
         return {"CANCELLED"}
 
 
-class ReplaceFiles(bpy.types.Operator):
+class ReplaceFiles(AtOnce, bpy.types.Operator):
     """Write over files that FlexMaps did not write, or that were changed since"""
 
     bl_idname = "flexmaps.replace_files"
@@ -81,9 +82,8 @@ class ReplaceFiles(bpy.types.Operator):
             icon="WARNING",
         )
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         begin(self.stage, overwrite=True)
-        return {"FINISHED"}
 
 
 class ChooseFolder(AtOnce, OnObject, bpy.types.Operator):
@@ -106,9 +106,12 @@ class ChooseFolder(AtOnce, OnObject, bpy.types.Operator):
 
 
 def begin(stage: str, **options: Any) -> None:
-    """Run a stage by its idname, beside the window where there is one."""
+    """Run a stage by its idname, beside the window where there is one. Raises ``FlexMapsError`` with what it complains of."""
     name = stage.lower().replace("_ot_", ".").split(".")[-1]
-    getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)
+    try:
+        getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)
+    except RuntimeError as error:
+        raise FlexMapsError(str(error).strip().removeprefix("Error: ")) from error
 
 
 CLASSES = (ReplaceFiles, ChooseFolder)

@@ -33,7 +33,9 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
     value(column, wanted.layout, "symmetric", tr("Symmetry"))
 
-    rare(choice(body, tr("Border"), wanted.spiral, "border"), "border")
+    row = choice(body, tr("Border"), wanted.spiral, "border")
+    row.enabled = decided.has_border(obj.data)
+    rare(row, "border")
 
     column = body.column(align=True)
     choice(column, tr("Rests"), obj, "flexmaps_rests")
@@ -51,7 +53,8 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 def key(context: bpy.types.Context) -> str:
     """What was decided, beside the heading."""
     obj = context.object
-    chosen = (obj.flexmaps.spiral, "border"), (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
+    border = [(obj.flexmaps.spiral, "border")] if decided.has_border(obj.data) else []
+    chosen = *border, (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
     names = [owner.bl_rna.properties[name].enum_items[getattr(owner, name)].name for owner, name in chosen]
     return ", ".join(map(tr, names))
 

@@ -51,6 +51,11 @@ def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     return sqrt(float(areas.sum()) * stretch / obj.flexmaps.remesh.quads)
 
 
+def has_border(mesh: bpy.types.Mesh) -> bool:
+    """Whether some edge bounds one face alone, by counts; for every redraw."""
+    return 2 * len(mesh.edges) > len(mesh.loops)
+
+
 def _rests(obj: Any) -> int:
     wanted = obj.flexmaps
     if wanted.base.base == "eyelets":

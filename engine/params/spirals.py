@@ -72,7 +72,7 @@ class SpiralParams(Params):
         "stubs",
         "Border",
         "What becomes of the arms that end at an open border, where they have no other arm to meet",
-        choices=(
+        choices=(  # in this order, by which .blend files keep them
             ("stubs", "Stubs", "They are cut as all others, and end in the air"),
             ("left_out", "Plain", "They are not cut; their hubs have a round end in their place"),
             ("rim", "Rim", "A strip along the border joins their tips, with holes for a cord or rivets"),

@@ -15,7 +15,7 @@ from flexmaps.engine.params import SheetParams, SimulateParams, SpiralParams
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design, spiral
 
-STUBS, OUT = SpiralParams(), SpiralParams(border="left_out")
+STUBS, OUT = SpiralParams(border="stubs"), SpiralParams(border="left_out")
 
 
 def _polygon(outline):

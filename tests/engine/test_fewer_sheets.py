@@ -28,7 +28,7 @@ def test_one_cut_saves_a_sheet(squares):
     layout, mesh = made.layout, squares.layout.mesh
     assert len(layout.patches) == 4
     assert fewer.joints(layout) == 3 * 8  # straight through a square
-    shapes = fewer.outlines(made, SpiralParams())
+    shapes = fewer.outlines(made, SpiralParams(border="stubs"))
     assert sum(shapely.Polygon(s).area for s in shapes) == pytest.approx(3 * 0.36**2)
     assert len(pack(shapes, (0.6, 0.4), 0.005, 0.003).sizes) == 2
     assert "1 cuts more, with 8 joints" in layout.notes["split"]
