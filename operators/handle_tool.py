@@ -6,10 +6,19 @@ from typing import Any
 
 import bpy
 
+from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
-from ..bridge.view.handle_gizmos import HandleGizmos
+from ..bridge.view.handle_gizmos import Handles
 from ..engine.errors import FlexMapsError
 from .stage import AtOnce, OnObject
+
+
+class HandleGizmos(Handles, bpy.types.GizmoGroup):
+    bl_idname = "FLEXMAPS_GGT_handles"
+    bl_label = "FlexMaps handles"
+    bl_space_type, bl_region_type = "VIEW_3D", "WINDOW"
+    bl_options = {"3D", "PERSISTENT"}
+    shape_of = staticmethod(live.shape_of)
 
 
 class _HandleTool:

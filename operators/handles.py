@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
 from .stage import AtOnce, OnObject, redraw
 
@@ -37,7 +38,7 @@ class _OnSpiral(OnObject):
         mouse = event.mouse_region_x, event.mouse_region_y
         origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
-        points, quads = picking.seen(context.object, picking.live_shape(context.object))
+        points, quads = picking.seen(context.object, live.shape_of(context.object))
         found = picking.quad_at(points, quads, origin, way)
         self.quad = ALONE if found is None else found
         return found is not None
@@ -129,7 +130,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         obj = context.object
         self._before = handles.read(obj, _name(self.kind))
         scale = context.scene.unit_settings.scale_length
-        points, quads = picking.seen(obj, picking.live_shape(obj))
+        points, quads = picking.seen(obj, live.shape_of(obj))
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
             self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))

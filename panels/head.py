@@ -6,11 +6,12 @@ from typing import Any
 
 import bpy
 
-from ..bridge.hosts import background
+from ..bridge.hosts import background, live
+from ..bridge.store.i18n import quads
 from ..bridge.store.notices import INFORMATION, KEPT, STOPS, Notice
 from ..bridge.view import colouring, head_text
 from ..bridge.view.widths import lines, room, wide
-from .rows import button, menu, quads, sentence, tr
+from .rows import button, menu, sentence, tr
 from .stages import look
 
 SLOTS = 3  # rows below the status line, always as many
@@ -40,7 +41,8 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     shown.enabled = problem is None
     shown.menu("FLEXMAPS_MT_colours", text="", icon="OVERLAY")
     _size(layout, context, problem is None and running is None)
-    said = head_text.current(context, problem, None if problem is not None else look(context).guidance)
+    seen = look(context).guidance if problem is None else None
+    said = head_text.current(context, problem or "", seen, running, live.current())
     _next(layout, said, running)
     box = layout.box().column(align=True)
     row = box.row()

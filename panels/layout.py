@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import choices
 from .rows import (
     LOW,
@@ -13,11 +14,8 @@ from .rows import (
     duration,
     figures,
     menu,
-    panels,
     percent,
-    quads,
     settings_popover,
-    sheets,
     tr,
     value,
 )

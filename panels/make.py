@@ -6,8 +6,9 @@ from typing import Any
 
 import bpy
 
+from ..bridge.store.i18n import sheets
 from ..bridge.store.settings import unsaved
-from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, sheets, tr, value
+from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
 from .stages import block_of, look
 
 # kinds of files that several versions stand for: setting, words, what a press switches on

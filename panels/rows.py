@@ -146,20 +146,3 @@ def percent(block: dict[str, Any], key: str) -> str:
 
 def duration(minutes: float) -> str:
     return f"{max(minutes, 1):.0f} min" if minutes < 90 else f"{minutes / 60:.1f} h"
-
-
-def counted(count: int, one: str, many: str) -> str:
-    """For example "1 panel" or "4 panels", in the language of the interface; the words with a place for the number."""
-    return tr(one if count == 1 else many, count)
-
-
-def panels(count: int) -> str:
-    return counted(count, "{} panel", "{} panels")
-
-
-def sheets(count: int) -> str:
-    return counted(count, "{} sheet", "{} sheets")
-
-
-def quads(count: int) -> str:
-    return counted(count, "{} quad", "{} quads")

@@ -32,6 +32,12 @@ def current() -> Follower | None:
     return _running[0] if _running else None
 
 
+def shape_of(obj: bpy.types.Object) -> Any:
+    """The live shape of an object, where one is drawn."""
+    following = current()
+    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
+
+
 def shown() -> Any:
     """What is drawn over the 3D view, if anything."""
     return _running[0].shown if _running else None

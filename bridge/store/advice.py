@@ -42,7 +42,9 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
 def helped(brought: dict[str, Any]) -> bool:
     """Whether the shape came nearer by as much as anybody would care for, or arms that were strained too much are strained less."""
     (far, near), (strain, eased) = (brought[name] for name in FIGURES)
-    return bool(near < NEARER * far or (strain is not None and eased is not None and strain > STRAINED and eased < strain))
+    return bool(
+        near < NEARER * far or (strain is not None and eased is not None and strain > STRAINED and eased < strain)
+    )
 
 
 def said(brought: dict[str, Any]) -> str:

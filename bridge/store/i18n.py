@@ -30,3 +30,18 @@ def interface(text: str, *values: Any) -> str:
     """The translation of words in the sidebar, as the preferences want it for the interface, with the values in its places."""
     translated: str = bpy.app.translations.pgettext_iface(text, CONTEXT)
     return translated.format(*values) if values else translated
+
+
+def panels(count: int) -> str:
+    """For example "1 panel" or "4 panels"."""
+    return interface("{} panel" if count == 1 else "{} panels", count)
+
+
+def sheets(count: int) -> str:
+    """For example "1 sheet" or "4 sheets"."""
+    return interface("{} sheet" if count == 1 else "{} sheets", count)
+
+
+def quads(count: int) -> str:
+    """For example "1 quad" or "4 quads"."""
+    return interface("{} quad" if count == 1 else "{} quads", count)

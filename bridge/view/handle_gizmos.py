@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import bpy
@@ -17,21 +18,21 @@ MOST = 200  # gizmos at the most, so that a piece that is held all along its bor
 COLOURS = {"held": (0.95, 0.35, 0.30), "pull": (0.25, 0.65, 0.95), "wish": (0.45, 0.80, 0.35)}
 
 
-class HandleGizmos(bpy.types.GizmoGroup):
-    """A ring where a spiral is held, an arrow where one is pulled, an arrow with a box to where one is wished"""
+class Handles:
+    """A ring where a spiral is held, an arrow where one is pulled, an arrow with a box to where one is wished; of a group of gizmos.
 
-    bl_idname = "FLEXMAPS_GGT_handles"
-    bl_label = "FlexMaps handles"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "WINDOW"
-    bl_options = {"3D", "PERSISTENT"}
+    shape_of : gives the live shape of an object, where one is drawn
+    """
+
+    gizmos: Any
+    shape_of: Callable[[bpy.types.Object], Any]
 
     def setup(self, context: bpy.types.Context) -> None:
         self._made: list[tuple[str, int]] = []
 
     def refresh(self, context: bpy.types.Context) -> None:
         """As many gizmos as there are handles."""
-        wanted = [(kind, quad) for kind, quad, _, _ in _handles(context)]
+        wanted = [(kind, quad) for kind, quad, _, _ in _handles(context, self.shape_of)]
         if wanted == getattr(self, "_made", []):
             return
         self.gizmos.clear()
@@ -59,18 +60,20 @@ class HandleGizmos(bpy.types.GizmoGroup):
             return
         # heads of arrows grow with their frame: an edge of a quad
         edge = picking.edge_of(context.object)
-        for one, (kind, _, place, way) in zip(self.gizmos, _handles(context), strict=False):
+        for one, (kind, _, place, way) in zip(self.gizmos, _handles(context, self.shape_of), strict=False):
             one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)
             if kind != "held":
                 one.length = max(way.length / edge, 1e-3)
 
 
-def _handles(context: bpy.types.Context) -> list[tuple[str, int, Any, Any]]:
+def _handles(
+    context: bpy.types.Context, shape_of: Callable[[bpy.types.Object], Any]
+) -> list[tuple[str, int, Any, Any]]:
     """Kind, quad, place and way of every handle, in the scene's units and world axes."""
     obj = context.object
     if unusable(obj) is not None or not any(handles.PREFIXED[name] in obj.data.attributes for name in handles.NAMES):
         return []
-    points, quads = picking.seen(obj, picking.live_shape(obj))
+    points, quads = picking.seen(obj, shape_of(obj))
     if not len(quads):
         return []
     found: list[tuple[str, int, Any, Any]] = []

@@ -8,7 +8,6 @@ from typing import Any
 import bpy
 
 from ...engine import VERSION, versions
-from ..hosts import background, live
 from ..store import notes
 from ..store.cures import Cure
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
@@ -42,14 +41,21 @@ class Head:
     alert: bool = False
 
 
-def current(context: bpy.types.Context, problem: str | None, seen: Guidance | None) -> Head:
-    """What the head says now; ``problem``: why there is nothing to work on, else ``seen``: the object's guidance."""
-    job = background.current()
+def current(context: bpy.types.Context, problem: str, seen: Guidance | None, job: Any, following: Any) -> Head:
+    """What the head says now.
+
+    Parameters
+    ----------
+    problem : why there is nothing to work on; "" where there is something
+    seen : the object's guidance, where there is one
+    job : the ``background.Job`` that runs, if any
+    following : the piece that live mode follows, if any
+    """
     if job is not None:
         return _running(job)
     if seen is None:
-        return _nothing(context, problem or "")
-    return _live(context, seen) or _idle(context, seen)
+        return _nothing(context, problem)
+    return _live(context, seen, following) or _idle(context, seen)
 
 
 def _running(job: Any) -> Head:
@@ -63,9 +69,9 @@ def _running(job: Any) -> Head:
     )
 
 
-def _live(context: bpy.types.Context, seen: Guidance) -> Head | None:
+def _live(context: bpy.types.Context, seen: Guidance, following: Any) -> Head | None:
     """Of an object that live mode follows."""
-    following, obj = live.current(), context.object
+    obj = context.object
     if following is None or obj is None or following.uid != obj.session_uid:
         return None
     label = seen.act.label if seen.act else interface("Next")

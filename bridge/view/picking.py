@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
-from ..hosts import live
 from ..store import attributes, equilibrium
 from ..store import seen as seeing
 
@@ -49,12 +48,6 @@ def quad_at(
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())
     found = tree.ray_cast(origin, way)
     return None if found[2] is None else int(found[2])
-
-
-def live_shape(obj: bpy.types.Object) -> Any:
-    """The live shape of an object, where one is drawn."""
-    following = live.current()
-    return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
 def edge_of(obj: bpy.types.Object) -> float:

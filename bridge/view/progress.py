@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
-from ..hosts import background
 from ..store.i18n import button_name, translate
 
 LEAST = 0.2  # seconds between two drawings of the progress at least; by eye
@@ -32,15 +33,15 @@ class Pace:
         return True
 
 
-def show(context: bpy.types.Context, running: background.Job) -> None:
-    """The status bar, the cursor and the sidebar say how far the job is; the 3D views are drawn where it shows something."""
+def show(context: bpy.types.Context, running: Any) -> None:
+    """The status bar, the cursor and the sidebar say how far a ``background.Job`` is; the 3D views are drawn where it shows something."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
     redraw(context, "UI" if running.shown is None else "")
 
 
-def progress_line(running: background.Job) -> str:
+def progress_line(running: Any) -> str:
     if running.stopping:
         return translate("{}: stopping", button_name(running.title))
     line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()
