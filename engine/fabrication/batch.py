@@ -21,9 +21,9 @@ from ..spirals.design import SpiralDesign
 from .connectors.connect import Connections
 from .estimates import Estimates
 from .nesting.nest import nest
-from .panels.labels import seam_name
+from .panels.labels import Labels, seam_name
 from .panels.panel import Panel
-from .sheets import CutSheets, along_grain, engraved, loose_keys, with_keys
+from .sheets import CutSheets, along_grain, engraved, loose_keys, with_keys, with_labels_beside
 
 MOST = 2000  # panels on common sheets; as many take the quick packing a minute
 
@@ -77,11 +77,12 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     of = tuple(k for k, part in enumerate(parts) for _ in range(part.copies))
     panels: list[Panel] = []
     keys: list[Panel] = []
-    labels = np.zeros(2, dtype=int)
+    labels, small = np.zeros(2, dtype=int), []
     for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
-        made, placed, left_out = _marked(parts[k], copy, mark, params)
-        labels += [placed, left_out]
+        made, of_copy = _marked(parts[k], copy, mark, params)
+        labels += [of_copy.placed, of_copy.left_out]
+        small.append(of_copy.small)
         panels += [p for p in made if p.kind != "key"]
         keys += [p for p in made if p.kind == "key"]
     turns = np.array([along_grain(parts[of[p.piece]].design, params) for p in panels])
@@ -91,11 +92,15 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     laid = nest(shapes, params, progress.part(0.2, 1.0))
     packing = replace(laid, rotation=laid.rotation + turns)
     packing = with_keys(packing, tuple(Outline(key.outline, ()) for key in keys), params)
+    all_panels: tuple[Panel, ...] = (*panels, *keys)
+    for copy, of_copy_small in enumerate(small):
+        all_panels, more = with_labels_beside(all_panels, packing, of_copy_small, params, copy)
+        labels += [more, -more]
     first = parts[0].sheets
     several = [one.sheets for k in of for one in (parts[k],)]
     warnings = [f"{part.name}: {said}" for part in parts for said in part.sheets.warnings]
     sheets = CutSheets(
-        (*panels, *keys), packing, params, tuple(warnings), int(labels[0]), int(labels[1]),
+        all_panels, packing, params, tuple(warnings), int(labels[0]), int(labels[1]),
         min(s.slot_min for s in several), min(s.bridge_min for s in several),
         first.thickness, first.cut, _joined([s.connections for s in several]),
     )  # fmt: skip
@@ -124,19 +129,21 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
                 )
 
 
-def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], int, int]:
-    """The panels, plates and loose keys of one copy, engraved with its letter; how many labels have room, and how many none."""
+def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
+    """The panels, plates and loose keys of one copy, engraved with its letter, and its labels."""
     made = part.sheets
     design = part.design if made.base is None else made.base.design
     known = [p for p in made.panels if p.kind != "key"]
-    placed, left_out = made.labels_placed, made.labels_left_out
-    if mark:
-        labels = engraved(design, made.connections, params, made.base, mark)
-        placed, left_out = labels.placed, labels.left_out
-        plates = iter(() if made.base is None else made.base.plate_labels(params, mark))
-        known = [replace(p, labels=labels.strokes[p.patch] if p.patch >= 0 else next(plates)) for p in known]
+    labels = engraved(design, made.connections, params, made.base, mark)
+    plates = iter(() if made.base is None else made.base.plate_labels(params, mark))
+    known = [
+        replace(p, labels=labels.strokes[p.patch], on_hubs=labels.on_hubs[p.patch], beside=())
+        if p.patch >= 0
+        else replace(p, labels=next(plates))
+        for p in known
+    ]
     keys = loose_keys(made.connections, params, mark)
-    return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)], placed, left_out
+    return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)], labels
 
 
 def _joined(some: Sequence[Connections]) -> Connections:

@@ -16,13 +16,14 @@ from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
 from ..spirals.touching import touching
+from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
 from .nesting.many import refuse_many
 from .nesting.nest import nest
 from .nesting.packing import Packing, fill, used_length
 from .panels.kerf import cut_paths
-from .panels.labels import Labels, key_label, make_labels, marked
+from .panels.labels import Labels, SmallLabel, key_label, make_labels, marked
 from .panels.panel import Panel
 from .panels.toolpath import WAY, Runs, plan
 from .standing.base import Base
@@ -80,7 +81,7 @@ class CutSheets:
         """What the cutter does on one sheet, lead-ins and holding tabs included."""
         if index not in self._runs:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
-            labels, holes = [c for p in panels for c in p.labels], [p.holes for p in panels]
+            labels, holes = [c for p in panels for c in (*p.labels, *p.beside)], [p.holes for p in panels]
             size = tuple(self.packing.sizes[index].tolist())
             outlines, holds = [p.outline for p in panels], [p.holds for p in panels]
             self._runs[index] = plan(labels, holes, outlines, holds, size, self.cut, progress.part(0.5, 1.0))
@@ -142,21 +143,43 @@ def make_sheets(
         *check_nozzle(design, cut),
         *without(made, connectors),
     ]
-    if labels.left_out:
-        whole = labels.placed + labels.left_out
-        warnings.append(f"{labels.left_out} of {whole} labels have no room on their arms and are left out")
-    traced = progress.part(0.72, 0.72).each(panels, "outlines of the panels")
     panels += _plates(base)
-    outlines = [p.outline for p in (*traced, *panels[len(drawn) :])]
-    shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
-    refuse_many(shapes, params)
-    laid = nest(shapes, params, progress.part(0.72, 1.0))
-    warnings += dict.fromkeys(remark for one in laid.remnants for remark in one.remarks)
-    packing = with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
+    packing = _nested(panels, made, turn, params, progress.part(0.72, 1.0))
+    warnings += dict.fromkeys(remark for one in packing.remnants for remark in one.remarks)
+    panels, more = with_labels_beside(panels + loose_keys(made, params), packing, labels.small, params)
+    placed, left_out = labels.placed + more, labels.left_out - more
+    if left_out:
+        warnings.append(
+            f"{left_out} of {placed + left_out} labels have no room on or beside their panels and are left out"
+        )
     return CutSheets(
-        panels + loose_keys(made, params), packing, params, tuple(warnings), labels.placed, labels.left_out,
+        panels, packing, params, tuple(warnings), placed, left_out,
         slot, bridge, design.params.thickness, cut, made, base,
     )  # fmt: skip
+
+
+def _nested(
+    panels: Sequence[Panel], made: Connections, turn: float, params: SheetParams, progress: Progress
+) -> Packing:
+    """Where panels lie, laid along the grain by a turn in radians, and the loose keys."""
+    outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
+    shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
+    refuse_many(shapes, params)
+    laid = nest(shapes, params, progress)
+    return with_keys(replace(laid, rotation=laid.rotation + turn), made.keys, params)
+
+
+def with_labels_beside(
+    panels: Sequence[Panel], packing: Packing, small: Sequence[SmallLabel], params: SheetParams, piece: int = 0
+) -> tuple[tuple[Panel, ...], int]:
+    """The panels with the labels of one piece beside them that are small on them, and how many stand nowhere else."""
+    place = {p.patch: k for k, p in enumerate(panels) if p.patch >= 0 and p.piece == piece}
+    of_panel = [place[one.patch] for one in small]
+    found, more = list(panels), 0
+    for one, k, strokes in zip(small, of_panel, labels_beside(panels, packing, small, of_panel, params), strict=True):
+        found[k] = replace(found[k], beside=(*found[k].beside, *strokes))
+        more += bool(strokes) and not one.placed
+    return tuple(found), more
 
 
 def engraved(
@@ -169,7 +192,7 @@ def engraved(
 ) -> Labels:
     """What is engraved on the panels and on the feet that they stand on; ``mark`` is the letter of their piece."""
     if not params.labels:
-        return Labels(((),) * len(made.outlines), 0, 0)
+        return Labels(((),) * len(made.outlines), 0, 0, ((),) * len(made.outlines))
     taken = np.where(design.absent, np.inf, made.taken)
     pierced = [] if base is None else [one.quad for one in base.eyelets]
     labels = make_labels(
@@ -193,7 +216,9 @@ def _panels(
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
         pierced = (*o.holes, *(() if base is None else base.holes(i)))
         area = o.outer.area + sum(h.area for h in pierced)
-        panels.append(Panel(numbers[i], i, o.outer, pierced, labels.strokes[i], area, holds[i]))
+        panels.append(
+            Panel(numbers[i], i, o.outer, pierced, labels.strokes[i], area, holds[i], on_hubs=labels.on_hubs[i])
+        )
     return tuple(panels)
 
 

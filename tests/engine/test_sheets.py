@@ -90,7 +90,8 @@ def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
 
 def test_labels_that_would_be_too_small_are_counted(flat_grid):
     made = design.uniform(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
-    result = sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001))
+    assert sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001)).labels_left_out == 0  # beside it
+    result = sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001, spacing=0.03))
     assert result.labels_left_out == 4
     assert any("labels have no room" in w for w in result.warnings)
     assert sheets.make_sheets(made, SheetParams(nesting="FAST", labels=False)).labels_placed == 0
@@ -163,7 +164,7 @@ def test_svg_reads_back_in_true_millimetres(made, tmp_path):
         assert shapely.Polygon(points).symmetric_difference(expected).area < 1e-3 * expected.area
     for hole, points in zip(runs.inner, found["cut inner"], strict=True):
         assert shapely.Polygon(points).area == pytest.approx(-hole.area * 1e6, rel=1e-3)
-    assert len(found["engrave"]) == sum(len(p.labels) for p in made.panels)
+    assert len(found["engrave"]) == sum(len(p.labels) + len(p.beside) for p in made.panels)
 
 
 def test_a_closed_path_comes_back_to_its_start_once():

@@ -5,9 +5,11 @@ import zipfile
 
 import numpy as np
 import pytest
+import shapely
 import trimesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.panel import Panel
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.fabrication.writers import solids as solid_files
@@ -50,7 +52,7 @@ def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
         root = ET.fromstring(package.read("3D/3dmodel.model"))
     assert root.get("unit") == "millimeter"
     objects = root.findall(".//m:object", space)
-    assert [o.get("name") for o in objects] == ["panel 1", "panel 2"]
+    assert [o.get("name") for o in objects] == [f"panel {panel.number}" for panel in made.on_sheet(0)]
     assert [i.get("objectid") for i in root.findall(".//m:item", space)] == ["1", "2"]
     for found, panel in zip(objects, made.on_sheet(0), strict=True):
         vertices = np.array([[float(v.get(k)) for k in "xyz"] for v in found.iterfind(".//m:vertex", space)])
@@ -70,6 +72,28 @@ def test_a_ring_has_exactly_its_volume():
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(0.0091 * 0.002)
     assert mesh.euler_number == 0  # a torus
+
+
+@pytest.mark.parametrize("text", ["A1", "B08A", "D-69", "Q8"])
+def test_letters_on_hubs_are_grooves_of_a_fifth_of_the_thickness(text):
+    square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
+    lines = lettering.straight(text, 0.004, np.array([0.05, 0.05]), np.array([0.8, 0.6]))
+    strokes = tuple(Curve(s, np.zeros(len(s)), closed=False) for s in lines)
+    for nozzle in (0.0, 0.0006):
+        solid = solid_files.extruded(Panel(1, 0, square, (), (), 0.01, on_hubs=strokes), 0.002, nozzle=nozzle)
+        mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
+        assert mesh.is_volume
+        wide = nozzle or solid_files.GROOVE
+        letters = shapely.union_all([shapely.LineString(s).buffer(0.5 * wide, quad_segs=2) for s in lines])
+        assert mesh.volume == pytest.approx(0.01 * 0.002 - letters.area * 0.0004, rel=1e-9)
+        assert set(np.round(mesh.vertices[:, 2], 9)) == {0.0, 0.0016, 0.002}
+
+
+def test_letters_near_an_edge_are_left_out():
+    square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
+    stroke = Curve(np.array([[0.0005, 0.01], [0.0005, 0.02]]), np.zeros(2), closed=False)
+    solid = solid_files.extruded(Panel(1, 0, square, (), (), 0.01, on_hubs=(stroke,)), 0.002)
+    assert set(solid.vertices[:, 2]) == {0.0, 0.002}
 
 
 def test_an_outline_that_crosses_itself_is_refused():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,22 +22,39 @@ _FILL = 0.62  # height of the letters along an arm, as a share of its width
 _SAMPLES = 97  # places along an arm between which the line of a label is straight; not measured
 LEGIBLE = 0.002  # metres; letters that anybody reads without a lens
 _TICK = 8  # samples of an arm that its tick is long, from the hub on
+_PLACES = 8  # ends of arms that a panel's number beside it may point at
 _TOGETHER = 1000  # quads whose arms are followed together
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
 
 
 @dataclass(frozen=True, eq=False)
+class SmallLabel:
+    """A label whose letters are hardly read, or have no room: its text, its patch, and places (metres, patch frame) that it may point at.
+
+    placed : whether it stands on the material all the same
+    """
+
+    text: str
+    patch: int
+    places: Float[np.ndarray, "places 2"]
+    placed: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Labels:
     """The strokes of every patch's labels in its frame, and how many labels had no room.
 
-    strokes : one tuple of open curves per patch
+    strokes : one tuple of open curves per patch; on_hubs : those of them that stand on hubs and are legible
     placed, left_out : numbers of labels
+    small : those that may stand beside their panels too
     """
 
     strokes: tuple[tuple[Curve, ...], ...]
     placed: int
     left_out: int
+    on_hubs: tuple[tuple[Curve, ...], ...] = ()
+    small: tuple[SmallLabel, ...] = ()
 
 
 def seam_name(number: int) -> str:
@@ -88,7 +106,7 @@ def make_labels(
     """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
 
     Where an arm is too narrow for letters that are easily read and its hub has room for larger ones, the name stands there, with
-    a tick on the arm that is meant.
+    a tick on the arm that is meant. What is smaller than that all the same is named as ``small``.
 
     ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``;
     ``pierced`` are quads whose hubs have a hole.
@@ -97,35 +115,30 @@ def make_labels(
     lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
     lines.hub[list(pierced)] = 0.0
     strokes: list[list[Curve]] = [[] for _ in layout.patches]
-    placed = left_out = 0
-    names = seam_labels(layout)
-    numbers = panel_numbers(layout)
+    on_hubs: list[list[Curve]] = [[] for _ in layout.patches]
+    small: list[SmallLabel] = []
+    legible = min(LEGIBLE, params.label_height)
+    names, numbers = seam_labels(layout), panel_numbers(layout)
+
+    def add(label: _Written, text: str, patch: int, places: np.ndarray) -> None:
+        strokes[patch] += [*label.letters, *label.tick]
+        on_hubs[patch] += label.letters if label.hub and label.height >= legible else ()
+        if label.height < legible:
+            small.append(SmallLabel(text, patch, places, placed=bool(label.letters)))
+
     for patch, quads in enumerate(layout.patches):
         progress(0.2 + 0.3 * patch / len(layout.patches), "labels")
-        found = _panel_label(panel_name(numbers[patch], mark), quads, lines, names, params.label_height)
-        strokes[patch].extend(_curves(found))
-        placed += 1
+        text = panel_name(numbers[patch], mark)
+        ends = lines.points[quads][layout.outline_sides[quads]][:, 0]
+        label = _panel_label(text, quads, lines, names, params.label_height)
+        add(label, text, patch, ends[:: max(-(-len(ends) // _PLACES), 1)])
     for number, ((quad, side), joint) in enumerate(names.items()):
         progress(0.5 + 0.5 * number / len(names), "labels")
-        name = marked(joint, mark)
-        height = lines.height(quad, side, name, params.label_height)
-        on_hub = lines.on_hub(quad, name, params.label_height)
-        if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
-            lines.hub[quad] = 0.0  # taken
-            tick = lines.points[quad, side, -_TICK:]
-            written = [*straight(name, on_hub, lines.centre[quad], np.array([1.0, 0.0])), tick]
-            strokes[int(layout.patch_of[quad])].extend(_curves(written))
-            placed += 1
-            continue
-        if height < params.label_min:
-            left_out += 1
-            continue
-        width = float(lines.width[quad, side, 0])
-        middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(name)
-        written = along(name, height, lines.points[quad, side], middle)
-        strokes[int(layout.patch_of[quad])].extend(_curves(written))
-        placed += 1
-    return Labels(tuple(map(tuple, strokes)), placed, left_out)
+        text, patch = marked(joint, mark), int(layout.patch_of[quad])
+        add(_joint_label(text, quad, side, lines, params), text, patch, lines.points[quad, side, :1])
+    left_out = sum(not one.placed for one in small)
+    placed = len(layout.patches) + len(names) - left_out
+    return Labels(tuple(map(tuple, strokes)), placed, left_out, tuple(map(tuple, on_hubs)), tuple(small))
 
 
 def hub_circles(arms: Arms, roots: Hubs) -> Float[np.ndarray, " quads"]:
@@ -174,9 +187,34 @@ class _Lines:
         return min(largest, 1.8 * float(self.hub[quad]) / float(np.hypot(length(text), 1.0)))
 
 
+class _Written(NamedTuple):
+    """A label on the material: its letters, their height in metres, whether they stand on a hub, and a tick; no letters without room."""
+
+    letters: tuple[Curve, ...] = ()
+    height: float = 0.0
+    hub: bool = False
+    tick: tuple[Curve, ...] = ()
+
+
+def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetParams) -> _Written:
+    """The name of a joint on its arm, or on its hub where that has room for larger letters and the arm's are hardly read."""
+    height = lines.height(quad, side, text, params.label_height)
+    on_hub = lines.on_hub(quad, text, params.label_height)
+    if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
+        lines.hub[quad] = 0.0  # taken
+        tick = lines.points[quad, side, -_TICK:]
+        letters = straight(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
+        return _Written(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
+    if height < params.label_min:
+        return _Written()
+    width = float(lines.width[quad, side, 0])
+    middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(text)
+    return _Written(tuple(_curves(along(text, height, lines.points[quad, side], middle))), height)
+
+
 def _panel_label(
     text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
-) -> list[np.ndarray]:
+) -> _Written:
     """The number of a panel, as large as it goes: on the roomiest hub, or else along the roomiest arm without a seam label."""
     roomiest = int(quads[np.argmax(lines.hub[quads])])
     on_hub = lines.on_hub(roomiest, text, largest)
@@ -186,5 +224,7 @@ def _panel_label(
     on_arm = lines.height(quad, side, text, largest)
     if on_hub >= on_arm:
         lines.hub[roomiest] = 0.0  # taken
-        return straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
-    return along(text, on_arm, lines.points[quad, side], 0.5 * float(lines.length[quad, side]))
+        letters = straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
+        return _Written(tuple(_curves(letters)), on_hub, True)
+    line, middle = lines.points[quad, side], 0.5 * float(lines.length[quad, side])
+    return _Written(tuple(_curves(along(text, on_arm, line, middle))), on_arm)

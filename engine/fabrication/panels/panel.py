@@ -18,6 +18,7 @@ class Panel:
     outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
     kind : panel, key for the loose key of a joint, base for a plate that the piece stands on
     holds : where a holding tab may be: x and y in metres, and how little it is liked there
+    on_hubs : the legible labels that stand on hubs; beside : strokes of labels in the waste round the panel
     piece, mark : of several pieces on common sheets the one that it belongs to, and that one's letter
     """
 
@@ -31,6 +32,8 @@ class Panel:
     kind: str = "panel"
     piece: int = 0
     mark: str = ""
+    on_hubs: tuple[Curve, ...] = ()
+    beside: tuple[Curve, ...] = ()
 
     def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Panel:
         """Turned by ``rotation`` radians about the origin, then shifted, in metres."""
@@ -39,6 +42,8 @@ class Panel:
             outline=self.outline.moved(rotation, shift),
             holes=tuple(c.moved(rotation, shift) for c in self.holes),
             labels=tuple(c.moved(rotation, shift) for c in self.labels),
+            on_hubs=tuple(c.moved(rotation, shift) for c in self.on_hubs),
+            beside=tuple(c.moved(rotation, shift) for c in self.beside),
             holds=np.column_stack([_moved(self.holds[:, :2], rotation, shift), self.holds[:, 2]]),
         )
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from .operations import WRITING
 ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
 TOLERANCE = 2e-5  # metres between the arcs and the edges of the solid: printers show nothing finer, and less doubles file and slicing
 
+GROOVE = 4e-4  # metres, width of engraved letters where no nozzle is given: that of most printers
+DEPTH = 0.2  # share of the thickness that letters are deep: the hub keeps half of its stiffness in bending there
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
@@ -35,37 +39,78 @@ class Solid:
     triangles: Int[np.ndarray, "triangles 3"]
 
 
-def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE) -> Solid:
-    """A panel from z = 0 up to ``thickness`` metres; every edge has exactly two triangles.
+def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> Solid:
+    """A panel from z = 0 up to ``thickness`` metres, with the labels on its hubs as grooves; every edge has exactly two triangles.
 
-    Raises ``FlexMapsError`` where the panel's outline touches itself.
+    nozzle : metres, width of the grooves; 0 for the usual one. Raises ``FlexMapsError`` where the panel's outline touches itself.
     """
     import shapely
 
     rings = [curve.sampled(tolerance) for curve in (panel.outline, *panel.holes)]
-    flat = np.concatenate(rings)
     polygon = shapely.Polygon(rings[0], rings[1:])
     if not polygon.is_valid:
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
-    filled = shapely.constrained_delaunay_triangles(polygon)
-    corners = shapely.get_coordinates(filled).reshape(-1, 4, 2)[:, :3]
-    triangles = places(flat, corners.reshape(-1, 2)).reshape(-1, 3)
-    assert triangles.min() >= 0  # the triangles' corners are the polygon's, exactly
-    a, b, c = flat[triangles].transpose(1, 0, 2)
+    grooves = _grooves(panel, polygon, nozzle or GROOVE)
+    # rings of grooves run with the material on their left, like those of the panel
+    edges = [_ring(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some]
+    left = shapely.difference(polygon, shapely.MultiPolygon(grooves))
+    top = list(getattr(left, "geoms", [left]))
+    outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
+    floor = np.concatenate(edges) if edges else np.zeros((0, 2))
+    # points below, then those above, then those on the floors of grooves
+    layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - DEPTH) * thickness)]
+    first = np.cumsum([0, *(len(points) for points, _ in layers)])
+    faces = [_filled([polygon], outer)[:, ::-1], _filled(top, flat) + first[1]]
+    faces += [_filled(grooves, floor) + first[2]] if grooves else []
+    faces += [
+        _walls([len(r) for r in rings], 0, int(first[1])),
+        _walls([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
+    ]
+    vertices = np.concatenate([np.column_stack([points, np.full(len(points), z)]) for points, z in layers])
+    return Solid(f"{panel.kind} {panel.number}" if panel.number else panel.kind, vertices, np.concatenate(faces))
+
+
+def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
+    """Shapely's polygons of the letters on hubs, drawn so wide; without those that would come nearer than that to an edge."""
+    import shapely
+
+    lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.on_hubs]
+    inside = [one for one in lines if polygon.contains(one.buffer(width))]
+    joined = shapely.unary_union(inside)
+    return [one for one in getattr(joined, "geoms", [joined]) if not one.is_empty]
+
+
+def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
+    """The points of shapely's ring, counter-clockwise or, for a way of -1, clockwise."""
+    points = np.asarray(ring.coords)[:-1]
+    return points if ring.is_ccw == (way > 0) else points[::-1]
+
+
+def _filled(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
+    """Triangles of polygons between known points, counter-clockwise."""
+    import shapely
+
+    parts = [shapely.get_coordinates(shapely.constrained_delaunay_triangles(one)).reshape(-1, 4, 2) for one in polygons]
+    corners = np.concatenate(parts)[:, :3]
+    triangles = places(known, corners.reshape(-1, 2)).reshape(-1, 3)
+    assert triangles.min() >= 0  # the triangles' corners are the polygons', exactly
+    a, b, c = known[triangles].transpose(1, 0, 2)
     clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
     triangles[clockwise] = triangles[clockwise, ::-1]
-    count = len(flat)
-    start = np.cumsum([0, *(len(r) for r in rings)])
-    along = np.concatenate([np.roll(np.arange(a, b), -1) for a, b in pairwise(start.tolist())])
-    own = np.arange(count)
-    walls = np.concatenate(
-        [np.stack([own, along, along + count], axis=1), np.stack([own, along + count, own + count], axis=1)]
+    return triangles
+
+
+def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
+    """Triangles along rings of so many points, between their places below and above, the material on the left."""
+    start = np.cumsum([0, *counts])
+    own = np.arange(start[-1])
+    along = np.concatenate([own[:0], *(np.roll(own[a:b], -1) for a, b in pairwise(start.tolist()))])
+    return np.concatenate(
+        [
+            np.stack([own + low, along + low, along + high], axis=1),
+            np.stack([own + low, along + high, own + high], axis=1),
+        ]
     )
-    faces = np.concatenate([triangles[:, ::-1], triangles + count, walls])
-    vertices = np.zeros((2 * count, 3))
-    vertices[:count, :2] = vertices[count:, :2] = flat
-    vertices[count:, 2] = thickness
-    return Solid(f"{panel.kind} {panel.number}" if panel.number else panel.kind, vertices, faces)
 
 
 def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:
@@ -96,7 +141,7 @@ def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
     solids = []
     for number, panel in enumerate(panels):
         progress(0.7 * number / len(panels), f"solids of sheet {index + 1}")
-        solids.append(extruded(panel, sheets.thickness))
+        solids.append(extruded(panel, sheets.thickness, nozzle=sheets.cut.nozzle))
     return solids
 
 
