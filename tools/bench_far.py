@@ -4,7 +4,7 @@ python3 tools/dev.py bench far [--only PATTERNS] [--meshes FOLDER] [--patience T
 
 Every surface is scaled to quads of 20 mm, laid out by default and optimised free, without supports. "From the target" is a new simulation that
 starts in the target's shape, as somebody who assembles the piece would; "shaken" one that starts from there with hubs moved at random. Where
-these rest elsewhere with less energy, a finding has to say so. The softest motion's share of stiffness is 0 where the piece snaps.
+these rest elsewhere, a finding has to say so. The softest motion's share of stiffness is 0 where the piece snaps.
 """
 
 from __future__ import annotations

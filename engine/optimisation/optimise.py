@@ -214,7 +214,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
     """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
     unseen = replace(progress, shown=None)  # who watches an optimisation is shown designs, and these are poses
     try:
-        return replace(simulation, others=other_rests(simulation, physics, unseen))
+        return other_rests(simulation, physics, unseen)
     except Cancelled:
         return simulation
 

@@ -17,18 +17,35 @@ SHAKEN = 0.1  # distances of neighbours and radians, of a shaken start; by eye, 
 ITERATIONS = 60  # Newton steps for each other rest; more find more of them and take longer; not measured
 
 
-def other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> list[Equilibrium]:
-    """Return other shapes in which a piece at rest can rest too, sought from the target's pose and from a shaken one, by energy."""
+def other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Simulation:
+    """Return a simulation with other shapes in which its piece can rest too, sought from the target's pose and from a shaken one.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        Comes back unchanged if it is not at rest.
+    params : SimulateParams
+        Of the equilibria.
+    progress : Progress
+        Asked whether to cancel.
+
+    Returns
+    -------
+    Simulation
+        With ``others`` by energy, and with ``assembled`` if the target's pose leads to one of them.
+    """
     found, loads, model = simulation.equilibrium, simulation.loads, simulation.model
     if not found.converged:
-        return []
+        return simulation
     aim = target_pose(simulation.target, simulation.design.flat.corners)
-    quick, known = replace(params, iterations=min(params.iterations, ITERATIONS)), [found]
+    quick, others = replace(params, iterations=min(params.iterations, ITERATIONS)), list[Equilibrium]()
+    assembled: Equilibrium | None = None
     for k, start in enumerate((aim, _shaken(aim, simulation))):
         other = solve(model, start, loads, quick, progress.part(0.5 * k, 0.5 * (k + 1)))
-        if other.converged and all(differ(other.pose, one.pose, model.pairs, loads) for one in known):
-            known.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
-    return sorted(known[1:], key=lambda one: one.energy)
+        if other.converged and all(differ(other.pose, one.pose, model.pairs, loads) for one in (found, *others)):
+            others.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
+            assembled = others[-1] if start is aim else assembled
+    return replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
 
 
 def _shaken(pose: Pose, simulation: Simulation) -> Pose:

@@ -18,11 +18,17 @@ LOWER = 1e-3  # share of the elastic energy by which another rest has to be lowe
 
 
 def rest_findings(
-    found: Equilibrium, others: Sequence[Equilibrium], softest: Softest, target: QuadMesh, size: float
+    found: Equilibrium,
+    others: Sequence[Equilibrium],
+    assembled: Equilibrium | None,
+    softest: Softest,
+    target: QuadMesh,
+    size: float,
 ) -> list[Finding]:
     """Return the findings of a piece at rest.
 
-    others : other shapes in which it can rest; size : metres, what percentages refer to
+    others : other shapes in which it can rest; assembled : the one of them that the target's pose leads to, if any
+    size : metres, what percentages refer to
     """
     told: list[Finding] = []
     if not found.converged:
@@ -34,14 +40,21 @@ def rest_findings(
             f"{counted(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
         told.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
-    lower = lower_rest(found, others)
-    if lower is not None:
-        rms = float(np.sqrt(((lower.pose.centres - target.centroids) ** 2).sum(axis=1).mean()))
-        text = (
-            f"The piece can also rest in another shape, {100.0 * rms / size:.2g} % of its size from the target, with less energy than in the "
-            "one that is shown. Press Optimise again to improve it from there, or hold it with supports."
-        )
-        far = np.linalg.norm(lower.pose.centres - found.pose.centres, axis=1)
+    other = lower_rest(found, others) or assembled
+    if other is not None:
+        rms = float(np.sqrt(((other.pose.centres - target.centroids) ** 2).sum(axis=1).mean()))
+        where = f"another shape, {100.0 * rms / size:.2g} % of its size from the target"
+        if other is assembled and not _is_lower(other, found):
+            text = (
+                f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
+                "Push it over from there, or hold it with supports."
+            )
+        else:
+            text = (
+                f"The piece can also rest in {where}, with less energy than in the "
+                "one that is shown. Press Optimise again to improve it from there, or hold it with supports."
+            )
+        far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
         told.append(Finding("other-rest", "warning", text, tuple(np.flatnonzero(far > MOVING * far.max()).tolist())))
     return told
 
@@ -59,4 +72,8 @@ def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " so
 def lower_rest(found: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
     """Return the known rest of least energy if that is lower than the simulated one."""
     best = min(others, key=lambda one: one.energy, default=None)
-    return best if best is not None and best.energy < found.energy - LOWER * found.per_joint.sum() else None
+    return best if best is not None and _is_lower(best, found) else None
+
+
+def _is_lower(other: Equilibrium, found: Equilibrium) -> bool:
+    return bool(other.energy < found.energy - LOWER * found.per_joint.sum())

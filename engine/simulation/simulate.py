@@ -40,6 +40,7 @@ class Simulation:
 
     equilibrium : its pose is aligned with the target as far as the supports leave it free
     others : other shapes in which it can rest, if they were looked for
+    assembled : the one of these that the target's pose leads to, where the simulated one was sought from another pose
     band : what tolerances of real sheets do to it, if that was asked for
     """
 
@@ -52,6 +53,7 @@ class Simulation:
     equilibrium: Equilibrium
     others: list[Equilibrium]
     band: Band | None = None
+    assembled: Equilibrium | None = None
     seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
     soft: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
 
@@ -160,7 +162,9 @@ class Simulation:
                 "make their arms narrower, or optimise again"
             )
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        return found + rest_findings(self.equilibrium, self.others, self.softest, self.target, self.size)
+        return found + rest_findings(
+            self.equilibrium, self.others, self.assembled, self.softest, self.target, self.size
+        )
 
     def _kinked(self) -> list[Finding]:
         """The joints at kinks whose arms may be strained beyond what the material bears, though they are told not to be."""

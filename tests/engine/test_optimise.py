@@ -375,11 +375,11 @@ def test_poses_of_other_rests_are_not_shown_as_designs(monkeypatch: pytest.Monke
     class Found:
         others: tuple[object, ...] = ()
 
-    def rests(found: object, physics: object, progress: Progress) -> tuple[object, ...]:
+    def rests(found: Found, physics: object, progress: Progress) -> Found:
         progress.show("a pose")
-        return ("another",)
+        return Found(("another",))
 
     shown: list[object] = []
     monkeypatch.setattr(optimise, "other_rests", rests)
     made = optimise._with_other_rests(Found(), SimulateParams(), Progress(shown=shown.append))  # type: ignore[arg-type]
-    assert made.others == ("another",) and shown == []  # type: ignore[comparison-overlap]
+    assert made == Found(("another",)) and shown == []  # type: ignore[comparison-overlap]

@@ -32,13 +32,24 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
     assert other.energy > saddle.equilibrium.energy and rests.lower_rest(saddle.equilibrium, saddle.others) is None
     higher = dataclasses.replace(saddle, equilibrium=other, others=[])
     found = other_rests(higher, SimulateParams(clamped=False))
-    assert found[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
-    told = dataclasses.replace(higher, others=found).findings
-    assert [one.code for one in told if one.code == "other-rest"] and told[-1].faces
-    assert (
-        other_rests(saddle, SimulateParams(clamped=False)) == []
-        or rests.lower_rest(saddle.equilibrium, saddle.others) is None
-    )
+    assert found.others[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
+    told = [one for one in found.findings if one.code == "other-rest"]
+    assert len(told) == 1 and told[0].faces and "less energy" in told[0].message
+
+
+def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
+    again = other_rests(saddle, SimulateParams(clamped=False))
+    assert again.assembled is None  # the target's pose leads to the simulated rest
+    assert all(one.code != "other-rest" for one in again.findings)
+    higher = dataclasses.replace(saddle, assembled=saddle.others[0])
+    told = [one for one in higher.findings if one.code == "other-rest"]
+    assert len(told) == 1 and "more energy" in told[0].message and told[0].faces
+    far = np.linalg.norm(saddle.others[0].pose.centres - saddle.target.centroids, axis=1)
+    share = float(told[0].message.split(" % of its size")[0].rsplit(" ", 1)[1])
+    assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.size, rel=0.05)
+    rests_of = {"others": [saddle.equilibrium], "assembled": saddle.equilibrium}
+    lower = dataclasses.replace(saddle, equilibrium=saddle.others[0], **rests_of)
+    assert ["less energy" in one.message for one in lower.findings if one.code == "other-rest"] == [True]
 
 
 def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
@@ -59,6 +70,9 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
     assert len(moving) and share == pytest.approx(softest, rel=1e-4)
     assert (
         "about-to-snap"
-        in [one.code for one in rests.rest_findings(saddle.equilibrium, [], saddle.softest, saddle.target, saddle.size)]
+        in [
+            one.code
+            for one in rests.rest_findings(saddle.equilibrium, [], None, saddle.softest, saddle.target, saddle.size)
+        ]
         and not saddle.loads.fixed[moving].any()
     )
