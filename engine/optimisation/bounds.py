@@ -77,10 +77,10 @@ def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
 
 def lowest(terms: Terms) -> Terms:
     """Of the gaps of two arms, which are measured at several places, only the narrowest."""
-    order = np.lexsort((terms.value, terms.arms[:, 1], terms.arms[:, 0]))
-    pair = terms.arms[order, :2]
+    order = np.lexsort((terms.value, *terms.arms.T))
+    arms = terms.arms[order]
     first = np.ones(len(order), dtype=bool)
-    first[1:] = (pair[1:] != pair[:-1]).any(axis=1)
+    first[1:] = (arms[1:] != arms[:-1]).any(axis=1)
     kept = order[first]
     by_flat = None if terms.by_flat is None else terms.by_flat[kept]
     return Terms(terms.value[kept], terms.by_design[kept], by_flat, terms.arms[kept])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cvxopt import matrix, solvers
-from flexmaps.engine.optimisation.bounds import Projection, Rooms, Within, bounded_step, restored
+from flexmaps.engine.optimisation.bounds import Projection, Rooms, Within, bounded_step, lowest, restored
+from flexmaps.engine.spirals.room import Terms
 from scipy.sparse import csr_array, random_array
 
 
@@ -51,6 +52,20 @@ def test_without_bounds_in_the_way_it_is_newton_s_step() -> None:
     step = bounded_step(x, small, lambda v: hessian @ v, Rooms.none(30), 200)
     exact = -np.linalg.solve(hessian, small)
     assert np.linalg.norm(step - exact) < 0.2 * np.linalg.norm(exact)
+
+
+def test_the_narrowest_gap_of_every_pair_of_arms_is_kept() -> None:
+    """Arm 0, whose mate is arm 9, has gaps to arms 1 (at three places) and 2, and its own inner edge and winding."""
+    arms = np.array([[0, 9, 1, 8], [0, 9, 2, 7], [0, 9, 1, 8], [0, 9, 0, 9], [0, 9, 1, 8], [0, 0, 0, 0]])
+    value = np.array([0.3, 0.5, 0.1, 0.4, 0.2, 0.6])
+    found = lowest(Terms(value, csr_array(np.diag(value)), csr_array(np.diag(-value)), arms))
+    assert sorted(found.value) == [0.1, 0.4, 0.5, 0.6]
+    assert found.by_flat is not None
+    for row, by, flat, pair in zip(
+        found.value, found.by_design.toarray(), found.by_flat.toarray(), found.arms, strict=True
+    ):
+        assert by.sum() == row == -flat.sum()
+        assert (arms[value == row] == pair).all()
 
 
 def test_projections_leave_rows_as_they_are_also_where_some_are_alike() -> None:
