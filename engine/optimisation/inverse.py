@@ -200,7 +200,7 @@ class Point:
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
             found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
-        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None))
+        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None and one.value > 0.0))
 
     @cached_property
     def value(self) -> float:
@@ -216,25 +216,25 @@ class Point:
         costs = Problem.costs(self.problem, self.x)
         value = (found or self.mismatch).value + sum(cost.value for cost in costs)
         value += 0.0 if self._closing is None else self._closing.value
-        value += 0.0 if self.barrier is None else self.barrier.merit
+        value *= 1.0 if self.barrier is None else self.barrier.merit
         if self.strains is None or self.problem.bearing is None:
             return value
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
 
     def weighed(self, mismatch: float) -> Point:
-        """The same point in a search that starts with this mismatch, which decides what excesses of strain and a lack of stability weigh."""
-        bearing, firmness = self.problem.bearing, Firmness.from_mismatch(mismatch)
-        if bearing is not None:
-            bearing = replace(bearing, weight=WEIGHT * mismatch)
-        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=firmness))
+        """The same point in a search that starts with this mismatch, which decides what excesses of strain weigh.
 
-    def firmer(self) -> Self:
-        """The same point in a search that keeps farther away from where pieces snap."""
-        firmness = self.problem.firmness
-        if firmness is None:
-            return self
-        return replace(self, problem=replace(self.problem, firmness=firmness.stronger()))
+        A lack of stability weighs nothing in the first stage, so that it turns no piece that ends stable into another way.
+        """
+        bearing = self.problem.bearing
+        bearing = None if bearing is None else replace(bearing, weight=WEIGHT * mismatch)
+        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=Firmness(0.0)))
+
+    def firmed(self, *, strong: bool) -> Self:
+        """The same point in a stage that starts here; strong : that keeps farther away from where pieces snap."""
+        firmness = Firmness.from_mismatch(self.mismatch.value, strong=strong)
+        return replace(self, problem=replace(self.problem, firmness=firmness))
 
     def pressed(self) -> Self:
         """The same point, where what is still strained too much is pushed back with more force."""

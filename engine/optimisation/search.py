@@ -58,7 +58,7 @@ POLISH_STEPS, POLISHES, GAIN = (
     12,
     0.01,
 )  # of the spirals alone, between two pushes, and how often in the end, as above
-UNSTABLE = 3  # steps refused as unstable from which on the barrier is stronger; by the few pieces that were searched with and without
+UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger; not measured
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
@@ -164,9 +164,9 @@ class Held:
         """The same where strains push back as they ask for by now."""
         return replace(self, point=self.point.pressed())
 
-    def firmer(self) -> Held:
-        """The same in a search that keeps farther away from where pieces snap."""
-        return replace(self, point=self.point.firmer())
+    def firmed(self, *, strong: bool) -> Held:
+        """The same at the start of a stage; strong : that keeps farther away from where pieces snap."""
+        return replace(self, point=self.point.firmed(strong=strong))
 
     @property
     def strained(self) -> bool:
@@ -234,7 +234,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            start = here.pressed().firmer() if self.trace.unstable > UNSTABLE else here.pressed()
+            start = here.pressed().firmed(strong=self.trace.unstable > UNSTABLE)
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
                 break

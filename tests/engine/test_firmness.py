@@ -11,7 +11,7 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, NEAREST, Firmness
+from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, NEAREST, Firmness, StabilityBarrier
 from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
@@ -42,7 +42,7 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
     assembly = of_design(design)
     supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
     space = DesignSpace.of(design, assembly, groups)
-    firmness = Firmness(weight=0.7, first=0.7, enough=0.999, modes=MODES)
+    firmness = Firmness(weight=0.7, enough=0.999, modes=MODES)
     loads = Loads.of(assembly.size, supports=supports)
     given = {
         "assembly": assembly,
@@ -97,7 +97,7 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:
-    asked, kink, step = Firmness(1.0, 1.0), LEAST + NEAREST, 1e-7
+    asked, kink, step = Firmness(1.0), LEAST + NEAREST, 1e-7
     rises = np.array([kink - step, kink + step])
     values, slopes = asked.rows(rises, ENOUGH)
     assert values[0] - values[1] == pytest.approx(2.0 * step / NEAREST, rel=1e-3)
@@ -106,5 +106,28 @@ def test_the_logarithm_goes_on_in_a_straight_line() -> None:
 
 
 def test_results_are_compared_alike_however_strong_the_barrier_is() -> None:
-    asked, rises = Firmness(0.2, 0.2), np.array([0.02, 0.2])
-    assert asked.stronger().merit(rises) == asked.merit(rises) == asked.merit(rises[:1]) > 0.0
+    rises = np.array([0.02, 0.2])
+    first, last = Firmness(0.0), Firmness.from_mismatch(1e-6, strong=True)
+    assert first.merit(rises) == last.merit(rises) == last.merit(rises[:1]) > 1.0
+    assert last.merit(rises[1:]) == 1.0 < last.merit(np.array([0.05])) < last.merit(rises)
+
+
+def test_the_barrier_weighs_a_share_of_the_mismatch_of_each_stage() -> None:
+    few, many = (Firmness.from_mismatch(one) for one in (1e-6, 1e-2))
+    assert few.weight == pytest.approx(1e-4 * many.weight)
+    here = start()
+    plain, strong = (here.firmed(strong=strong).problem.firmness for strong in (False, True))
+    assert plain is not None and strong is not None
+    assert plain.weight == strong.weight == Firmness.from_mismatch(here.mismatch.value).weight > 0.0
+    assert (plain.enough, plain.modes) < (strong.enough, strong.modes)
+
+
+def test_a_lack_of_stability_weighs_nothing_in_the_first_stage() -> None:
+    here = start().weighed(1.0)
+    rises = here.barrier.rises if here.barrier is not None else np.ones(1)
+    assert not any(isinstance(term, StabilityBarrier) for term in here.terms)
+    firmness = dataclasses.replace(Firmness.from_mismatch(1.0), enough=0.999)
+    later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, firmness=firmness))
+    assert any(isinstance(term, StabilityBarrier) for term in later.terms) and later.value > here.value
+    # results are compared by their stability from the first stage on
+    assert here.merit(0.0) == pytest.approx(here.mismatch.value * Firmness(0.0).merit(rises))
