@@ -208,6 +208,15 @@ class Assembly:
         parts = {name: getattr(self, name)[:m] for name in ("pairs", "sides", "lever", "axes")}
         return replace(self, **parts, width=self.width[:n], twist=self.twist[:n], rim=None, nodes=0)
 
+    @property
+    def without_strips(self) -> Assembly:
+        """``whole`` without the joints between the rim's nodes."""
+        whole = self.whole
+        if whole.rim is None:
+            return whole
+        parts = {name: getattr(whole, name)[: whole.ties.stop] for name in ("pairs", "sides", "lever", "axes")}
+        return replace(whole, **parts, rim=whole.rim.without_strips)
+
     @cached_property
     def arm_width(self) -> Float[np.ndarray, "joints 2"]:
         """(m, 2) metres, of both arms of every joint."""

@@ -95,6 +95,18 @@ class RimJoints:
         """Metres, from the hubs to their nodes at rest, in the flat frame."""
         return self.lever[:, 0] - self.lever[:, 1]
 
+    def recentred(self, shift: Float[np.ndarray, "quads 2"]) -> RimJoints:
+        """Return the joints of hubs that lie elsewhere in the flat sheets by ``shift`` (metres), while the rim stays."""
+        lever = self.lever.copy()
+        lever[:, 0, :2] -= shift[self.hub]
+        return replace(self, lever=lever)
+
+    @property
+    def without_strips(self) -> RimJoints:
+        """The ties alone."""
+        none = {name: getattr(self, name)[:0] for name in ("pairs", "strip_lever", "strip_axes")}
+        return replace(self, **none, strips=self.strips.part(np.arange(0)))
+
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimJoints:
         """The nodes of some hubs, numbered anew in this order, and the strips between them."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Bool, Float
+from ..arrays import Float
 from ..errors import FlexMapsError
 from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
@@ -54,22 +54,14 @@ def refine(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
-    flat = FlatRange.of(
-        design.flat, SPAN, params.distortion_limit, SEAM, weight, first, movable(design, problem.space.free)
-    )
+    limits, free = (params.distortion_limit, SEAM), problem.space.free
+    # a rim follows the border, whose flat shape stays therefore
+    flat = FlatRange.of(design.flat, SPAN, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     found = method(here.problem, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
-
-
-def movable(design: SpiralDesign, free: Bool[np.ndarray, " quads"]) -> Bool[np.ndarray, " quads"]:
-    """The quads whose flat shapes may move: those that are ``free`` but those from which arms reach a rim, which stays as it is."""
-    if design.rim is None:
-        return free
-    mesh = design.flat.layout.mesh
-    return free & ~mesh.border[mesh.quad_edges].any(axis=1)
 
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:

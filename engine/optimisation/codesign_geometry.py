@@ -15,7 +15,8 @@ from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.assembly import Assembly, Pose
+from ..mechanics.assembly import Assembly, Nodes, Pose
+from ..mechanics.rim import RimJoints
 from ..patches.layout import PatchLayout
 
 STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
@@ -24,14 +25,15 @@ STEP = 3e-5  # of the central differences, in radii and radians: what cutting of
 def by_geometry(
     model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
 ) -> Float[np.ndarray, "joints r 2 3"]:
-    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose; a rim's stays.
+    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
 
-    By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian).
+    By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian). The joints are those between
+    spirals and, behind them, those of arms at the border with a rim, of which nothing on the rim's side counts.
     measure : (m, r) of a model in which every joint has two spirals of its own, and of the pose of those
     """
-    model = model.without_rim
-    spiral = model.pairs.ravel()
-    alone, placed = model.varied(_taken_apart(model.assembly)), Pose(pose.centres[spiral], pose.rotations[spiral])
+    model = model.without_strips
+    assembly, placed = _taken_apart(model.assembly, pose.whole)
+    alone = model.varied(assembly)
     parts = []
     for side in (0, 1):
         for k in range(3):
@@ -43,11 +45,24 @@ def by_geometry(
     return np.stack(parts, axis=2).reshape(*parts[0].shape, 2, 3)
 
 
-def _taken_apart(assembly: Assembly) -> Assembly:
-    """Every joint with two spirals of its own, so that what a model finds of the spirals is that of each joint."""
-    spiral = assembly.pairs.ravel()
-    pairs = np.arange(len(spiral)).reshape(-1, 2)
-    return replace(assembly, pairs=pairs, width=assembly.width[spiral], twist=assembly.twist[spiral])
+def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
+    """Every joint with two spirals of its own, so that what a model finds of the spirals is that of each joint, and their pose.
+
+    The nodes of a rim come behind all spirals, as ever.
+    """
+    inner, ties = assembly.pairs[: assembly.inner], assembly.pairs[assembly.inner :]
+    body = np.concatenate([inner.ravel(), ties[:, 0], ties[:, 1]])
+    hubs = np.arange(inner.size, inner.size + len(ties))
+    pairs = np.concatenate([np.arange(inner.size).reshape(-1, 2), np.stack([hubs, hubs + len(ties)], axis=1)])
+    rim = None if assembly.rim is None else replace(assembly.rim, hub=hubs)
+    alone = replace(assembly, pairs=pairs, width=assembly.width[body], twist=assembly.twist[body], rim=rim)
+    placed = Pose(pose.centres[body], pose.rotations[body])
+    if rim is None:
+        return alone, placed
+    own, nodes = (
+        Pose(placed.centres[part], placed.rotations[part]) for part in (np.s_[: alone.spirals], np.s_[alone.spirals :])
+    )
+    return alone, replace(own, nodes=Nodes.of(own, hubs, nodes))
 
 
 def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
@@ -62,15 +77,20 @@ def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembl
     return assembly.reshaped(assembly.lever, axes)
 
 
-def geometry_by_points(layout: PatchLayout, points: np.ndarray) -> csr_array:
+def geometry_by_points(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:
     """(6 m, 2 P): derivative of the joints' rest geometry by the flat vertices (P, 2) in metres.
 
-    Rows in the order joint, side, then as the last axis of ``by_geometry``; columns in the order vertex, x, y.
+    Rows in the order joint, side, then as the last axis of ``by_geometry``; columns in the order vertex, x, y. The rim itself stays, so
+    that its joints' second sides have rows of zeros.
     """
     mesh = layout.mesh
     inner = ~mesh.border
     quad, side = mesh.edge_quads[inner].ravel(), mesh.edge_sides[inner].ravel()
-    first = 3 * np.arange(len(quad))[:, None]
+    first, joints = np.arange(len(quad)), len(quad) // 2
+    if rim is not None:
+        first = np.concatenate([first, len(quad) + 2 * np.arange(len(rim.hub))])
+        quad, side, joints = np.append(quad, rim.hub), np.append(side, rim.side), joints + len(rim.hub)
+    first = 3 * first[:, None]
     corner = layout.flat_corners[quad]
     nth = (np.arange(4) - side[:, None]) % 4
     # the middle of the side less the middle of the quad
@@ -85,4 +105,4 @@ def geometry_by_points(layout: PatchLayout, points: np.ndarray) -> csr_array:
         [share, share, turn, -turn],
     )
     entries = tuple(np.concatenate([part.ravel() for part in parts]) for parts in (values, rows, cols))
-    return coo_array((entries[0], entries[1:]), shape=(3 * len(quad), points.size)).tocsr()
+    return coo_array((entries[0], entries[1:]), shape=(6 * joints, points.size)).tocsr()

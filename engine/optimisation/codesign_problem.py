@@ -20,6 +20,7 @@ from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.stance import Stance
 from ..patches.flattening.flatten import FlatPatches
+from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
 from ..spirals.room import Room
 from .bounds import Rooms, lowest
@@ -55,17 +56,24 @@ class FlatRange:
         weight: float,
         first: FlatPatches,
         free: Bool[np.ndarray, " quads"] | None = None,
+        *,
+        border: bool = True,
     ) -> FlatRange:
         """span : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
 
         first : the patches before they were moved at all, whose own measures count where they are beyond the limits
         free : the quads whose vertices may move, where all quads of a vertex are; all if not given
+        border : whether vertices at the open border may move
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
         nearest = np.full(len(flat.points), np.inf)
         np.minimum.at(
             nearest, flat.layout.flat_corners, (length if free is None else np.where(free, length, 0.0))[:, None]
         )
+        if not border:
+            mesh, corner = flat.layout.mesh, flat.layout.flat_corners
+            quad, side = np.nonzero(mesh.border[mesh.quad_edges])
+            nearest[corner[quad, side]] = nearest[corner[quad, NEXT[side]]] = 0.0
         return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
@@ -163,6 +171,9 @@ class FlatProblem(Problem):
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
         assembly = self.assembly.reshaped(lever, axes).redesigned(*self.space.design(x))
+        if assembly.rim is not None:
+            shift = (points - self.flat.flat.points)[layout.flat_corners].mean(axis=1)
+            assembly = replace(assembly, rim=assembly.rim.recentred(shift))
         model = self.build(assembly, progress)
         stance = None if self.stance is None else self.stance.moved(points[layout.flat_corners])
         found, factors = self.rest(model, stance, start, progress, iterations, step)
@@ -200,9 +211,9 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), with their rest geometry; of both arms' wrenches (12) where strains count, of
+        """(m, r, 6) change of the joints' gradients (12), those of a rim's ties included, with their rest geometry; of both arms' wrenches (12) where strains count, of
         their shares of the softest eigenvalues where these are low, and of their tips' motions (12) where slots close."""
-        strained, pairs = self.strains is not None, self.assembly.pairs
+        strained, pairs = self.strains is not None, self._joints
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
@@ -236,7 +247,12 @@ class FlatPoint(Point):
     def _by_points(self) -> csr_array:
         """(6 m, 2 P) change of the rest geometry with the flat vertices."""
         flat = self.problem.flat
-        return geometry_by_points(flat.flat.layout, flat.points(self.flat_x))
+        return geometry_by_points(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
+
+    @property
+    def _joints(self) -> Int[np.ndarray, "joints 2"]:
+        """The bodies of all joints that the flat shapes change: without the rim's strips."""
+        return self.assembly.without_strips.pairs
 
     @property
     def _per_coordinate(self) -> dia_array:
@@ -250,7 +266,8 @@ class FlatPoint(Point):
 
     @cached_property
     def _forces(self) -> csr_array:
-        pairs, joints = self.assembly.pairs, np.arange(len(self.assembly.pairs))
+        pairs = self._joints
+        joints = np.arange(len(pairs))
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
         entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
@@ -285,7 +302,7 @@ class FlatPoint(Point):
         assert self.strains is not None
         e, found = arms // 2, self.strains.slopes(arms)
         rows = self._rows_of_spirals(e, found)
-        rims = e >= len(self._by_geometry)
+        rims = e >= len(self._by_geometry)  # strips
         e = np.where(rims, 0, e)
         wrench = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
         by = (found.arms.by_wrench[:, None] @ self._by_geometry[e[:, None], wrench])[:, 0]

@@ -159,7 +159,7 @@ class Closing:
 
         by_geometry : (m, 12, 6) of both tips' motions by the rest geometry of their joint; geometry_by_points : (6 m, 2 P)
         """
-        tips, joint = by_geometry.reshape(-1, 6, 6), np.where(self.joint < 2 * self.assembly.inner, self.joint, -1)
+        tips, joint = by_geometry.reshape(-1, 6, 6), self.joint
         through = (self._by_motion @ np.where((joint >= 0)[..., None, None], tips[joint], 0.0))[:, :, 0]
         column = 6 * (np.maximum(joint, 0) // 2)[..., None] + np.arange(6)
         out = self._rows(through, column, geometry_by_points.shape[0]) @ geometry_by_points

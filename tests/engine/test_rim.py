@@ -17,9 +17,9 @@ from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.optimisation.codesign import movable
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
+from flexmaps.engine.optimisation.firmness import Firmness
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
 from flexmaps.engine.optimisation.terms import Bearing
@@ -55,7 +55,7 @@ def test_derivatives_that_are_found_later_are_those_found_at_once(material):
     at_once, later = (ArmModel.of(whole, MATERIALS[material], curving=False, slopes=slopes) for slopes in (True, False))
     assert later.compliance.by is None
     np.testing.assert_array_equal(later.compliance.values, at_once.compliance.values)
-    for part in (lambda model: model, lambda model: model.without_rim, lambda model: model.of_rim):
+    for part in (lambda model: model, lambda model: model.without_strips, lambda model: model.of_rim):
         np.testing.assert_allclose(
             part(later).compliance_by, part(at_once).compliance.by, rtol=1e-12, atol=1e-15
         )  # sums in another order
@@ -167,7 +167,7 @@ def test_forces_and_stiffness_are_differences_of_the_energy():
     assert bend == pytest.approx(float(np.einsum("mi,mij,mj->", both, here.hessian, both)), rel=1e-6)
 
 
-def problem(share: float, groups: int, opening: float | None) -> tuple[FlatProblem, Pose]:
+def problem(share: float, groups: int, opening: float | None, soft: float = 0.0) -> tuple[FlatProblem, Pose]:
     whole, mesh = made()
     assembly = of_design(whole)
     space = DesignSpace.of(whole, assembly, groups)
@@ -181,12 +181,13 @@ def problem(share: float, groups: int, opening: float | None) -> tuple[FlatProbl
         bearing=Bearing(VERO, share) if share else None,
         room=Room.of(whole.flat, whole.params),
         opening=None if opening is None else dataclasses.replace(Opening.of(whole), width=opening),
-        flat=FlatRange.of(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, movable(whole, space.free)),
+        flat=FlatRange.of(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, space.free, border=False),
+        firmness=Firmness(soft, enough=0.999, modes=3) if soft else None,
     )
     return found, target_pose(mesh, whole.flat.corners)
 
 
-@pytest.mark.parametrize("options", [(0.0, 1, None), (0.3, 4, 0.0015)], ids=str)
+@pytest.mark.parametrize("options", [(0.0, 1, None), (0.3, 4, 0.0015), (0.0, 1, None, 0.1)], ids=str)
 def test_the_optimisers_gradient_is_a_difference(options):
     whole, pose = problem(*options)
     rng = np.random.default_rng(4)
@@ -194,7 +195,9 @@ def test_the_optimisers_gradient_is_a_difference(options):
     x = np.concatenate([spirals, 0.5 + rng.uniform(-0.01, 0.01, 2 * len(whole.flat.span))])
     here = whole.at(x, pose)
     n, each = here.own, whole.space.each
-    assert here.equilibrium.converged
+    assert here.equilibrium.converged and (here.barrier is None) == (len(options) < 4)
+    beside = np.unique(whole.flat.flat.layout.flat_corners[here.assembly.rim.hub])
+    assert whole.flat.span[beside].any()  # flat shapes of spirals at the rim move too
     for name, part in {"widths": slice(0, n, each), "twists": slice(each - 1, n, each), "flat": slice(n, None)}.items():
         direction = np.zeros_like(x)
         direction[part] = rng.normal(size=direction[part].shape)
@@ -202,9 +205,10 @@ def test_the_optimisers_gradient_is_a_difference(options):
         def value(t: float, d: np.ndarray = direction) -> float:
             return whole.at(x + t * d, here.equilibrium.pose).value
 
-        h = 3e-6
+        # eigenvalues change with third derivatives, which are differences themselves
+        h, within = (3e-6, 2e-6) if here.barrier is None else (1e-5, 4e-3)
         found = float((8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h))
-        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=2e-6), name
+        assert found == pytest.approx(float((here.gradient * direction).sum()), rel=within), name
 
 
 def test_rooms_beside_arms_at_the_rim_follow_the_design():

@@ -101,7 +101,13 @@ class ArmModel:
 
     @cached_property
     def _by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
-        return by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material)
+        found, ties = (
+            by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material),
+            self.assembly.ties,
+        )
+        if self.assembly.nodes:  # necks and strips are no spirals
+            found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
+        return found
 
     @cached_property
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
@@ -163,9 +169,9 @@ class ArmModel:
         return self._of_joints(own, joints)
 
     @property
-    def without_rim(self) -> ArmModel:
-        """The model of the joints between spirals alone."""
-        return self._of_joints(self.assembly.plain, np.arange(self.assembly.inner))
+    def without_strips(self) -> ArmModel:
+        """The model without the joints between the rim's nodes."""
+        return self._of_joints(self.assembly.without_strips, np.arange(self.assembly.ties.stop))
 
     @property
     def of_rim(self) -> ArmModel:

@@ -80,7 +80,11 @@ def by_shapes(
     """Derivatives of what changes with the numbers of some arms, 2 e + side of the joint e, by the rest geometry of both sides: x
     and y of the lever (per metre) and the direction of the edge (per radian)."""
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
-    out = np.zeros((len(arms), 2, 3))
+    out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.inner
+    if ties.any():
+        by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips stay
+        by[ties, OWN_LEAN] -= by[ties, MATE_LEAN]
+        by[ties, MATE_LEAN] = 0.0
     for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN), (1 - side, MATE_LEAN, None, None)):
         lever = assembly.lever[e, at, :2]
         size = np.linalg.norm(lever, axis=1)
