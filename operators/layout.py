@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import notes
+from ..bridge.store import decided, notes
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .stage import Work
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -26,6 +27,10 @@ class LayoutStage(ContinuedStage):
     """What these stages write: seams, the flat patches, and what they cost."""
 
     shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
+
+    def _read(self, context: bpy.types.Context) -> Work:
+        decided.settle_border(context.object)
+        return super()._read(context)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import mesh

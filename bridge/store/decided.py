@@ -56,6 +56,18 @@ def has_border(mesh: bpy.types.Mesh) -> bool:
     return 2 * len(mesh.edges) > len(mesh.loops)
 
 
+def settle_border(obj: bpy.types.Object) -> None:
+    """Leave out the arms at an open border, which would end in the air, where nobody has chosen what becomes of them.
+
+    Objects that share the mesh share its panels, so it holds for them too.
+    """
+    if not has_border(obj.data):
+        return
+    for other in bpy.data.objects:
+        if other.data == obj.data and not other.flexmaps.spiral.is_property_set("border"):
+            other.flexmaps.spiral.border = "left_out"
+
+
 def _rests(obj: Any) -> int:
     wanted = obj.flexmaps
     if wanted.base.base == "eyelets":

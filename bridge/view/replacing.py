@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ...engine.params import ObjectSettings
-from ..store import failures, notes, settings
+from ..store import decided, failures, notes, settings
 from . import collection, framing
 
 if TYPE_CHECKING:
@@ -20,6 +20,9 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
 
     leave_edit_mode(context)
     settings.write(made.flexmaps, settings.read(obj.flexmaps, ObjectSettings))
+    if not obj.flexmaps.spiral.is_property_set("border"):
+        made.flexmaps.spiral.property_unset("border")
+        decided.settle_border(made)
     failures.hand_down(obj.data, made.data)
     handing_down.hand_down(obj, made)
     collection.clear(obj)

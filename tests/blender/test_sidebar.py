@@ -200,6 +200,21 @@ def test_stands_and_hangs(dome: Any) -> None:
     assert (dome.flexmaps.base.base, dome.flexmaps.loads.supports) == ("none", "")
 
 
+def test_nothing_ends_in_the_air_unless_somebody_wants_it(add: Any) -> None:
+    """Arms at an open border are left out, also of quads that take the place of others; a choice is kept, and a closed mesh has no border."""
+    bpy.ops.mesh.primitive_plane_add()
+    bpy.ops.flexmaps.quad_remesh(quads=60)
+    remeshed, plain, chosen, closed = (
+        bpy.context.object,
+        *(add(shapes.make(name)) for name in ("dome", "dome", "torus")),
+    )
+    chosen.flexmaps.spiral.border = "stubs"
+    for obj, wanted in ((remeshed, "left_out"), (plain, "left_out"), (chosen, "stubs"), (closed, "stubs")):
+        bpy.context.view_layer.objects.active = obj
+        press("trace")
+        assert obj.flexmaps.spiral.border == wanted
+
+
 def test_the_end_is_said_with_the_way_to_the_files(dome: Any, tmp_path: Path) -> None:
     dome.flexmaps.export.folder = str(tmp_path)
     for name in ("check", "merge", "spirals", "export"):
