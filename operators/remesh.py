@@ -52,11 +52,12 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh
-        from ..bridge.store import mesh, states
+        from ..bridge.store import mesh, origin, states
         from ..engine.surface.checking import check
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
+        origin.note(made, origin.source_of(obj, context.scene))
         replacing.take_over(context, obj, made)
         if self.size:
             replacing.resize(context, made, self.size)

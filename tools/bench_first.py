@@ -153,9 +153,9 @@ def main(arguments: list[str]) -> int:
         for quads in counts:
             rows.append(taken(name, quads, options.cure))
             print(_line(rows[-1]), flush=True)
+            if options.json:
+                options.json.write_text(json.dumps(rows, indent=1))
     _summary(rows)
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1))
     return int(any(row["sheets"] is None for row in rows))
 
 

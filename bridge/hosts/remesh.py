@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 
@@ -9,16 +11,28 @@ from ...engine.errors import FlexMapsError
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
+from ..store import origin
 from ..store.mesh import read_evaluated, to_metres
 from ..view import meshes
 from .second_blender import SecondBlender
 
 
 def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
-    """The polygons that are seen of an object, without its simulated shape, metres; raises ``FlexMapsError`` where there are none."""
-    if abs(np.linalg.det(to_metres(obj, context.scene)[:3, :3])) < 1e-30:
-        raise FlexMapsError(f"'{obj.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis")
-    return read_evaluated(obj, context.scene)
+    """The polygons that are seen of an object, without its simulated shape, metres; raises ``FlexMapsError`` where there are none.
+
+    Of quads that nobody has changed since the remesh, what they were made from, where the quads are.
+    """
+    source = origin.source_of(obj, context.scene)
+    for one in {obj, source}:
+        if abs(np.linalg.det(to_metres(one, context.scene)[:3, :3])) < 1e-30:
+            raise FlexMapsError(
+                f"'{one.name}' is squeezed flat by its scale; give it a scale that is not 0 along any axis"
+            )
+    polygons = read_evaluated(source, context.scene)
+    if source == obj:
+        return polygons
+    there = origin.between(source, obj, context.scene)
+    return replace(polygons, vertices=polygons.vertices @ there[:3, :3].T + there[:3, 3])
 
 
 def quads_of(

@@ -25,6 +25,7 @@ WRITES = {
 def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError) -> None:
     """Note that an operator failed, with its culprits and what it was given."""
     said = {"message": str(error), "faces": error.faces, "edges": error.edges, "given": _given(obj, scene, idname)}
+    said |= {} if error.quads is None else {"quads": error.quads}
     notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: said})
 
 
@@ -36,7 +37,8 @@ def clear(obj: bpy.types.Object, idname: str) -> None:
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, Any]]:
-    """The operators that would fail again, being given what they failed with; each with ``message``, ``faces`` and ``edges``."""
+    """The operators that would fail again, being given what they failed with; each with ``message``, ``faces``, ``edges`` and,
+    where so many quads mend it, ``quads``."""
     failed = notes.get_text(obj.data, NAME)
     return {name: said for name, said in failed.items() if said["given"] == _given(obj, scene, name)}
 

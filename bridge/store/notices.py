@@ -39,6 +39,8 @@ WORDS = {
     "bodies-left-out": ("Crumbs left out", INFORMATION),
     "bodies-joined": ("Bodies joined", INFORMATION),
     "no-spiral": ("{} without a spiral", WORSE),
+    "surface-missed": ("Parts missed", WORSE),
+    "bodies-cut": ("Bodies cut apart", INFORMATION),
     "zero-edge": ("Collapsed: {}", STOPS),
     "zero-area": ("{} without area", STOPS),
     "crossed": ("Crossed quads: {}", STOPS),
@@ -96,6 +98,7 @@ FAILED = {
 }
 # Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
 FEWER = (0.6, 0.3)
+MORE = (2, 4)  # times as many quads, where none were found
 LARGER = 1.5  # times larger, where there is no room for spirals; not measured
 # finding of a simulation -> what helps with it of what is advised, the best first
 HELPED = {
@@ -107,6 +110,7 @@ HELPED = {
     "other-rest": (remedies.CUT,),
 }
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
+MISSED = 2  # times as many quads, where they miss parts of the surface, as its warning says
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
@@ -170,7 +174,8 @@ def _failed(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[No
     for idname, said in failed.items():
         faces, edges = tuple(said["faces"]), tuple(said["edges"])
         words = interface(FAILED.get(idname, "Stopped"), counted_quads(len(faces)))
-        found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, tuple(_ways(obj, idname))))
+        ways = tuple(_ways(obj, idname, said.get("quads")))
+        found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, ways))
     return found
 
 
@@ -179,12 +184,12 @@ def counted_quads(count: int) -> str:
     return interface("1 quad") if count == 1 else interface("{} quads", count)
 
 
-def _ways(obj: bpy.types.Object, idname: str) -> list[Cure]:
-    """What may help where a stage failed: never the same act with the same input."""
+def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
+    """What may help where a stage failed: never the same act with the same input. ``wanted``: quads that mend it, as the stage says."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         larger = Cure(interface("Larger: {:g} x", LARGER), "flexmaps.set_size", {"times": LARGER})
-        return [*(cures.remesh(n) for n in fewer(quads)), larger]
+        return [*(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *fewer(quads)])), larger]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
         return [cures.let_go(key)]
     if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
@@ -192,7 +197,7 @@ def _ways(obj: bpy.types.Object, idname: str) -> list[Cure]:
     if idname == "flexmaps.flatten":
         return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in fewer(quads))]
     if idname == "flexmaps.quad_remesh":
-        return [cures.remesh(n) for n in fewer(obj.flexmaps.remesh.quads)]
+        return [cures.remesh(n) for n in ([wanted] if wanted else other_counts(obj.flexmaps.remesh.quads))]
     return []
 
 
@@ -200,6 +205,11 @@ def fewer(quads: int) -> list[int]:
     """Numbers of quads to try instead of so many, in hundreds where that is near enough."""
     wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
     return [int(n) for n in wanted if n >= LEAST_QUADS]
+
+
+def other_counts(quads: int) -> list[int]:
+    """Numbers of quads to try where so many were not found: more, in which small parts have room, and fewer."""
+    return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
 def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
@@ -214,6 +224,8 @@ def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
             ways.append(cures.regularise())
         if code in REMESHED or code in MADE_SQUARER:
             ways.append(cures.remesh(obj.flexmaps.remesh.quads))
+        if code == "surface-missed":
+            ways.append(cures.remesh(round(MISSED * len(obj.data.polygons), -1)))
         if kind != STOPS:
             ways.append(cures.let_go(f"checks/{code}"))
         told = interface(words, len(faces))

@@ -125,3 +125,25 @@ def test_pressed_in_edit_mode_it_goes_to_object_mode(add: Any) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
     press("quad_remesh")
     assert bpy.context.object != obj and bpy.context.object.mode == "OBJECT" and obj.hide_get()
+
+
+def test_quads_are_made_again_from_what_the_first_ones_were_made_from_until_they_are_changed() -> None:
+    """Of a ball of radius 1 the middles of 60 quads lie well inside, and so would the corners of quads made from these."""
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=64, ring_count=32)
+    ball = bpy.context.object
+    bpy.ops.flexmaps.quad_remesh(quads=60)
+    coarse = bpy.context.object
+    coarse.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    bpy.ops.flexmaps.quad_remesh(quads=400)
+    fine = bpy.context.object
+    assert len({ball, coarse, fine}) == 3 and len(fine.data.polygons) > 200
+    radii = [(fine.matrix_world @ vertex.co).length for vertex in fine.data.vertices]
+    assert min(radii) > 1.98 and coarse.hide_get()
+    bpy.context.view_layer.objects.active = coarse
+    coarse.hide_set(False)
+    for vertex in coarse.data.vertices:
+        vertex.co.z *= 0.5
+    bpy.ops.flexmaps.quad_remesh(quads=100)
+    heights = [abs(vertex.co.z) for vertex in bpy.context.object.data.vertices]
+    assert max(heights) < 0.6

@@ -32,3 +32,10 @@ def test_few_crumbs_go_and_many_stop(many: int, small: float) -> None:
 
 def test_equal_bodies_are_all_kept() -> None:
     assert without_crumbs(np.ones(50), 100, FEWEST, 0.1)[0].all()
+
+
+def test_bodies_with_too_few_quads_by_area_get_them_where_all_have_enough() -> None:
+    """Five bodies, of which the small ones have 14 % together: leaving one of them out is a tenth at most."""
+    large, found = without_crumbs(np.array([1.0, 0.04, 0.04, 0.04, 0.04]), 30, FEWEST, 0.1)
+    assert large.sum() == 3 and "2 of 5" in found[0].message
+    assert large[0]

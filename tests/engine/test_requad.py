@@ -385,13 +385,32 @@ def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"
 
 
-def test_quads_of_a_part_of_the_surface_are_refused_but_where_it_cuts_itself() -> None:
-    quads = ball(6)
-    rows = quads.corners.reshape(-1, 4)
-    part = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > -0.1])
-    judged = requad.Judged(part, (0, 0, 0), 1.0)
-    clean = requad._Search(halved(ball(8)), 216, Balls(), "")
-    clean._whole = requad.target_of(ball(8))
-    assert clean._loses(judged)
+class Parts(Balls):
+    """A tool whose first answers lack what lies below a height."""
+
+    def __init__(self, first: int, below: float = -0.4):
+        super().__init__()
+        self.first, self.below = first, below
+
+    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
+        quads = super().quads(body, count, seed, sharp, progress)
+        assert quads is not None
+        if len(self.given) > self.first:
+            return quads
+        rows = quads.corners.reshape(-1, 4)
+        return of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > self.below])
+
+
+def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(requad, "CANDIDATES", 4)
+    whole = halved(ball(8))
+    found = requad.requad(whole, 96, Parts(first=10**6))
+    assert [finding.code for finding in found.findings] == ["surface-missed"]
+    found = requad.requad(whole, 96, Parts(first=1))
+    assert not found.findings and requad.is_closed(found.polygons)
+
+
+def test_a_body_that_cuts_itself_has_lost_nothing_where_its_inside_is_gone() -> None:
+    judged = requad.Judged(ball(6), (0, 0, 0), 1.0)
     cutting = requad._Search(halved(both(ball(8), ball(8, (0.3, 0.0, 0.0)))), 216, Balls(), "")
-    assert not cutting._loses(judged)
+    assert cutting._with_losses(judged) is judged

@@ -52,12 +52,17 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
 def without_crumbs(
     areas: Float[np.ndarray, " bodies"], count: int, fewest: int, crumbs: float
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
-    """Which bodies get ``fewest`` of ``count`` quads at least, and what is said of the others.
+    """Which bodies get ``fewest`` quads at least, and what is said of the others.
 
-    Raises ``FlexMapsError`` where the others have more than ``crumbs`` of the area; the largest is always kept.
+    The others have at most ``crumbs`` of the area: as many bodies as that takes are kept, however few of ``count`` quads are theirs by
+    area. Raises ``FlexMapsError`` where all quads together are too few for that.
     """
     share = areas / areas.sum()
     large = share * count >= min(fewest, share.max() * count)
+    order = np.argsort(-areas, kind="stable")
+    needed = np.flatnonzero(1.0 - np.cumsum(share[order]) <= crumbs)
+    if len(needed) and (needed[0] + 1) * fewest <= count:
+        large[order[: needed[0] + 1]] = True
     if large.all():
         return large, []
     left, many = float(share[~large].sum()), int((~large).sum())
@@ -66,7 +71,8 @@ def without_crumbs(
     if left > crumbs:
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
-            f"--crumbs {np.ceil(100 * left) / 100:g}); corners that should be one: use Merge by Distance"
+            f"--crumbs {np.ceil(100 * left) / 100:g}); corners that should be one: use Merge by Distance",
+            quads=enough,
         )
     return large, [said("bodies-left-out", f"{which}, and they were left out; ask for {enough} quads to keep them")]
 

@@ -70,7 +70,7 @@ ENOUGH = 3  # sound results of which the best is taken, where none is without po
 # letters at 200 to 700 quads that came apart with QuadriFlow, these sizes made 4 whole
 CELLS = (2.0, 2.4, 1.6)
 MANY = 3  # times the wanted count: so many quads are the small faces of the body itself
-COVERED = 0.8  # times the surface's area: less leaves parts out
+COVERED = 0.8  # times the surface's area: less leaves parts out, which is taken only where nothing else is found
 LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
 # times the surface's area: more has a second skin. A voxel remesh gives an open surface two sides, and of few quads
 # QuadriFlow closes it: an open half ball came back with 1.47 to 1.66, all that kept their border with 0.92 to 0.97
@@ -163,10 +163,8 @@ class _Search:
             found = next(self._way, None)
             if found is None:
                 break
-            if isinstance(found, Judged) and self._loses(found):
-                found = "parts of the surface are lost"
             if isinstance(found, Judged):
-                self.found.append(found)
+                self.found.append(self._with_losses(found))
             else:
                 self._last = self._last or found
         if not self.found:
@@ -186,9 +184,16 @@ class _Search:
         best = self._best
         return replace(best, vertices=best.vertices / self._scale + self._middle)
 
-    def _loses(self, judged: Judged) -> bool:
-        """Whether quads leave out parts of a clean body; others are cut through by themselves, and what is inside is left out."""
-        return self._clean and target_of(judged.quads).area < COVERED * self._whole.area
+    def _with_losses(self, judged: Judged) -> Judged:
+        """The quads, with one more missed edge where they have less area than a clean body.
+
+        So few quads that ears or fingers fall between them are all that some counts allow; they are taken where there are no others.
+        A body that cuts itself has lost what was inside.
+        """
+        if not self._clean or target_of(judged.quads).area >= COVERED * self._whole.area:
+            return judged
+        useless, missed, poor = judged.faults
+        return replace(judged, faults=(useless, missed + 1, poor))
 
     def uncovered(self, count: int, first: int) -> list[Finding]:
         """The warning where the best quads miss the surface; ``first`` is the number of the first of them, ``count`` of all wanted."""
@@ -222,9 +227,9 @@ class _Search:
                 if self._enough():
                     break
                 yield self._by_tool(surface, again)
-            if self.found:
+            if any(not one.faults[1] for one in self.found):
                 return
-        if self._clean and not is_closed(self._small):
+        if not self.found and self._clean and not is_closed(self._small):
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _enough(self) -> bool:
