@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ..bridge.store import failures, guidance
+from ..bridge.store import decided, failures, guidance
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from .stage import AnyMesh, AtOnce, OnObject
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
 CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # what takes the mesh as it is
-CALM = 0.4  # seconds after the label has changed in which a press does nothing: a double click never starts two steps
+CALM = 0.4  # seconds after a press in which another one does nothing: a double click never starts two steps
 
 
 class Next(AnyMesh, bpy.types.Operator):
@@ -27,23 +27,20 @@ class Next(AnyMesh, bpy.types.Operator):
     bl_label = "Next"
     bl_options = {"REGISTER"}
 
-    _seen = ("", 0.0)  # the last label, and when it was first seen
+    _pressed = -CALM  # when the last press had ended
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         act = None if context.object is None else guidance.of(context.object, context.scene).act
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
-    @classmethod
-    def see(cls, label: str) -> None:
-        """Note what stands on the button; the sidebar calls it as it draws."""
-        if label != cls._seen[0]:
-            cls._seen = label, time.monotonic()
-
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        if time.monotonic() - self._seen[1] < CALM:
+        if time.monotonic() - Next._pressed < CALM:
             return {"CANCELLED"}
-        return self._press(context, "INVOKE_DEFAULT")
+        try:
+            return self._press(context, "INVOKE_DEFAULT")
+        finally:
+            Next._pressed = time.monotonic()
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._press(context, "EXEC_DEFAULT")
@@ -121,13 +118,15 @@ class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
 
 
 class StandOn(AtOnce, OnObject, bpy.types.Operator):
-    """Let the piece stand on its lowest quads, or let go of a vertex group that was chosen"""
+    """Let the piece stand on its lowest quads, hold it at its border, or let go of a vertex group that was chosen"""
 
     bl_idname = "flexmaps.stand_on"
     bl_label = "Stand on lowest"
 
     where: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Where", items=(("lowest", "Lowest quads", ""), ("nothing", "Nothing", "")), options={"SKIP_SAVE"}
+        name="Where",
+        items=(("lowest", "Lowest quads", ""), ("border", "Border", ""), ("nothing", "Nothing", "")),
+        options={"SKIP_SAVE"},
     )
     setting: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Setting", items=(("supports", "Supports", ""), ("pulled", "Pulled", "")), options={"SKIP_SAVE"}
@@ -138,6 +137,8 @@ class StandOn(AtOnce, OnObject, bpy.types.Operator):
         setattr(obj.flexmaps.loads, self.setting, "")
         if self.where == "lowest":
             obj.flexmaps_rests = "STANDS"
+        elif self.where == "border":
+            decided.hold(obj, decided.border(obj))
 
 
 CLASSES = (Next, ShowNotice, LetGo, StandOn)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 FIRST = 0.05  # of the progress bar for the spirals to begin with, about what they take; not measured
+SEARCHED, DRAWN = 0.8, 0.85  # of it when the search has ended, and when outlines are drawn; then other ways are tried
 
 
 class SearchStage(ContinuedStage):
@@ -48,16 +49,17 @@ class SearchStage(ContinuedStage):
             from ..engine.spirals.design_report import design_report
 
             begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
-            made = search(begun, progress.part(FIRST, 0.95))
+            made = search(begun, progress.part(FIRST, SEARCHED))
             better = made.design
             assert better is not None
             try:
-                progress(0.95, "Drawing outlines")
-                panels = PanelDrawing.of(better, snapshot.settings, progress.part(0.95, 0.98))
-                spirals = design_report(better, progress.part(0.98, 1.0))
-                made = job.go_on(made, once, ("simulate",), progress.part(1.0, 1.0))
+                progress(SEARCHED, "Drawing outlines")
+                panels = PanelDrawing.of(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
+                spirals = design_report(better, progress.part(DRAWN, DRAWN))
+                made = job.go_on(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
             except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
+            made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
             layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
             assert made.optimisation is not None
             return panels, made, made.optimisation.report(), spirals, layout
@@ -107,6 +109,22 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
         return job.go_on(start, once, ("optimise",), progress.showing(seen))
 
     return search
+
+
+def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
+    """The result with what would bring it nearer; without it where somebody stops, or wishes for another shape."""
+    from ..engine.choosing.prospects import prospects
+
+    if made.simulation is None or made.limits is None or made.wishes is not None or made.design is None:
+        return made
+    unseen = replace(progress, shown=None)  # what is shown is the piece as it is
+    try:
+        found = prospects(
+            made.simulation, made.limits, settings, supports=made.supports, force=made.force, progress=unseen
+        )
+    except Cancelled:
+        return made
+    return replace(made, limits=replace(made.limits, prospects=found))
 
 
 class Optimise(SearchStage, bpy.types.Operator):

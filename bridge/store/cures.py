@@ -47,6 +47,9 @@ MENDING = (
     ("one-sided", "Cut it open", "Cut a body with only one side open"),
 )
 
+# where a piece can be held by a press -> words of its button
+HOLDS = {"lowest": "Stand on lowest", "border": "Hold the border", "nothing": "Choose none"}
+
 
 @dataclass(frozen=True)
 class Cure:
@@ -88,10 +91,22 @@ def regularise() -> Cure:
     return Cure(interface("Squarer quads"), "flexmaps.regularise")
 
 
-def hold(where: str, setting: str = "supports") -> Cure:
-    """Let the piece stand on its lowest quads, or choose nothing where a vertex group was chosen."""
-    words = interface("Stand on lowest") if where == "lowest" else interface("Choose none")
-    return Cure(words, "flexmaps.stand_on", {"where": where, "setting": setting})
+def hold(where: str, setting: str = "supports", percent: float | None = None) -> Cure:
+    """Let the piece stand on its lowest quads, hold its border, or choose nothing where a vertex group was chosen.
+
+    percent : how near to its target it comes then, of its size, where that is known
+    """
+    words = interface(HOLDS[where])
+    return Cure(_with_percent(words, percent), "flexmaps.stand_on", {"where": where, "setting": setting})
+
+
+def cut_there(percent: float | None = None) -> Cure:
+    """Further cuts where the shape is to blame; ``percent`` as in ``hold``."""
+    return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")
+
+
+def _with_percent(words: str, percent: float | None) -> str:
+    return words if percent is None else interface("{}: {:.2g} %", words, percent)
 
 
 def let_go(key: str) -> Cure:
@@ -107,4 +122,4 @@ def remedy(name: str, amount: float | None) -> Cure:
         return Cure(interface("Sheet of {:g} mm", amount), "flexmaps.make_thinner")
     if name == remedies.FINER:
         return Cure(interface("Finer: {:.0f} quads", amount), "flexmaps.make_finer")
-    return Cure(interface("Cut there"), "flexmaps.cut_there")
+    return cut_there()

@@ -98,6 +98,16 @@ def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
     return np.flatnonzero(heights <= heights.min() + near).tolist()
 
 
+def border(obj: bpy.types.Object) -> list[int]:
+    """The vertices of edges of one face."""
+    mesh = obj.data
+    edges, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
+    mesh.loops.foreach_get("edge_index", edges)
+    mesh.edges.foreach_get("vertices", pairs)
+    uses = np.bincount(edges, minlength=len(mesh.edges))
+    return np.unique(pairs.reshape(-1, 2)[uses == 1]).tolist()
+
+
 def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
     """Let the piece be held at these vertices; those that were held before are let go."""
     from . import supports  # scipy comes with it

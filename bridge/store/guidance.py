@@ -105,7 +105,7 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
         return interface("Modifiers are to be applied")
     if len(mesh.loops) != 4 * count:
         return interface("{}, not all quads", wide)
-    if count < notices.LEAST_QUADS:
+    if notices.is_coarse(obj):
         return interface("{}, only {} quads", wide, count)
     return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * quad_edge(obj, scene))
 

@@ -13,11 +13,10 @@ from . import failures, notes, notices, objects
 from .cures import Cure
 from .flat_target import passed_over
 from .i18n import interface, translate
-from .notices import INFORMATION, KEPT, LEAST_QUADS, MADE_SQUARER, STOPS, Notice
+from .notices import INFORMATION, KEPT, MADE_SQUARER, STOPS, Notice
 from .states import DONE, TODO, State, is_old_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
-SIZED = "flexmaps_sized"  # on an object whose size somebody has typed in: it stays
 EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
 LETTERS = 28  # of a label at most, in every language
@@ -58,7 +57,7 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
     if objects.changed_by_modifiers(obj):
         said = translate("Applies the modifiers: the layout lives in the mesh itself")
         return Act("object.convert", _next(interface("Apply modifiers")), said, "piece", {"target": "MESH"})
-    if len(mesh.polygons) < LEAST_QUADS and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
+    if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
         if stages["layout"].kind == TODO:
             return _unless_failed(mesh, _quads(obj, scene), found)
     if stages["layout"].kind == TODO:
@@ -121,7 +120,7 @@ def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Millimetres of the longest side with which so many quads have about the edge that is set; 0 where they have it already."""
     mesh, unit = obj.data, scene.unit_settings.scale_length
-    if obj.get(SIZED) or any(obj.lock_scale):
+    if any(obj.lock_scale):
         return 0.0
     areas = np.empty(len(mesh.polygons), np.float32)
     mesh.polygons.foreach_get("area", areas)
@@ -138,7 +137,7 @@ def _before_layout(
 ) -> Act | None:
     """What a mesh of quads still needs before it is cut; None where it is fit."""
     edge, wanted = quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
-    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not (obj.get(SIZED) or any(obj.lock_scale)):
+    if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
         said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
         return Act("flexmaps.set_size", _next(interface("Scale to {:.0f} mm", size)), said, "piece")

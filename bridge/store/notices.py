@@ -14,7 +14,7 @@ import numpy as np
 
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
-from . import cures, equilibrium, failures, flat_target, notes, states
+from . import cures, equilibrium, failures, flat_target, notes, origin, states
 from .cures import Cure
 from .i18n import interface, translate
 
@@ -109,6 +109,7 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
+MATCHED = 1.0  # percent of the size, RMS, up to which a piece is as its target; see ``choosing.prospects``
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 MISSED = 2  # times as many quads, where they miss parts of the surface, as its warning says
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
@@ -233,11 +234,17 @@ def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
     return made
 
 
-def _few(obj: bpy.types.Object) -> list[Notice]:
-    """A mesh of a few quads, which makes no more than a toy."""
+def is_coarse(obj: bpy.types.Object) -> bool:
+    """Whether a mesh has so few quads that it makes no more than a toy, and nobody has asked for as few."""
     count = len(obj.data.polygons)
-    if count >= LEAST_QUADS or len(obj.data.loops) != 4 * count:
+    return count < LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
+
+
+def _few(obj: bpy.types.Object) -> list[Notice]:
+    """A mesh of a few quads."""
+    if not is_coarse(obj):
         return []
+    count = len(obj.data.polygons)
     sentence = translate("{} quads make a coarse piece: every quad becomes one spiral", count)
     ways = (
         cures.remesh(obj.flexmaps.remesh.quads),
@@ -303,14 +310,37 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
-        if row["code"] == "far-from-target" and not obj.flexmaps.loads.supports:
-            ways.append(cures.hold("lowest"))
+        if row["code"] == "far-from-target":
+            nearer = _nearer(blocks.get("reach", {}))
+            ways = [*nearer, *(way for way in ways if way.idname not in {cure.idname for cure in nearer})]
+            if not nearer and not obj.flexmaps.loads.supports:
+                ways.append(cures.hold("lowest"))
         if kind != INFORMATION:
             ways.append(cures.let_go(key))
         count = len(row["faces"])
         sentence = equilibrium.sentence(row, block)
         found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
-    return found
+    return found + _match(block, blocks.get("reach", {}), advised)
+
+
+def _nearer(reach: dict[str, Any]) -> list[Cure]:
+    """What brings a piece nearer to its target, with the figures that short searches reached, the best first."""
+    found = sorted(reach.get("prospects", {}).items(), key=lambda one: one[1])
+    return [cures.cut_there(percent) if name == "cut" else cures.hold(name, percent=percent) for name, percent in found]
+
+
+def _match(block: dict[str, Any], reach: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
+    """A piece that is farther from its target than anybody would miss, where no finding says so yet."""
+    percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
+    if percent is None or percent <= MATCHED or said & {"far-from-target", "stays-flat", "no-equilibrium"}:
+        return []
+    key, nearer = "equilibrium/match", _nearer(reach)
+    ways = nearer or [
+        cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised
+    ]
+    sentence = translate("The shape lies {:.2g} % of its size (RMS) from its target", percent)
+    words = interface("{:.1f} % from target", percent)
+    return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.let_go(key)))]
 
 
 def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:

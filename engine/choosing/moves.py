@@ -52,8 +52,20 @@ def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry])
 
 def blamed(judged: Judged) -> Float[np.ndarray, " quads"]:
     """(F,) how much every quad is to blame, most where another cut would mend it."""
-    mended = np.isin(judged.kind, MENDED)
-    return judged.blame * np.where(mended, 1.0, OTHERWISE)
+    return weighed(judged.blame, judged.kind)
+
+
+def weighed(blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]) -> Float[np.ndarray, " quads"]:
+    """Differences of bending, most where another cut would mend them; ``kind`` as in ``reach``."""
+    return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
+
+
+def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[Idea]:
+    """A layout with one more cut each, as ``cuts`` says."""
+    for edges, origin in cuts(layout, blame):
+        cut = layout.cut.copy()
+        cut[edges] = True
+        yield Idea(cut & ~layout.mesh.border, origin)
 
 
 def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:

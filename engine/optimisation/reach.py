@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..progress import SILENT, Progress
 from ..simulation.rests import snapping
 from ..simulation.shortfall import Shortfall
 from ..simulation.simulate import Simulation
+from .eased import eased
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
@@ -42,12 +44,14 @@ class Reach:
     """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence
 
     remedies : what of the advice a button can do, in its order, and how much of it, see ``remedies.amounts``
+    prospects : percent of the size that other ways come near, where that was looked for, see ``choosing.prospects``
     """
 
     kind: Int[np.ndarray, " quads"]
     share: Float[np.ndarray, " kinds"]
     advice: str
     remedies: Amounts
+    prospects: Mapping[str, float] = field(default_factory=dict)
 
     def report(self) -> dict[str, Any]:
         """The ``reach`` block of report.json."""
@@ -57,6 +61,7 @@ class Reach:
             "mismatch_share": dict(zip(NAMES, np.round(self.share, 4).tolist(), strict=True)),
             "advice": self.advice,
             "remedies": self.remedies,
+            **({"prospects": dict(self.prospects)} if self.prospects else {}),
         }
 
 
@@ -178,10 +183,12 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
     if strained:
         advised = [name for name in advised if name != FINER]
+    ease = eased(simulation) if strained else None
     return amounts(
         dict.fromkeys(advised),
         strain=None if strain is None else strain / STRAINED,
         soft=kind == "softest",
         thickness=simulation.assembly.thickness,
         quads=simulation.assembly.size,
+        eased=None if ease is None else lambda times, thickness: ease(times, thickness) / STRAINED,
     )

@@ -13,6 +13,10 @@ from ..mesh import PolygonMesh
 from .mend import Target, of_rows
 from .tool import Tool
 
+BEYOND = (
+    2  # times the count that quads may be where small bodies need some: a mesh of loose faces is to be merged instead
+)
+
 
 def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
     """The bodies to be remeshed one by one."""
@@ -55,20 +59,20 @@ def without_crumbs(
     """Which bodies get ``fewest`` quads at least, and what is said of the others.
 
     The others have at most ``crumbs`` of the area: as many bodies as that takes are kept, however few of ``count`` quads are theirs by
-    area. Raises ``FlexMapsError`` where all quads together are too few for that.
+    area. Raises ``FlexMapsError`` where that takes more than ``BEYOND`` times the count.
     """
     share = areas / areas.sum()
     large = share * count >= min(fewest, share.max() * count)
     order = np.argsort(-areas, kind="stable")
     needed = np.flatnonzero(1.0 - np.cumsum(share[order]) <= crumbs)
-    if len(needed) and (needed[0] + 1) * fewest <= count:
+    if len(needed) and (needed[0] + 1) * fewest <= BEYOND * count:
         large[order[: needed[0] + 1]] = True
     if large.all():
         return large, []
     left, many = float(share[~large].sum()), int((~large).sum())
     enough = int(np.ceil(fewest / max(float(share.min()), 1e-9) / 10.0) * 10)
     which = f"{many} of {len(areas)} bodies would get fewer than {fewest} quads of this size: {100 * left:.2g} % of the area"
-    if left > crumbs:
+    if left > crumbs * (1.0 + 1e-9):
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
             f"--crumbs {np.ceil(100 * left) / 100:g}); corners that should be one: use Merge by Distance",

@@ -1,0 +1,130 @@
+"""What would bring a piece nearer to its target, each with the match that a short search reaches.
+
+The full search that follows a press begins where the short one does and goes on for longer, so that it comes at least as near,
+but for what proving the design costs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Float, Int
+from ..errors import FlexMapsError
+from ..mechanics.laplacian import laplacian_difference
+from ..mechanics.loads import LOWEST, standing
+from ..optimisation.optimise import optimise
+from ..optimisation.reach import Reach
+from ..params import Settings
+from ..progress import SILENT, Progress
+from ..simulation.simulate import Simulation
+from ..surface.mesh import QuadMesh
+from .judge import SHORT, Idea, Piece, judge, lay
+from .moves import weighed, with_cuts
+
+BORDER, CUT = "border", "cut"  # beside ``LOWEST``: held at the border, and another cut
+WANTED = 1.0  # percent of the size: nobody sees an RMS distance of less on a piece of half a metre, which is 5 mm
+WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
+MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
+IDEAS = 2  # cuts that are tried: each takes as long as a support
+
+
+def prospects(
+    found: Simulation,
+    limits: Reach,
+    settings: Settings,
+    *,
+    supports: Int[np.ndarray, " held"] | None = None,
+    force: Float[np.ndarray, "quads 3"] | None = None,
+    progress: Progress = SILENT,
+) -> dict[str, float]:
+    """Find what brings an optimised piece nearer, the best first; nothing where it is near already.
+
+    Parameters
+    ----------
+    found, limits : the piece at rest, and what keeps it from the target
+    settings : of the search that found it
+    supports, force : as in ``simulate``
+
+    Returns
+    -------
+    Percent of the size (RMS) by what is done: ``LOWEST`` and ``BORDER`` hold these quads, ``CUT`` cuts where the shape is to blame.
+    """
+    now = found.match["rms_percent"]
+    if not found.equilibrium.converged or now <= WANTED:
+        return {}
+    ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
+    ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))
+    ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
+    reached: dict[str, float] = {}
+    for name, what in progress.each(ways, "What would bring it nearer"):
+        percent = (
+            _cut(found, what, settings, supports, force, progress.quiet())
+            if name == CUT
+            else _held(found, what, settings, force, progress.quiet())
+        )
+        if percent <= WORTH * now:
+            reached[name] = min(percent, reached.get(name, np.inf))
+    return dict(sorted(reached.items(), key=lambda one: one[1]))
+
+
+def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " held"]]]:
+    """What a piece could be held at: few enough quads that the rest still bends, each set once."""
+    border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
+    found: dict[bytes, tuple[str, np.ndarray]] = {}
+    for name, quads in ((LOWEST, standing(mesh, LOWEST)), (BORDER, border)):
+        if 0 < len(quads) <= MOST_HELD * len(mesh.quads):
+            found.setdefault(np.sort(quads).tobytes(), (name, quads))
+    return list(found.values())
+
+
+def _held(
+    found: Simulation,
+    supports: Int[np.ndarray, " held"],
+    settings: Settings,
+    force: Float[np.ndarray, "quads 3"] | None,
+    progress: Progress,
+) -> float:
+    """Percent that a short search with these supports comes near; infinite where nothing comes to rest."""
+    patience = SHORT * (settings.optimise.patience or 1.0)
+    params = replace(settings.optimise, patience=patience, restart=False, open_slots=False)
+    try:
+        better = optimise(
+            found.design,
+            found.target,
+            found.material,
+            params,
+            settings.simulate,
+            supports=supports,
+            force=force,
+            prove=False,
+            progress=progress,
+        )
+    except FlexMapsError:
+        return np.inf
+    return better.after.match["rms_percent"] if better.after.equilibrium.converged else np.inf
+
+
+def _cut(
+    found: Simulation,
+    idea: Idea,
+    settings: Settings,
+    supports: Int[np.ndarray, " held"] | None,
+    force: Float[np.ndarray, "quads 3"] | None,
+    progress: Progress,
+) -> float:
+    """Percent that a short search comes near in another layout; infinite where it cannot be laid flat."""
+    design = found.design
+    piece = Piece(found.target, settings, supports, force, spirals=(design.width, design.twist))
+    laid = lay(piece, idea, progress=progress)
+    judged = None if laid is None else judge(piece, laid, progress=progress)
+    return np.inf if judged is None else 100.0 * judged.rms
+
+
+def _mismatch(found: Simulation) -> Float[np.ndarray, " quads"]:
+    """How much every quad's bending differs from the target's, squared metres."""
+    bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
+    return (bends**2).sum(axis=1)

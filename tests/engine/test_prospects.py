@@ -1,0 +1,98 @@
+"""What would bring a piece nearer: which ways are tried, and which are told."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from flexmaps.engine.choosing import prospects
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.optimisation.reach import reach
+from flexmaps.engine.params import Settings, SimulateParams
+from flexmaps.engine.runs import job
+from flexmaps.engine.simulation.simulate import Simulation, simulate
+from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
+
+
+@lru_cache(maxsize=1)
+def dome() -> Simulation:
+    """A dome of evenly soft spirals, which is far from its target."""
+    made = job.run(PolygonMesh.of(shapes.make("dome")), Settings(), edge=0.02, stop_after="spirals")
+    assert made.flat is not None
+    design = uniform(made.flat, Settings().spiral)
+    found = simulate(design, made.mesh, MATERIALS["delrin"], SimulateParams())
+    assert found.match["rms_percent"] > prospects.WANTED
+    return found
+
+
+def told(monkeypatch: pytest.MonkeyPatch, reached: dict[int, float], cut: float) -> tuple[dict[str, float], list[int]]:
+    """What is told where a short search with so many quads held reaches so many percent, and a cut another; and what was held."""
+    held: list[int] = []
+
+    def search(*_: Any, supports: np.ndarray, **__: Any) -> Any:
+        held.append(len(supports))
+        if len(supports) not in reached:
+            raise FlexMapsError("Nothing comes to rest")
+        equilibrium = SimpleNamespace(converged=True)
+        return SimpleNamespace(
+            after=SimpleNamespace(match={"rms_percent": reached[len(supports)]}, equilibrium=equilibrium)
+        )
+
+    monkeypatch.setattr(prospects, "optimise", search)
+    monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else "laid")
+    monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
+    found = dome()
+    return prospects.prospects(found, reach(found), Settings()), held
+
+
+def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh, now = dome().target, dome().match["rms_percent"]
+    uses = np.bincount(mesh.quad_edges.ravel(), minlength=len(mesh.edges))
+    border = np.flatnonzero((uses[mesh.quad_edges] == 1).any(axis=1))
+    heights = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
+    lowest = np.flatnonzero(heights <= heights.min() + 0.25 * mesh.median_edge)
+    assert len(lowest) < len(border), "else both are one"
+    found, held = told(monkeypatch, {len(lowest): 0.3 * now, len(border): 0.1 * now}, 0.2 * now)
+    assert held == [len(lowest), len(border)]
+    assert list(found) == ["border", "cut", "lowest"] and found["lowest"] == pytest.approx(0.3 * now)
+    found, _ = told(monkeypatch, {len(border): 0.95 * now}, np.inf)
+    assert found == {}
+
+
+def test_a_piece_that_is_near_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prospects, "WANTED", 2.0 * dome().match["rms_percent"])
+    found, held = told(monkeypatch, {}, np.inf)
+    assert not found and not held
+
+
+def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prospects, "_held", lambda *_: pytest.fail("held elsewhere"))
+    monkeypatch.setattr(prospects, "_cut", lambda *_: 0.1)
+    found = dome()
+    assert list(prospects.prospects(found, reach(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
+
+
+@pytest.mark.thorough
+def test_the_full_search_comes_as_near_as_is_told() -> None:
+    from dataclasses import replace
+
+    from flexmaps.engine.mechanics.loads import LOWEST, standing
+    from flexmaps.engine.optimisation.optimise import optimise
+
+    made = job.run(PolygonMesh.of(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
+    assert made.simulation is not None and made.limits is not None and made.design is not None
+    found = prospects.prospects(made.simulation, made.limits, Settings())
+    settings = Settings()
+    for name in set(found) - {prospects.CUT}:
+        mesh = made.mesh
+        quads = standing(mesh, LOWEST) if name == LOWEST else np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
+        better = optimise(
+            made.design, mesh, settings.material.chosen, replace(settings.optimise), settings.simulate, supports=quads
+        )
+        assert better.after.match["rms_percent"] <= 1.3 * found[name]
