@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
 CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # what takes the mesh as it is
-CALM = 0.4  # seconds after a press in which another one does nothing: a double click never starts two steps
+CALM = 0.4  # seconds after the label has changed in which a press does nothing: a double click never starts two steps
 
 
 class Next(AnyMesh, bpy.types.Operator):
@@ -27,20 +27,23 @@ class Next(AnyMesh, bpy.types.Operator):
     bl_label = "Next"
     bl_options = {"REGISTER"}
 
-    _pressed = -CALM  # when the last press had ended
+    _seen = ("", 0.0)  # the last label, and when it was first seen
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         act = None if context.object is None else guidance.of(context.object, context.scene).act
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
+    @classmethod
+    def see(cls, label: str) -> None:
+        """Note what stands on the button; the sidebar calls it as it draws."""
+        if label != cls._seen[0]:
+            cls._seen = label, time.monotonic()
+
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        if time.monotonic() - Next._pressed < CALM:
+        if time.monotonic() - self._seen[1] < CALM:
             return {"CANCELLED"}
-        try:
-            return self._press(context, "INVOKE_DEFAULT")
-        finally:
-            Next._pressed = time.monotonic()
+        return self._press(context, "INVOKE_DEFAULT")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._press(context, "EXEC_DEFAULT")

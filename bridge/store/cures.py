@@ -47,9 +47,6 @@ MENDING = (
     ("one-sided", "Cut it open", "Cut a body with only one side open"),
 )
 
-# where a piece can be held by a press -> words of its button
-HOLDS = {"lowest": "Stand on lowest", "border": "Hold the border", "nothing": "Choose none"}
-
 
 @dataclass(frozen=True)
 class Cure:
@@ -96,7 +93,12 @@ def hold(where: str, setting: str = "supports", percent: float | None = None) ->
 
     percent : how near to its target it comes then, of its size, where that is known
     """
-    words = interface(HOLDS[where])
+    all_words = {
+        "lowest": interface("Stand on lowest"),
+        "border": interface("Hold the border"),
+        "nothing": interface("Choose none"),
+    }
+    words = all_words[where]
     return Cure(_with_percent(words, percent), "flexmaps.stand_on", {"where": where, "setting": setting})
 
 

@@ -71,7 +71,7 @@ def prospects(
     return dict(sorted(reached.items(), key=lambda one: one[1]))
 
 
-def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " held"]]]:
+def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """What a piece could be held at: few enough quads that the rest still bends, each set once."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}

@@ -21,12 +21,12 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 
 
 @lru_cache(maxsize=1)
-def dome() -> Simulation:
-    """A dome of evenly soft spirals, which is far from its target."""
-    made = job.run(PolygonMesh.of(shapes.make("dome")), Settings(), edge=0.02, stop_after="spirals")
+def saddle() -> Simulation:
+    """A saddle of evenly soft spirals, which is far from its target."""
+    made = job.run(PolygonMesh.of(shapes.make("saddle")), Settings(), edge=0.02, stop_after="spirals")
     assert made.flat is not None
     design = uniform(made.flat, Settings().spiral)
-    found = simulate(design, made.mesh, MATERIALS["delrin"], SimulateParams())
+    found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
     assert found.match["rms_percent"] > prospects.WANTED
     return found
 
@@ -47,12 +47,12 @@ def told(monkeypatch: pytest.MonkeyPatch, reached: dict[int, float], cut: float)
     monkeypatch.setattr(prospects, "optimise", search)
     monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else "laid")
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
-    found = dome()
+    found = saddle()
     return prospects.prospects(found, reach(found), Settings()), held
 
 
 def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh, now = dome().target, dome().match["rms_percent"]
+    mesh, now = saddle().target, saddle().match["rms_percent"]
     uses = np.bincount(mesh.quad_edges.ravel(), minlength=len(mesh.edges))
     border = np.flatnonzero((uses[mesh.quad_edges] == 1).any(axis=1))
     heights = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
@@ -66,7 +66,7 @@ def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pyte
 
 
 def test_a_piece_that_is_near_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prospects, "WANTED", 2.0 * dome().match["rms_percent"])
+    monkeypatch.setattr(prospects, "WANTED", 2.0 * saddle().match["rms_percent"])
     found, held = told(monkeypatch, {}, np.inf)
     assert not found and not held
 
@@ -74,7 +74,7 @@ def test_a_piece_that_is_near_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> 
 def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prospects, "_held", lambda *_: pytest.fail("held elsewhere"))
     monkeypatch.setattr(prospects, "_cut", lambda *_: 0.1)
-    found = dome()
+    found = saddle()
     assert list(prospects.prospects(found, reach(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
 
 
