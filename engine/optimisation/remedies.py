@@ -15,9 +15,7 @@ from ..params import SHOWN, RemeshParams, SpiralParams
 CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
-Eased = Callable[
-    [float, float], float | None
-]  # from times the size and metres of the sheet to the strain, in its limits
+Eased = Callable[[float, float], float]  # from times the size and metres of the sheet to the largest strain
 
 # Times larger where no strain says how much: a step of R10, in which sizes are made. A dome of 192 quads that is as soft as it may
 # be ends at 1.3 % of its size from the target instead of 3.0 when it is 1.5 times as large; half of that is the first step
