@@ -57,11 +57,11 @@ def _first_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Balls:
-    """A tool that knows balls alone, and notes what it was given."""
+    """A tool that knows balls alone, and notes what it was given; ``parts`` of its first answers lack the bottom."""
 
-    def __init__(self, cutting: tuple[tuple[int, int], ...] = (), hopeless: int = 0):
+    def __init__(self, cutting: tuple[tuple[int, int], ...] = (), hopeless: int = 0, parts: int = 0):
         self.given: list[tuple[float, int]] = []
-        self.cutting, self.hopeless = list(cutting), hopeless
+        self.cutting, self.hopeless, self.parts = list(cutting), hopeless, parts
 
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh:
         return mesh if (mesh.sizes == 3).all() else halved(mesh)
@@ -75,7 +75,10 @@ class Balls:
         if len(self.given) <= self.hopeless:
             return None
         middle = 0.5 * (body.vertices.max(axis=0) + body.vertices.min(axis=0))
-        return ball(max(2, round((count / 6) ** 0.5)), tuple(middle), extent / 2)
+        made = ball(max(2, round((count / 6) ** 0.5)), tuple(middle), extent / 2)
+        rows = made.corners.reshape(-1, 4)
+        lacking = len(self.given) <= self.parts
+        return of_rows(made.vertices, rows[made.vertices[rows].mean(axis=1)[:, 2] > -0.4]) if lacking else made
 
     def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
         return None
@@ -385,32 +388,11 @@ def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"
 
 
-class Parts(Balls):
-    """A tool whose first answers lack what lies below a height."""
-
-    def __init__(self, first: int, below: float = -0.4):
-        super().__init__()
-        self.first, self.below = first, below
-
-    def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
-        quads = super().quads(body, count, seed, sharp, progress)
-        assert quads is not None
-        if len(self.given) > self.first:
-            return quads
-        rows = quads.corners.reshape(-1, 4)
-        return of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > self.below])
-
-
 def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(requad, "CANDIDATES", 4)
-    whole = halved(ball(8))
-    found = requad.requad(whole, 96, Parts(first=10**6))
+    found = requad.requad(halved(ball(8)), 96, Balls(parts=10**6))
     assert [finding.code for finding in found.findings] == ["surface-missed"]
-    found = requad.requad(whole, 96, Parts(first=1))
+    found = requad.requad(halved(ball(8)), 96, Balls(parts=1))
     assert not found.findings and requad.is_closed(found.polygons)
-
-
-def test_a_body_that_cuts_itself_has_lost_nothing_where_its_inside_is_gone() -> None:
-    judged = requad.Judged(ball(6), (0, 0, 0), 1.0)
-    cutting = requad._Search(halved(both(ball(8), ball(8, (0.3, 0.0, 0.0)))), 216, Balls(), "")
-    assert cutting._with_losses(judged) is judged
+    judged = requad.Judged(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
+    assert requad._Search(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
