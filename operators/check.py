@@ -41,6 +41,9 @@ class Check(StageOperator, bpy.types.Operator):
             else translate("{} quads, nothing to complain about", count)
         )
 
+    def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
+        """Nothing: what it found is a notice already."""
+
 
 class ShowFinding(AtOnce, OnObject, bpy.types.Operator):
     """Select the faces that this is about"""

@@ -184,8 +184,8 @@ def wished():
     )
     yield from picture("wished")
     obj.flexmaps.optimise.iterations, obj.flexmaps.optimise.codesign = 1, False
-    bpy.context.window_manager.flexmaps_tab.open_shape = True
-    yield from hands.click("operator", "flexmaps.optimise")
+    with hands.in_view():  # it stands in a menu
+        bpy.ops.flexmaps.optimise("INVOKE_DEFAULT", True)
     block = yield from optimised()
     FOUND["wished_mm"] = [block.get("wished_mm_before"), block.get("wished_mm")]
     expect(block.get("wishes") == 1, f"Optimise knows of one wish: {block}")

@@ -142,6 +142,7 @@ class Spy:
 
     wanted = None  # (method, first words, text) of what is to be red
     drawn = False
+    marked = False  # in this drawing: of several buttons that do the same the first one is red
 
     def __init__(self, layout):
         object.__setattr__(self, "_layout", layout)
@@ -156,9 +157,9 @@ class Spy:
 
         def call(*words, **options):
             layout = self._layout
-            if not Spy.fits(name, words, options):
+            if Spy.marked or not Spy.fits(name, words, options):
                 return _spied(value(*words, **options))
-            Spy.drawn, before = True, layout.alert
+            Spy.drawn, Spy.marked, before = True, True, layout.alert
             if name == "panel_prop":  # what is drawn on it stays red
                 header, body = value(*words, **options)
                 header.alert = True
@@ -213,6 +214,7 @@ def spy_on(classes):
 
 def _through_spy(draw, name):
     def spied(panel, context):
+        Spy.marked = False
         draw(_Self(panel), context)
 
     return spied
@@ -265,12 +267,6 @@ def click(method, identifier, text=None, times=1):
     pressed = time.perf_counter()
     xdotool("click", "--repeat", times, "--delay", 60, 1)
     return pressed
-
-
-def unfold(section):
-    """Open a section of the tab that is closed, by its heading, or fold it."""
-    yield from click("panel_prop", f"open_{section}")
-    yield 0.5
 
 
 def type_in(identifier, value):

@@ -106,18 +106,18 @@ def press(name, text=None, meanwhile=None, options=None):
     if name in BUTTONS:
         setattr(bpy.context.window_manager.flexmaps_tab, f"open_{BUTTONS[name]}", True)
     direct = name in BUTTONS or name == "next"
-    if direct:
-        place = yield from hands.find("operator", f"flexmaps.{name}", text)
-        yield from hands.move(place)
-        yield 0.5  # Next does nothing for a moment after its words have changed
+    wanted = ("operator", f"flexmaps.{name}", text) if direct else ("menu", "FLEXMAPS_MT_next")
+    place = yield from hands.find(*wanted)
+    yield from hands.move(place)
+    yield 0.5  # Next does nothing for a moment after its words have changed
     bar, before = hands.pixels()[-STATUS:].copy(), (len(BEGUN), last_operator())
     meter = Meter(lambda: not np.array_equal(hands.pixels()[-STATUS:], bar))
     pressed = time.perf_counter()
     if direct:
         hands.xdotool("click", 1)
-    else:  # in a menu
+    else:  # in a menu; with a step to undo, as there
         with hands.in_view():
-            getattr(bpy.ops.flexmaps, name)("INVOKE_DEFAULT", **(options or {}))
+            getattr(bpy.ops.flexmaps, name)("INVOKE_DEFAULT", True, **(options or {}))
     yield from until(lambda: (len(BEGUN), last_operator()) != before)
     if (len(BEGUN), last_operator()) == before:
         raise LookupError(f"a click on {name} does nothing")

@@ -12,7 +12,7 @@ sys.path.insert(0, str(HERE))
 import hands  # noqa: E402
 from presses import BEGUN, FOUND, Held, current, expect, installed, last_operator, picture, until  # noqa: E402
 
-QUADS = 80
+QUADS = 200
 REDDER = 60  # of 255: more red than green in what is marked
 EDGE = 12  # pixels from the left edge of the sidebar, where a panel shows nothing but its colour
 HIGHEST = 900  # pixels: what a full screen of 1920 x 1080 shows of a sidebar

@@ -120,7 +120,6 @@ def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file
     assert found["wrong"] == []
 
 
-@FORMER_TAB
 def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     shutil.copy2(zip_file, tmp_path)
     pictures = ROOT / "out" / "window-live"

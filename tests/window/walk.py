@@ -111,6 +111,8 @@ def layout():
     expect(any(e.use_seam for e in bpy.context.object.data.edges), "Trace draws seams")
     traced = blocks()["layout"]["patches"]
     yield from picture("traced")
+    yield from hands.look_at([bpy.context.object])  # the view has shown the panels too
+    yield from hands.still(hands.view()[1])
     expect(coloured() > 0.08, f"the patches are seen at once, but {coloured():.1%} of the view has a colour")
     yield from press("overlay", options={"kind": "PATCH"})
     yield from hands.still(hands.view()[1])
