@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+
+from ..engine.errors import FlexMapsError
 
 if TYPE_CHECKING:
     import bpy
@@ -12,11 +14,23 @@ if TYPE_CHECKING:
 MOST = 14  # presses to sheets at most; whatever needs more goes in circles
 
 
-def press(obj: bpy.types.Object, *, cure: bool = False) -> dict[str, Any] | None:
-    """Press what *Next* offers for an object, or with ``cure`` the first cure of what speaks against cutting it.
+def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] | None:
+    """Press what *Next* offers for an object, or a cure of what there is to look at.
 
-    Returns None where nothing is left to press, else ``pressed`` (its label), ``call``, ``error`` ("" where it went well), ``seconds`` of
+    Parameters
+    ----------
+    obj : a mesh
+    cure : True presses the first cure of what speaks against cutting that was not pressed before; a name, such as "make_larger" or
+        "stand_on-lowest", the cure of that name. ``told`` lists them.
+
+    Returns
+    -------
+    None where nothing is left to press, else ``pressed`` (its label), ``call``, ``error`` ("" where it went well), ``seconds`` of
     processors, other processes included, and what ``told`` tells afterwards. The object that it ends with is the active one.
+
+    Raises
+    ------
+    FlexMapsError where no cure of that name is offered.
     """
     import bpy
 
@@ -26,9 +40,18 @@ def press(obj: bpy.types.Object, *, cure: bool = False) -> dict[str, Any] | None
     layer.objects.active = obj
     layer.update()
     seen = guidance.of(obj, scene)
-    ways = [way for notice in seen.open for way in notice.cures if way.idname != "flexmaps.let_go"] if cure else []
-    tried = failures.tried(obj.data)
-    chosen = next((way for way in ways if way.call not in tried), None)
+    chosen = None
+    if isinstance(cure, str):
+        offered = {way.name: way for notice in reversed(seen.notices) for way in reversed(notice.cures)}
+        if cure not in offered:
+            raise FlexMapsError(
+                f"'{obj.name}' is offered no cure '{cure}'; it is offered: {', '.join(sorted(offered))}"
+            )
+        chosen = offered[cure]
+    elif cure:
+        ways = [way for notice in seen.open for way in notice.cures if way.idname != "flexmaps.let_go"]
+        tried = failures.tried(obj.data)
+        chosen = next((way for way in ways if way.call not in tried), None)
     act = chosen or seen.act
     if act is None or act.idname == "wm.path_open":
         return None
@@ -48,20 +71,35 @@ def press(obj: bpy.types.Object, *, cure: bool = False) -> dict[str, Any] | None
     return {"pressed": act.label, "call": call, "error": error, "seconds": spent} | told(layer.objects.active)
 
 
-def presses(obj: bpy.types.Object, *, cures: int = 0, most: int = MOST) -> Iterator[dict[str, Any]]:
-    """Press *Next* until nothing is left to press; before files are written, so many cures of what speaks against it."""
+def presses(
+    obj: bpy.types.Object, *, cures: int = 0, named: Sequence[str] = (), most: int = MOST
+) -> Iterator[dict[str, Any]]:
+    """Press *Next* until nothing is left to press.
+
+    Parameters
+    ----------
+    obj : a mesh
+    cures : how many first cures are pressed before files are written
+    named : cures that are pressed there too, or where *Next* offers nothing, each once where it is offered
+    most : presses
+    """
     import bpy
 
     from ..bridge.store import guidance
 
+    waiting = list(named)
     for _ in range(most):
         obj = bpy.context.view_layer.objects.active if obj is None else obj
-        act = guidance.of(obj, bpy.context.scene).act
-        last = act is None or act.idname in {"flexmaps.export", "wm.path_open"}
-        found = press(obj, cure=cures > 0 and last)
+        seen = guidance.of(obj, bpy.context.scene)
+        last = seen.act is None or seen.act.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
+        offered = {way.name for notice in seen.notices for way in notice.cures} if last else set()
+        name = next((name for name in waiting if name in offered), None)
+        if name is not None:
+            waiting.remove(name)
+        found = press(obj, cure=name or (cures > 0 and last))
         if found is None:
             return
-        cures -= cures > 0 and last
+        cures -= cures > 0 and last and name is None
         yield found
         obj = bpy.context.view_layer.objects.active
 

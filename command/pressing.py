@@ -20,9 +20,8 @@ def add(commands: Any) -> None:
     made.add_argument("mesh", metavar="FILE.blend", help="the file, which is saved after every object")
     made.add_argument("--object", metavar="NAME", help="the object, instead of the active one")
     made.add_argument("--all", action="store_true", help="every mesh that is seen, one after the other")
-    made.add_argument(
-        "--cure", choices=("first",), help="before files are written, press the first cure of what speaks against it"
-    )
+    said = "before files are written, press this cure where it is offered, as --json names it; 'first' is the first of what speaks against it"
+    made.add_argument("--cure", action="append", default=[], metavar="NAME", help=said)
     made.add_argument("--json", action="store_true", help="print one JSON object a press")
     made.set_defaults(keeps=False, run=_run, tell=_tell)
 
@@ -50,7 +49,7 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
         args.json,
         False,
     )  # a line a press, told at the end: until then Blender's own output is kept away
-    presses = [told for obj in objects for told in _pressed(obj, args.cure is not None)]
+    presses = [told for obj in objects for told in _pressed(obj, args.cure)]
     ended = {told["object"]: told for told in presses}
     last = [told for told in presses if told["last"]]
     stuck = [told for told in last if told["figures"]["sheets"] is None]
@@ -60,12 +59,13 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
     return {"presses": presses, "stuck": stopped, "undone": undone}
 
 
-def _pressed(obj: Any, cured: bool) -> list[dict[str, Any]]:
+def _pressed(obj: Any, cures: list[str]) -> list[dict[str, Any]]:
     """Press *Next* on one object until nothing is left, and save; every press as it is told, the last one marked."""
     import bpy
 
     bpy.context.view_layer.objects.active = obj
-    found = list(pressing.presses(obj, cures=int(cured)))
+    named = [name for name in cures if name != "first"]
+    found = list(pressing.presses(obj, cures=len(cures) - len(named), named=named))
     found = found or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.told(obj)]
     bpy.ops.wm.save_mainfile()
     return [told | {"last": told is found[-1]} for told in found]

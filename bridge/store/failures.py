@@ -24,7 +24,12 @@ WRITES = {
 
 def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError) -> None:
     """Note that an operator failed, with its culprits and what it was given."""
-    said = {"message": str(error), "faces": error.faces, "edges": error.edges, "given": _given(obj, scene, idname)}
+    said: dict[str, Any] = {
+        "message": str(error),
+        "faces": error.faces,
+        "edges": error.edges,
+        "given": _given(obj, scene, idname),
+    }
     said |= {} if error.quads is None else {"quads": error.quads}
     notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: said})
 

@@ -207,3 +207,24 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     assert len(made.data.polygons) < notices.LEAST_QUADS
     act = seen(made).act
     assert act is not None and act.idname != "flexmaps.quad_remesh"
+
+
+def test_a_cure_is_pressed_by_its_name(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    _faulty(piece, "loose-vertices")
+    with pytest.raises(FlexMapsError, match="mend-loose"):
+        api.press(piece, cure="mend-normals")
+    told = api.press(piece, cure="mend-loose")
+    assert told is not None and told["call"] == "bpy.ops.flexmaps.mend(what='loose')" and not told["error"]
+    assert len(piece.data.vertices) == len(shapes.make("dome").vertices)
+
+
+def _faulty(piece: Any, code: str) -> None:
+    """Put one fault into a piece and check it."""
+    bm = bmesh.new()
+    bm.from_mesh(piece.data)
+    FAULTS[code](bm)
+    bm.to_mesh(piece.data)
+    bm.free()
+    with suppress(RuntimeError):
+        bpy.ops.flexmaps.check()
