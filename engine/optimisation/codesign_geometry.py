@@ -48,7 +48,7 @@ def by_geometry(
 def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
     """Every joint with two spirals of its own, so that what a model finds of the spirals is that of each joint, and their pose.
 
-    The nodes of a rim come behind all spirals, as ever.
+    The nodes of a rim come behind all spirals, as in ``Assembly.whole``.
     """
     inner, ties = assembly.pairs[: assembly.inner], assembly.pairs[assembly.inner :]
     body = np.concatenate([inner.ravel(), ties[:, 0], ties[:, 1]])
