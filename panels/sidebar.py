@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.hosts import background, preload
 from ..bridge.store import notes, states
-from ..bridge.store.objects import unusable
+from ..bridge.store.objects import linked, unusable
 from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
 from .stages import ICONS, look
@@ -46,6 +46,8 @@ class MainPanel(bpy.types.Panel):
             look(context, afresh=True)
         head.draw(panel, context, problem)
         if problem is not None:
+            if context.object is not None and linked(context.object):
+                panel.operator("object.make_local", text=tr("Make local")).type = "SELECT_OBDATA"
             _welcome(panel)
             return
         for section in SECTIONS:

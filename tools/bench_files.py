@@ -1,7 +1,8 @@
 """Measures the files of sheets in the programs that read them: travel, labels, segments, and what FreeCAD, LibreCAD, Inkscape, and a slicer find.
 
-python3 tools/dev.py bench files [--meshes DIR] [--json FILE] [--only NAME ...]
+python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only NAME ...]
 
+Small sheets of every kind (``sheet_kinds.py``) and the demo's are measured; ``--thorough`` adds larger meshes and a slicer's seconds.
 A program that is not installed is named. Travel is compared with vpype's ``linesort`` of the same curves where ``vpype`` is installed
 (``pip install vpype`` in any environment; FLEXMAPS_VPYPE is its path).
 """
@@ -10,24 +11,43 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bench_layout import EDGE, surfaces
+from flexmaps.engine.fabrication.panels.toolpath import Runs
 from flexmaps.engine.fabrication.sheets import CutSheets
+from flexmaps.engine.fabrication.writers import export, solids, svg
+from flexmaps.engine.fabrication.writers.operations import frame
 from flexmaps.engine.params import Settings, changed
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.arcs import Curve
 from flexmaps.engine.surface.checking import check
-from rows import Row, Table, at_most, row
+from rows import Row, Table, at_least, at_most, row
+from sheet_kinds import KINDS
 
-MESHES = ("made:demo", "vault", "cubesphere", "three_holes")
+QUICK, MESHES = ("made:demo",), ("made:demo", "vault", "cubesphere", "three_holes")
+FORMER = 4e-6  # metres between arcs and the edges of solids before these were made coarser
+SMALLER = 0.55  # of the former size and seconds of solids
+# inserts drawings and counts the edges of their objects
+FREECAD = """
+import FreeCAD, Import, os
+for path in os.environ["DRAWINGS"].split(os.pathsep):
+    document = FreeCAD.newDocument()
+    Import.readDXF(path, document.Name)
+    print("EDGES", sum(len(each.Shape.Edges) for each in document.Objects if hasattr(each, "Shape")))
+    FreeCAD.closeDocument(document.Name)
+"""
 TRAVEL = 1.1  # times the way of vpype's linesort
+LIBRECAD, SLICED = 2, 2  # drawings that LibreCAD prints, kinds whose solids the slicer looks at: seconds each
 PASSES = ("engraved", "inner", "outer")  # in the order of the work
 
 
@@ -40,18 +60,185 @@ def main(arguments: list[str]) -> int:
         "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
     )
     parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--only", nargs="*", default=MESHES, help="only meshes of these names")
+    parser.add_argument("--thorough", action="store_true", help="larger meshes too, and a slicer's seconds")
+    parser.add_argument("--only", nargs="*", help="only meshes of these names")
     options = parser.parse_args(arguments)
+    names = options.only or (MESHES if options.thorough else QUICK)
     table = Table(36)
-    for name, polygons in surfaces(options.meshes):
-        if name not in options.only:
-            continue
-        made = job.run(check.scaled(polygons, edge=EDGE), changed(Settings(), {"sheet.nesting": "FAST"})).sheets
-        assert made is not None
-        with tempfile.TemporaryDirectory() as folder:
-            table.add(*travel_rows(name, made, Path(folder)), *curve_rows(name, made))
+    written: list[tuple[CutSheets, Path]] = []
+    with tempfile.TemporaryDirectory() as place:
+        for name, kind in KINDS.items():
+            folder = Path(place) / name.replace(" ", "-")
+            folder.mkdir()
+            made = kind(folder)
+            table.add(*sheet_rows(name, made, folder))
+            written.append((made, folder))
+        for name, polygons in surfaces(options.meshes):
+            if name not in names:
+                continue
+            sheets = job.run(check.scaled(polygons, edge=EDGE), changed(Settings(), {"sheet.nesting": "FAST"})).sheets
+            assert sheets is not None
+            folder = Path(place) / name.replace(":", "-")
+            folder.mkdir()
+            table.add(
+                *travel_rows(name, sheets, folder),
+                *sheet_rows(name, sheets, folder),
+                *solid_rows(name, sheets, folder, options.thorough),
+            )
+            if options.thorough:
+                written.append((sheets, folder))
+        table.add(*program_rows(written, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
     table.finish(options.json)
     return 0
+
+
+# -- what the project's files say ----------------------------------------------------------------------------------------
+
+
+def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
+    """Segments, corners, holding tabs, labels, and the drawings as ezdxf and svgelements read them."""
+    runs = [made.runs(k) for k in range(made.count)]
+    curves = [c for r in runs for c in (*r.inner, *r.outer)]
+    least = 1e3 * min(float(np.linalg.norm(np.diff(c.points, axis=0), axis=1).min()) for c in curves)
+    found = [row(name, "shortest segment, mm", ">= 0.02", round(least, 4), least >= 0.02 - 1e-9)]
+    report = made.connections.report
+    if "connector_rounding_min_mm" in report:
+        found.append(at_least(name, "sharpest corner of connectors, mm", 0.199, report["connector_rounding_min_mm"]))
+    if made.cut.tabs:
+        off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
+        found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
+    found.append(at_most(name, "labels without room", 0, made.labels_left_out))
+    kinds = ("svg", "dxf", "dxf-r12", "stl", "3mf")
+    paths = export.write(made, folder / "sheet", kinds)
+    found.append(
+        at_most(name, "faults that ezdxf and svgelements find", 0, sum(_drawing_faults(p, made) for p in paths))
+    )
+    return found
+
+
+def _gaps(runs: Runs) -> Iterator[float]:
+    """Metres between the end of every piece of an outline and the start of the next, where there are holding tabs."""
+    ends = np.array([c.points[-1] for c in runs.outer if not c.closed]).reshape(-1, 2)
+    starts = np.array([p for c in runs.outer if not c.closed for p in c.points[:2]]).reshape(
+        -1, 2
+    )  # with a lead-in or without
+    for end in ends:
+        yield float(np.linalg.norm(starts - end, axis=1).min())
+
+
+def _drawing_faults(path: Path, made: CutSheets) -> int:
+    """Faults of a drawing: what ezdxf's audit finds, a wrong extent, a zero bulge in R12, or a closed path that ends on its start."""
+    index = int(path.stem.rpartition("-")[2]) - 1
+    size = 1e3 * made.packing.sizes[index]
+    if path.suffix == ".dxf":
+        import ezdxf
+
+        document = ezdxf.readfile(path)
+        low, high = (np.array(document.header[name][:2]) for name in ("$EXTMIN", "$EXTMAX"))
+        wrong = int(np.abs(low).max() > 0.01 or np.abs(high - size).max() > 0.01)
+        zero = "r12" in path.name and re.search(r"\n *42\n *0(\.0*)?\n", path.read_text(encoding="latin-1")) is not None
+        return len(document.audit().errors) + wrong + zero
+    if path.suffix == ".svg":
+        data = re.findall(r' d="(M[^"]*)Z"', path.read_text(encoding="utf-8"))
+        return sum(re.findall(r"-?[\d.e-]+ -?[\d.e-]+", one)[0] == one.rpartition("L")[2] for one in data)
+    return 0
+
+
+def solid_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
+    """Size of the first sheet's solids beside that with the former tolerance, and a slicer's seconds with both."""
+    new, old = folder / "new.stl", folder / "old.stl"
+    for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
+        solids.stl([solids.extruded(p, made.thickness, tolerance) for p in made.on_sheet(0)], path)
+    found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
+    slicer = shutil.which("prusa-slicer")
+    if thorough and slicer:
+        seconds = [_sliced(slicer, path) for path in (new, old)]
+        found.append(at_most(name, "slicing, share of the former seconds", SMALLER, seconds[0] / seconds[1]))
+    return found
+
+
+def _sliced(slicer: str, path: Path) -> float:
+    """Processor seconds of slicing a file for a bed as large as the sheet."""
+    import resource
+
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    words = ["-g", "--bed-shape", "0x0,1000x0,1000x1000,0x1000", "--dont-arrange", "--max-print-height", "100"]
+    subprocess.run([slicer, *words, "-o", str(path.with_suffix(".gcode")), str(path)], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+# -- programs --------------------------------------------------------------------------------------------------------
+
+
+def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]:
+    """What other programs find in all drawings of these names together."""
+    wanted, drawings = [], []
+    for made, folder in written:
+        for path in sorted(folder.glob(names)):
+            runs = made.runs(int(path.stem.rpartition("-")[2]) - 1)
+            curves = (*runs.engraved, *runs.inner, *runs.outer, *frame(made, int(path.stem.rpartition("-")[2]) - 1))
+            wanted.append(sum(len(c.points) - (not c.closed) for c in curves))
+            drawings.append(path)
+    found = []
+    freecad = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
+    if freecad:
+        script = written[0][1] / "count.py"
+        script.write_text(FREECAD, encoding="utf-8")
+        said = _ran(freecad, script, DRAWINGS=os.pathsep.join(map(str, drawings)))
+        edges = list(map(int, re.findall(r"EDGES (\d+)", said)))
+        right = sum(a == b for a, b in zip(edges, wanted, strict=False))
+        found.append(at_least("all", f"drawings of {len(wanted)} all of whose edges FreeCAD reads", len(wanted), right))
+    librecad = shutil.which("librecad")
+    if librecad:
+        printed = 0
+        for path in drawings[:: max(len(drawings) // LIBRECAD, 1)]:
+            _ran(librecad, "dxf2pdf", path)
+            printed += path.with_suffix(".pdf").stat().st_size > 1000
+        asked = len(drawings[:: max(len(drawings) // LIBRECAD, 1)])
+        found.append(at_least("all", f"drawings of {asked} that LibreCAD prints", asked, printed))
+    inkscape = shutil.which("inkscape")
+    if inkscape:
+        found.append(at_most("all", "sheet's size in Inkscape off, mm", 0.06, _inkscape_off(inkscape, written)))
+    slicer = shutil.which("prusa-slicer")
+    if slicer:
+        paths = [p for _, folder in written[:SLICED] for p in sorted(folder.glob("sheet-01.3mf"))]
+        sound = sum("manifold = no" not in _ran(slicer, "--info", p) for p in paths)
+        found.append(at_least("all", f"3MF files of {len(paths)} that the slicer finds sound", len(paths), sound))
+    missing = [
+        n
+        for n, p in zip(
+            ("FreeCAD", "LibreCAD", "Inkscape", "PrusaSlicer"), (freecad, librecad, inkscape, slicer), strict=True
+        )
+        if not p
+    ]
+    return [*found, row("all", "programs that are not installed", "", ", ".join(missing) or "none", None)]
+
+
+def _inkscape_off(inkscape: str, written: list[tuple[CutSheets, Path]]) -> float:
+    """Millimetres by which Inkscape sees sheets larger or smaller than they are, in millimetres and in inches."""
+    made, folder = written[0]
+    inches = folder / "inches.svg"
+    svg.write(replace(made, cut=replace(made.cut, svg_unit="in")), 0, inches)
+    off = 0.0
+    for path in (folder / "sheet-01.svg", inches):
+        rows = [line.split(",") for line in _ran(inkscape, "--query-all", path).splitlines()]
+        box = next(np.array(r[3:], float) * 25.4 / 96.0 for r in rows if r[0] == "sheet")
+        off = max(off, float(np.abs(box - 1e3 * made.packing.sizes[0]).max()))
+    return off
+
+
+def _ran(*words: str | Path, **more: str) -> str:
+    made = subprocess.run(
+        [str(w) for w in words],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **more},
+    )
+    return made.stdout + made.stderr
+
+
+# -- travel ------------------------------------------------------------------------------------------------------------
 
 
 def travel(curves: list[Curve], here: np.ndarray) -> tuple[float, np.ndarray]:
@@ -118,13 +305,6 @@ def svg_lines(path: Path) -> list[np.ndarray]:
                 points = [(s.end.x, s.end.y) for s in svgelements.Path(part) if s.end is not None]
                 found.append(np.array(points))
     return [p * 1.0 for p in found if len(p)]
-
-
-def curve_rows(name: str, made: CutSheets) -> list[Row]:
-    """Segments and labels."""
-    curves = [c for k in range(made.count) for c in (*made.runs(k).inner, *made.runs(k).outer)]
-    least = 1e3 * min(float(np.linalg.norm(np.diff(c.points, axis=0), axis=1).min()) for c in curves)
-    return [row(name, "shortest segment, mm", ">= 0.02", round(least, 4), least >= 0.02 - 1e-9)]
 
 
 if __name__ == "__main__":

@@ -50,11 +50,16 @@ def unusable(obj: bpy.types.Object | None) -> str | None:
         return "Select a mesh object"
     if obj.type != "MESH":
         return translate("'{}' is not a mesh; select one, or convert it to a mesh", obj.name)
-    if obj.library is not None or obj.data.library is not None:
+    if linked(obj):
         return translate("'{}' is linked from another file; make it local first", obj.name)
     if obj.mode not in {"OBJECT", "EDIT"}:
         return "Go to Object Mode or Edit Mode"
     return None
+
+
+def linked(obj: bpy.types.Object) -> bool:
+    """Return whether the object or its mesh belongs to another file."""
+    return obj.library is not None or (obj.data is not None and obj.data.library is not None)
 
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:

@@ -14,6 +14,7 @@ from flexmaps import api
 from flexmaps.bridge.store import equilibrium, mesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
+from support.drawing import draw
 
 DOME = shapes.make("dome")
 SIZE = np.ptp(DOME.vertices, axis=0)
@@ -300,3 +301,22 @@ def test_an_object_far_away_stays_there_and_is_made_all_the_same(dome: Any, far:
     assert tuple(dome.location) == pytest.approx(far)
     points = np.array([vertex.co for vertex in dome.data.vertices])
     assert points == pytest.approx(DOME.vertices, abs=1e-6)
+
+
+def test_an_object_of_another_file_has_a_button_that_makes_it_local(dome: Any, tmp_path: Path) -> None:
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        wanted.objects = ["m"]
+    obj = wanted.objects[0]
+    bpy.context.scene.collection.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    with pytest.raises(FlexMapsError, match="local"):
+        mesh.read_surface(obj, bpy.context.scene)
+    assert "Make local" in draw()
+    obj.select_set(True)
+    bpy.ops.object.make_local(type="SELECT_OBDATA")
+    assert mesh.read_surface(bpy.context.object, bpy.context.scene).polygons.vertices == pytest.approx(
+        DOME.vertices, abs=1e-6
+    )
+    assert "Make local" not in draw()

@@ -6,6 +6,8 @@ import os
 import re
 import shutil
 import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from flexmaps.engine.fabrication.nesting import drawings
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
+from flexmaps.engine.fabrication.writers.operations import frame
 from flexmaps.engine.params import Settings, changed
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -71,6 +74,28 @@ def test_freecad_reads_every_edge(sheets: CutSheets, files: dict[str, Path], kin
     curves = (*runs.engraved, *runs.inner, *runs.outer)
     wanted = sum(len(c.points) - (not c.closed) for c in curves) + 4 + 1  # the sheet's edge and its origin
     assert found is not None and int(found[1]) == wanted
+
+
+def kinds() -> dict[str, Callable[[Path], CutSheets]]:
+    sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+    found: dict[str, Callable[[Path], CutSheets]] = __import__("sheet_kinds").KINDS
+    return found
+
+
+@pytest.mark.parametrize(
+    "name", ["feet", *(pytest.param(one, marks=pytest.mark.thorough) for one in kinds() if one != "feet")]
+)
+def test_freecad_reads_sheets_of_every_kind(name: str, tmp_path: Path) -> None:
+    """Arcs that are hardly bent, as of feet, are those at which it loses an outline."""
+    freecad = program("freecadcmd", "FreeCADCmd")
+    made = kinds()[name](tmp_path)
+    script = tmp_path / "count.py"
+    script.write_text(COUNT, encoding="utf-8")
+    for index, path in enumerate(export.write(made, tmp_path / "sheet", ("dxf-r12",))):
+        runs = made.runs(index)
+        curves = (*runs.engraved, *runs.inner, *runs.outer, *frame(made, index))
+        found = re.search(r"EDGES (\d+)", run(freecad, script, DRAWING=str(path)))
+        assert found is not None and int(found[1]) == sum(len(c.points) - (not c.closed) for c in curves)
 
 
 @pytest.mark.parametrize("kind", ["dxf", "dxf-r12"])

@@ -16,6 +16,7 @@ from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from .operations import FRAME, OPERATIONS, WRITING, Drawn, Operation, frame, on_sheet
 
+FLAT = 1e-4  # bulge; FreeCAD loses whole polylines at flatter arcs, and one of 20 mm is then 1 um off
 WRITES = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
@@ -110,5 +111,6 @@ def _layer(operation: Operation) -> str:
 
 
 def _rows(curve: Curve) -> list[list[float]]:
-    """x and y in mm, and the bulge, of every node."""
-    return np.column_stack([np.round(curve.points * 1e3, 6), curve.bulge]).tolist()
+    """x and y in mm, and the bulge, of every node; 0 for arcs that are flatter than FreeCAD reads."""
+    bulge = np.where(np.abs(curve.bulge) < FLAT, 0.0, curve.bulge)
+    return np.column_stack([np.round(curve.points * 1e3, 6), bulge]).tolist()
