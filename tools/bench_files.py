@@ -104,7 +104,7 @@ def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
     report = made.connections.report
     if "connector_rounding_min_mm" in report:
         found.append(at_least(name, "sharpest corner of connectors, mm", 0.199, report["connector_rounding_min_mm"]))
-    if made.cut.tabs:
+    if made.cut.tabs and not made.cut.lead_in:
         off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
         found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
@@ -119,9 +119,7 @@ def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
 def _gaps(runs: Runs) -> Iterator[float]:
     """Metres between the end of every piece of an outline and the start of the next, where there are holding tabs."""
     ends = np.array([c.points[-1] for c in runs.outer if not c.closed]).reshape(-1, 2)
-    starts = np.array([p for c in runs.outer if not c.closed for p in c.points[:2]]).reshape(
-        -1, 2
-    )  # with a lead-in or without
+    starts = np.array([c.points[0] for c in runs.outer if not c.closed]).reshape(-1, 2)
     for end in ends:
         yield float(np.linalg.norm(starts - end, axis=1).min())
 

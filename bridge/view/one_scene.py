@@ -8,7 +8,7 @@ import bpy
 
 
 def write(path: Path, scene: bpy.types.Scene, compress: bool = False) -> None:
-    """Write it. Raises ``RuntimeError``, as Blender does, where that cannot be."""
+    """Write it. Raises ``RuntimeError`` or ``OSError``, as Blender does, where that cannot be."""
     # Blender 5.2 breaks down where it writes a scene whose view layers were never brought up to date
     for layer in scene.view_layers:
         layer.update()

@@ -37,7 +37,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
         raise FlexMapsError(f"There is no file {path}; give the path of a .blend file")
     try:
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False, use_scripts=False)
-    except RuntimeError as error:
+    except (OSError, RuntimeError) as error:
         reason = str(error).strip().splitlines()[-1].removeprefix("Error: ")
         raise FlexMapsError(f"{path.name} cannot be opened ({reason}); save it again in Blender") from error
     context = bpy.context
@@ -168,7 +168,7 @@ def save(path: str | Path) -> None:
     path.unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
-    except RuntimeError as error:
+    except (OSError, RuntimeError) as error:
         raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
 
 
@@ -185,7 +185,7 @@ def save_alone(path: str | Path, result: Result, name: str, used: Settings | Non
         path.unlink(missing_ok=True)
         try:
             one_scene.write(path, scene, compress=True)
-        except RuntimeError as error:
+        except (OSError, RuntimeError) as error:
             raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
     finally:
         bpy.data.batch_remove(_everything() - there)

@@ -15,12 +15,13 @@ from .panels.labels import LEGIBLE, SmallLabel
 from .panels.lettering import length, straight
 from .panels.panel import Panel
 
+BESIDE = "labels beside panels"
 _WAYS = 16  # directions round a place in which room is looked for
 _REACH = 5.0  # letter heights from the place at most; farther off a tick crosses other ticks
 _STEPS = 12  # distances up to there
 _NEAR = 0.004  # metres between a place and where its tick meets the outline; connectors reach as far
 _PIECE = 16  # points of an outline that are one line of the search tree
-_TOGETHER = 200  # labels whose room is looked for together
+_TOGETHER = 20  # labels whose room is looked for together, some hundredths of a second
 _TOLERANCE = 2e-5  # metres between outlines and the lines of the search tree
 
 
@@ -42,10 +43,12 @@ def labels_beside(
     """
     found: list[tuple[Curve, ...]] = [()] * len(small)
     sheet_of = packing.sheet[np.asarray(of_panel, dtype=int)] if len(small) else np.zeros(0, dtype=int)
+    done = 0
     for sheet in np.unique(sheet_of).tolist():
         own = np.flatnonzero(sheet_of == sheet)
-        waste = _Waste(panels, packing, sheet, params)
-        for part in progress.batches(len(own), _TOGETHER, "labels beside panels"):
+        share = progress.part(done / len(small), (done + len(own)) / len(small))
+        waste, done = _Waste(panels, packing, sheet, params, share), done + len(own)
+        for part in share.batches(len(own), _TOGETHER, BESIDE):
             for k, strokes in zip(
                 own[part].tolist(), waste.room([(small[i], of_panel[i]) for i in own[part]]), strict=True
             ):
@@ -56,19 +59,22 @@ def labels_beside(
 class _Waste:
     """What is left of one sheet between panels and labels."""
 
-    def __init__(self, panels: Sequence[Panel], packing: Packing, sheet: int, params: SheetParams):
+    def __init__(self, panels: Sequence[Panel], packing: Packing, sheet: int, params: SheetParams, progress: Progress):
         import shapely
 
         self.packing, self.height = packing, min(LEGIBLE, params.label_height)
         self.clear = 0.5 * params.spacing
         pieces, outlines = [], []
-        for k in np.flatnonzero(packing.sheet == sheet).tolist():
+        for k in progress.part(0.0, 0.0).each(np.flatnonzero(packing.sheet == sheet).tolist(), BESIDE):
             ring = panels[k].outline.moved(float(packing.rotation[k]), packing.shift[k]).sampled(_TOLERANCE)
             outlines.append(ring)
             closed = np.concatenate([ring, ring[:1]])
             pieces += [closed[i : i + _PIECE + 1] for i in range(0, len(ring), _PIECE)]
-        self.tree = shapely.STRtree([shapely.LineString(one) for one in pieces])
-        self.panels = shapely.STRtree([shapely.Polygon(one) for one in outlines])
+        owner = np.repeat(np.arange(len(pieces)), [len(one) for one in pieces])
+        self.tree = shapely.STRtree(shapely.linestrings(np.concatenate(pieces), indices=owner))
+        owner = np.repeat(np.arange(len(outlines)), [len(one) for one in outlines])
+        rings = shapely.linearrings(np.concatenate(outlines), indices=owner)
+        self.panels = shapely.STRtree(shapely.polygons(rings))
         whole = (
             packing.remnants[sheet].polygon
             if sheet < len(packing.remnants)
@@ -120,11 +126,9 @@ class _Waste:
 
     def _written(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
         """The strokes in the first of some boxes that is free of letters and has a clear way to its place."""
-        gap = 0.25 * self.height
-        for box, place in zip(boxes, places, strict=True):
-            apart = np.abs(self.taken[:, :2] - box[:2]) - self.taken[:, 2:] - box[2:]
-            if (apart.max(axis=1, initial=-np.inf) < gap).any():
-                continue
+        apart = np.abs(self.taken[:, None, :2] - boxes[:, :2]) - self.taken[:, None, 2:] - boxes[:, 2:]
+        free = (apart.max(axis=2) >= 0.25 * self.height).all(axis=0)
+        for box, place in zip(boxes[free], places[free], strict=True):
             tick = self._tick(box, place)
             if tick is None:
                 continue

@@ -144,9 +144,10 @@ def make_sheets(
         *without(made, connectors),
     ]
     panels += _plates(base)
-    packing = _nested(panels, made, turn, params, progress.part(0.72, 1.0))
+    packing = _nested(panels, made, turn, params, progress.part(0.72, 0.97))
     warnings += dict.fromkeys(remark for one in packing.remnants for remark in one.remarks)
-    panels, more = with_labels_beside(panels + loose_keys(made, params), packing, labels.small, params)
+    every, beside = panels + loose_keys(made, params), progress.part(0.97, 1.0)
+    panels, more = with_labels_beside(every, packing, labels.small, params, progress=beside)
     placed, left_out = labels.placed + more, labels.left_out - more
     if left_out:
         warnings.append(
@@ -170,13 +171,20 @@ def _nested(
 
 
 def with_labels_beside(
-    panels: Sequence[Panel], packing: Packing, small: Sequence[SmallLabel], params: SheetParams, piece: int = 0
+    panels: Sequence[Panel],
+    packing: Packing,
+    small: Sequence[SmallLabel],
+    params: SheetParams,
+    piece: int = 0,
+    progress: Progress = SILENT,
 ) -> tuple[tuple[Panel, ...], int]:
     """The panels with the labels of one piece beside them that are small on them, and how many stand nowhere else."""
     place = {p.patch: k for k, p in enumerate(panels) if p.patch >= 0 and p.piece == piece}
     of_panel = [place[one.patch] for one in small]
     found, more = list(panels), 0
-    for one, k, strokes in zip(small, of_panel, labels_beside(panels, packing, small, of_panel, params), strict=True):
+    for one, k, strokes in zip(
+        small, of_panel, labels_beside(panels, packing, small, of_panel, params, progress), strict=True
+    ):
         found[k] = replace(found[k], beside=(*found[k].beside, *strokes))
         more += bool(strokes) and not one.placed
     return tuple(found), more

@@ -20,7 +20,7 @@ from .free_space import SCALES, FreeSpace
 from .shape import key, least_radius, size
 from .tips import Attempt, Tip
 
-CHUNK = 200  # attempts that are judged together, a tenth of a second of work
+CHUNK = 180  # attempts that are judged together, a tenth of a second of work
 _TIPS = 2000  # ends of arms that are compared with all others together
 FEW, MANY = 4, 16  # attempts of one joint that are judged together, after the first and at the most
 

@@ -22,9 +22,8 @@ from .shape import Size, face, head, socket
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
 _SAMPLES = 31  # points along either edge of a tip, before arcs are fitted; not measured
-_ROUNDER = (
-    3  # times that the end of both edges moves inwards until shoulders are round enough; later moves are under 1 um
-)
+_ROUNDER = 3  # times that edges end farther inwards until shoulders are round enough; a fourth move is under 1 um
+_TURNS = np.array([[-1j], [1j]])  # from the left and the right edge's direction to the other edge
 _TOLERANCE = 5e-6  # metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "full", "over")
 
@@ -232,8 +231,9 @@ def _round_shoulders(
     begin = first
     for _ in range(_ROUNDER):
         edges, ways = (e[..., 0] for e in through.edges(begin[:, None], wide))
-        radius = _shoulder_radii(x, (edges - point) / way, ways / way).min(axis=0)
-        distance = distance + np.clip(rounding - radius, 0.0, rounding)
+        radius = _shoulder_radii(x, (edges - point) / way, ways / way)
+        lean = 1.0 + (_TURNS * ways / way).real
+        distance = distance + np.clip(((rounding - radius) * lean).max(axis=0), 0.0, rounding)
         begin = through.tau(distance[:, None])[:, 0]
     full = np.maximum(wide.full, through.tau(distance[:, None] + 0.1 * rounding[:, None])[:, 0])
     room = (full < wide.over) | (full == wide.full)
@@ -242,8 +242,7 @@ def _round_shoulders(
 
 def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """(2, n) radii of the arcs between the left and the right edges (2, n), complex with their directions, and shoulders at x."""
-    turn = np.array([[-1j], [1j]])
-    return np.asarray((x - points.real) / (1.0 + (turn * ways).real))
+    return np.asarray((x - points.real) / (1.0 + (_TURNS * ways).real))
 
 
 _Shoulders = tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -70,13 +70,15 @@ class _Tour:
         points = np.concatenate(self.nodes)
         owner = np.repeat(np.arange(len(self.cuts)), [len(n) for n in self.nodes])
         place = np.concatenate([np.arange(len(n)) for n in self.nodes])
-        group = np.array([c.group for c in self.cuts])
-        members = {g: np.flatnonzero(group[owner] == g) for g in np.unique(group).tolist()}
+        group = np.unique([c.group for c in self.cuts], return_inverse=True)[1]
+        by_group = np.argsort(group[owner], kind="stable")
+        first = np.searchsorted(group[owner][by_group], np.arange(group.max() + 2))
         left, here, order = np.ones(len(self.cuts), dtype=bool), self.begin, []
         alive, now = np.arange(len(points)), -1
         tree = cKDTree(np.column_stack([points.real, points.imag]))
         for _ in progress.each(self.cuts, ORDER):
-            own = members[now][left[owner[members[now]]]] if now >= 0 else alive[:0]
+            own = by_group[first[now] : first[now + 1]] if now >= 0 else alive[:0]
+            own = own[left[owner[own]]]
             if len(own):
                 found = int(own[np.argmin(np.abs(points[own] - here))])
             else:
@@ -158,5 +160,6 @@ def in_order(
         tour.begin_well(within.part(0.8, 1.0))
         if not gained:
             break
-    curves = tuple(c for i in tour.order.tolist() for c in cuts[i].begun(int(tour.node[i])))
+    ordered = progress.part(1.0, 1.0).each(tour.order.tolist(), ORDER)
+    curves = tuple(c for i in ordered for c in cuts[i].begun(int(tour.node[i])))
     return curves, complex(tour.ends(tour.order[-1:])[1][0])

@@ -19,7 +19,9 @@ from .order import Cut, in_order
 
 WAY = "the way of the cutter"
 _STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
-WIDEST = 0.95  # gaps that either half of a tab may take along its outline; places are at least two gaps apart
+WIDEST = 0.95  # gaps that either half of a tab may take along its outline round a tip that is narrower than the tab
+WIDE = 2.5  # the same in bays, which open outwards; places are at least twice that apart
+_LAST = 1e6  # how little places are liked where a tab is narrower than asked: the others are taken before
 _HALVINGS = 20  # of the length of a tab along its outline: to a millionth of its width
 _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # between a lead-in and its path
 
@@ -139,21 +141,29 @@ def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progres
 
 
 def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
-    """The outline in pieces, with a gap at each of the places chosen; whole where there is none."""
+    """The outline in pieces, with a gap at each of the places chosen; whole where there is none.
+
+    Places where the outline turns back before its ends are as far apart as asked, as round thin tips, come last.
+    """
     gap, length = cut.tab_width + cut.kerf_outline, outline.length
     if not len(places):
         return [outline]
     at = _along(outline, places[:, :2])
+    wide = _apart(outline, at, WIDE * gap) >= gap
+    liked = np.where(wide, 1.0, _LAST) * places[:, 2]
     chosen: list[float] = []
+    reach: dict[float, float] = {}
     for _ in range(cut.tabs):
         apart = np.array([[abs((a - c + 0.5 * length) % length - 0.5 * length) for c in chosen] for a in at])
         alone = apart.min(axis=1) if chosen else np.full(len(at), length)
-        worth = np.where(alone > 2.0 * gap, alone / places[:, 2], -1.0)
+        worth = np.where(alone > 2.0 * WIDE * gap, alone / liked, -1.0)
         if worth.max() < 0.0:
             break
-        chosen.append(float(at[int(np.argmax(worth))]))
+        best = int(np.argmax(worth))
+        chosen.append(float(at[best]))
+        reach[chosen[-1]] = WIDE if wide[best] else WIDEST
     chosen.sort()
-    halves = [_half_gap(outline, at, gap) for at in chosen]
+    halves = [_half_gap(outline, at, gap, reach[at]) for at in chosen]
     return [
         piece(outline, a + before, b - after)
         for (a, b), before, after in zip(
@@ -162,9 +172,19 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
     ]
 
 
-def _half_gap(outline: Curve, middle: float, gap: float) -> float:
+def _apart(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
+    """Metres (K,) between the points of a closed curve so far along it before and behind places (K,)."""
+    line = outline.sampled(1e-6)
+    line = np.concatenate([line, line[:1]])
+    run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    ends = [(middle + way) % outline.length * run[-1] / outline.length for way in (-half, half)]
+    points = [np.stack([np.interp(e, run, line[:, k]) for k in range(2)], axis=1) for e in ends]
+    return np.asarray(np.linalg.norm(points[1] - points[0], axis=1))
+
+
+def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float:
     """Metres along the outline on either side of a place so that the ends lie ``gap`` metres apart, round a bend too."""
-    low, high = 0.5 * gap, WIDEST * gap
+    low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):
         half = 0.5 * (low + high)
         part = piece(outline, middle - half, middle + half)
