@@ -55,6 +55,7 @@ def _together(folder: Path) -> CutSheets:
     return together(["one", "two"], pieces, [changed(settings, {"export.copies": n}) for n in (2, 1)]).sheets
 
 
+# millimetres, on sheets so small that there are several
 KINDS: dict[str, Callable[[Path], CutSheets]] = {
     "dovetails": lambda _: _run({}, stop_after="sheets"),
     "keys": lambda _: _run({"connect.connector": "key"}, stop_after="sheets"),

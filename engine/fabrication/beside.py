@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,10 @@ BESIDE = "labels beside panels"
 _WAYS = 16  # directions round a place in which room is looked for
 _REACH = 5.0  # letter heights from the place at most; farther off a tick crosses other ticks
 _STEPS = 12  # distances up to there
+_SHORT = 0.5  # letter heights that a tick is long at least, or it looks like a hyphen
 _NEAR = 0.004  # metres between a place and where its tick meets the outline; connectors reach as far
 _PIECE = 16  # points of an outline that are one line of the search tree
-_TOGETHER = 20  # labels whose room is looked for together, some hundredths of a second
+_TOGETHER = 8  # labels whose room is looked for together, some hundredths of a second
 _TOLERANCE = 2e-5  # metres between outlines and the lines of the search tree
 
 
@@ -82,7 +84,7 @@ class _Waste:
         )
         self.sheet = whole.buffer(-self.clear)
         shapely.prepare(self.sheet)
-        self.taken = np.zeros((0, 4))  # centres and half sizes of letters
+        self.marks: list[Any] = []  # letters, as boxes, and ticks
 
     def room(self, labels: Sequence[tuple[SmallLabel, int]]) -> list[tuple[Curve, ...]]:
         """The strokes of some labels, each with the place of its panel; none where there is no room."""
@@ -126,13 +128,17 @@ class _Waste:
 
     def _written(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
         """The strokes in the first of some boxes that is free of letters and has a clear way to its place."""
-        apart = np.abs(self.taken[:, None, :2] - boxes[:, :2]) - self.taken[:, None, 2:] - boxes[:, 2:]
-        free = (apart.max(axis=2) >= 0.25 * self.height).all(axis=0)
-        for box, place in zip(boxes[free], places[free], strict=True):
+        import shapely
+
+        for box, place in zip(boxes, places, strict=True):
             tick = self._tick(box, place)
             if tick is None:
                 continue
-            self.taken = np.concatenate([self.taken, box[None]])
+            half = box[2:] + 0.25 * self.height
+            marks = [shapely.box(*(box[:2] - half), *(box[:2] + half)), shapely.LineString(tick)]
+            if len(self.marks) and any(shapely.intersects(self.marks, one).any() for one in marks):
+                continue
+            self.marks += marks
             strokes = [*straight(label.text, self.height, box[:2], np.array([1.0, 0.0])), tick]
             turn, shift = float(self.packing.rotation[panel]), self.packing.shift[panel]
             back = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -153,6 +159,6 @@ class _Waste:
             (shapely.distance(shapely.Point(box[:2]), shapely.intersection(one, line)) for one in near), default=far
         )
         end = float(first) - 0.33 * self.clear
-        if end <= begin or far - first > _NEAR:
+        if end < begin + _SHORT * self.height or far - first > _NEAR:
             return None
         return np.stack([box[:2] + begin * way, box[:2] + end * way])

@@ -136,8 +136,9 @@ def test_small_quads_keep_their_spirals_beside_seams(flat_grid):
 
 def test_fit_sees_a_wrong_gap(flat_grid):
     made = _halves(flat_grid, 0.0)
-    tight = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0))
-    wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.00015))
+    # as round between the parts: finished corners are sharper by half of the clearance
+    tight = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.0, rounding=0.000275))
+    wide = connectors.connect(made, ConnectorParams(connector="dovetail", clearance=0.00015, rounding=0.0002))
     # the panels of one with the panels of the other: half of either clearance
     mixed = connectors.Connections(
         (tight.outlines[0], wide.outlines[1]), wide.connectors, (), wide.clearance, wide.taken

@@ -17,7 +17,7 @@ from ...spirals.arcs import Curve
 from .operations import FRAME, OPERATIONS, WRITING, Drawn, Operation, frame, on_sheet
 
 FLAT = 1e-4  # bulge; FreeCAD loses whole polylines at flatter arcs, and one of 20 mm is then 1 um off
-WRITES = 1000  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
+WRITES = 250  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
