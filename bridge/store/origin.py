@@ -11,7 +11,6 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
-from .mesh import to_metres
 
 SOURCE = "flexmaps_source"  # on an object of quads: what they were made from
 MADE = "flexmaps_made"  # on its mesh: a checksum of the quads as they were made
@@ -32,6 +31,8 @@ def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object
 
 def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
     """From where a source stands to where the quads stand that were made from it, metres: these may have been moved and scaled since."""
+    from .mesh import to_metres  # scipy comes with it
+
     return to_metres(obj, scene) @ np.linalg.inv(to_metres(source, scene))
 
 
