@@ -15,8 +15,6 @@ from ..engine.optimisation.remedies import FINER, LARGER, MILLIMETRES, THINNER
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .optimise import searching
-from .simulate import settled
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -52,7 +50,7 @@ class Advised(ContinuedStage):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import states
-        from ..bridge.view import advised
+        from ..bridge.view import advised, designing, live_shape
         from ..bridge.view.flat_panels import PanelDrawing
 
         blocks = notes.read(obj.data)
@@ -62,7 +60,7 @@ class Advised(ContinuedStage):
         assert amount is not None
         self._amount, self._figures = amount, blocks["equilibrium"]
         searched, wanted = "optimise" in blocks, self.settings(snapshot)
-        search = searching(wanted)
+        search = designing.searching(wanted)
 
         def go_on(result: Result, progress: Progress) -> advised.Made:
             from ..engine.runs import report
@@ -70,11 +68,11 @@ class Advised(ContinuedStage):
             made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
             if searched:
                 made = search(made, progress.part(0.3, 0.9))
-                made = settled(
+                made = live_shape.settled(
                     made, replace(wanted, simulate=replace(wanted.simulate, restarts=0)), progress.part(0.9, 0.92)
                 )
             else:
-                made = settled(made, wanted, progress.part(0.3, 0.9))
+                made = live_shape.settled(made, wanted, progress.part(0.3, 0.9))
             assert made.design is not None
             progress(0.92, "Drawing outlines")
             panels = PanelDrawing.of(made.design, wanted, progress.part(0.92, 0.99))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +17,6 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
-    from ..bridge.view.live_shape import LiveShape
-    from ..engine.optimisation.optimise import Look
     from ..engine.runs.result import Result
 
 FIRST = 0.05  # of the progress bar for the spirals to begin with, about what they take; not measured
@@ -38,10 +35,11 @@ class SearchStage(ContinuedStage):
         return snapshot.start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        from ..bridge.view import designing
         from ..bridge.view.flat_panels import PanelDrawing
 
         once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
-        search = searching(snapshot.settings)
+        search = designing.searching(snapshot.settings)
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
@@ -88,27 +86,6 @@ class SearchStage(ContinuedStage):
             *([text] if warning else []),
         ]
         return ". ".join(lines)
-
-
-def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
-    """The search for better spirals than a result has, every step of which is shown; call it on the main thread."""
-    from ..bridge.view import designing
-
-    unit = bpy.context.scene.unit_settings.scale_length
-    once = replace(settings, simulate=replace(settings.simulate, restarts=0))
-
-    def search(start: Result, progress: Progress) -> Result:
-        from ..engine.runs import job
-
-        began, history = time.perf_counter(), list[tuple[float, float]]()
-
-        def seen(look: Look) -> LiveShape:
-            history.append((time.perf_counter() - began, look.rmse))
-            return designing.Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
-
-        return job.go_on(start, once, ("optimise",), progress.showing(seen))
-
-    return search
 
 
 def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:

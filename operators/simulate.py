@@ -7,13 +7,10 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import notes
-from ..engine.params import ObjectSettings
-from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
-    from ..engine.runs.result import Result
 
 
 class Simulate(ContinuedStage, bpy.types.Operator):
@@ -26,7 +23,9 @@ class Simulate(ContinuedStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        return lambda result, progress: settled(result, snapshot.settings, progress)
+        from ..bridge.view import live_shape
+
+        return lambda result, progress: live_shape.settled(result, snapshot.settings, progress)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import equilibrium
@@ -38,15 +37,6 @@ class Simulate(ContinuedStage, bpy.types.Operator):
         text, warning = equilibrium.sentences(blocks["equilibrium"])
         self.level = "WARNING" if warning else "INFO"
         return text
-
-
-def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """The result simulated, the shape shown as it moves."""
-    from ..bridge.view import live_shape
-    from ..engine.runs import job
-
-    moving = progress.showing(lambda vertices: live_shape.LiveShape(vertices, result.mesh.quads))
-    return job.go_on(result, settings, ("simulate",), moving)
 
 
 CLASSES = (Simulate,)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import bpy
 import numpy as np
 
 from ...engine import colours
@@ -13,7 +17,9 @@ from .live_shape import LiveShape, middle_edge
 
 if TYPE_CHECKING:
     from ...engine.optimisation.optimise import Look
-    from ...engine.params import SpiralParams
+    from ...engine.params import ObjectSettings, SpiralParams
+    from ...engine.progress import Progress
+    from ...engine.runs.result import Result
 
 PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale
 LIFT = 0.012  # how far the arms float above the faces, in edges
@@ -48,3 +54,22 @@ class Designing(LiveShape):
         lift = LIFT * middle_edge(corners)
         points, triangles = bands.bands(corners, normal, self._width / unit, self._wind, lift)
         return points.astype(np.float32), triangles.astype(np.int32)
+
+
+def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
+    """The search for better spirals than a result has, every step of which is shown; call it on the main thread."""
+    unit = bpy.context.scene.unit_settings.scale_length
+    once = replace(settings, simulate=replace(settings.simulate, restarts=0))
+
+    def search(start: Result, progress: Progress) -> Result:
+        from ...engine.runs import job
+
+        began, history = time.perf_counter(), list[tuple[float, float]]()
+
+        def seen(look: Look) -> LiveShape:
+            history.append((time.perf_counter() - began, look.rmse))
+            return Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
+
+        return job.go_on(start, once, ("optimise",), progress.showing(seen))
+
+    return search

@@ -5,13 +5,18 @@ It is drawn on top of everything, so that the target, which it almost coincides 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
 from .legend import Legend
+
+if TYPE_CHECKING:
+    from ...engine.params import ObjectSettings
+    from ...engine.progress import Progress
+    from ...engine.runs.result import Result
 
 FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB, of faces and lines; chosen by eye
 LIFT = 0.01  # in edges: lines float above the faces, or they flicker; not measured
@@ -120,3 +125,11 @@ class LiveShape:
 def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
     """Median length of the quads' first sides."""
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))
+
+
+def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
+    """The result simulated, the shape shown as it moves."""
+    from ...engine.runs import job
+
+    moving = progress.showing(lambda vertices: LiveShape(vertices, result.mesh.quads))
+    return job.go_on(result, settings, ("simulate",), moving)

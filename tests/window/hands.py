@@ -165,7 +165,7 @@ class Spy:
                 header.alert = True
                 return _spied((header, body))
             layout.alert = not before
-            if name == "popover":  # without a frame to turn red
+            if name in {"popover", "menu"}:  # without a frame to turn red
                 options["icon"] = "ERROR"
             try:
                 return _spied(value(*words, **options))

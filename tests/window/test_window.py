@@ -18,9 +18,6 @@ HERE = Path(__file__).parent
 FORMER_TAB = pytest.mark.skip(
     reason="its hand still presses where the buttons of the former tab were; the tab itself is tested without a window"
 )
-SMALL_MODEL = pytest.mark.skip(
-    reason="Suzanne with 80 quads ends in quads that are not found, which its last figure refuses; heights and rows hold"
-)
 pytestmark = pytest.mark.timeout(1000)  # some minutes where the machine is free
 PYTHON_COMPLAINS = re.compile(r"Traceback|\.py:\d+: \w*Warning|^Error in |\bunregistered\b", re.MULTILINE)
 
@@ -130,7 +127,6 @@ def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_fil
     assert found["pictures"] == len(list(pictures.glob("*.png")))
 
 
-@SMALL_MODEL
 @pytest.mark.parametrize("language", ["", "de_DE"])
 def test_the_tab_stays_in_its_place_and_in_sight(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, language: str, monkeypatch: pytest.MonkeyPatch
