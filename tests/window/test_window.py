@@ -15,9 +15,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 HERE = Path(__file__).parent
-FORMER_TAB = pytest.mark.skip(
-    reason="its hand still presses where the buttons of the former tab were; the tab itself is tested without a window"
-)
 pytestmark = pytest.mark.timeout(1000)  # some minutes where the machine is free
 PYTHON_COMPLAINS = re.compile(r"Traceback|\.py:\d+: \w*Warning|^Error in |\bunregistered\b", re.MULTILINE)
 
@@ -94,7 +91,6 @@ def test_next_leads_models_to_their_sheets(
     assert set(found["models"]) == set(names)
 
 
-@FORMER_TAB
 def test_with_its_window(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
