@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.fabrication.nesting import remnants
 from flexmaps.engine.fabrication.nesting.many import refuse_many
 from flexmaps.engine.files import replacing_many
 from flexmaps.engine.own_files import Guard
@@ -32,12 +33,13 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing.bodies import without_crumbs
 from flexmaps.engine.surface.welding import welded
 from rows import Table, at_least, at_most
+from scene_kinds import CLOSE, MADE, WRONG, bent, far_object, hidden, keyed, right
 
 MANY = 10  # of each kind
+QUADS = 60  # of a polygon that is remeshed
 REFUSED = 0.25  # share of all that may end with a sentence
-CLOSE = 1e-5  # metres of error far away
 NAMES = [name for name in shapes.NAMES if name != "quad"]
-MADE, REFUSAL, WRONG = "made", "refused", "wrong"
+REFUSAL = "refused"
 Kind = Callable[[str, np.random.Generator], str]
 
 
@@ -78,10 +80,6 @@ def joined(*parts: PolygonMesh) -> PolygonMesh:
 
 def euler(mesh: PolygonMesh) -> int:
     return len(np.unique(mesh.corners)) - len(sides_of(mesh).edges) + len(mesh.sizes)
-
-
-def right(so: bool) -> str:
-    return MADE if so else WRONG
 
 
 # -- meshes --------------------------------------------------------------------------------------------------------------
@@ -178,12 +176,34 @@ def far_text(name: str, random: np.random.Generator) -> str:
 def crumbs(name: str, random: np.random.Generator) -> str:
     """bodies too small for the count"""
     areas = np.append(1.0, random.uniform(1e-4, 0.01, int(random.integers(1, 40))))
-    small = areas[1:].sum() / areas.sum()
     try:
         large, _ = without_crumbs(areas, 100, 6, 0.1)
     except FlexMapsError as error:
-        return REFUSAL if small > 0.1 and "--remesh" in str(error) and "--crumbs" in str(error) else WRONG
-    return right(small <= 0.1 and large.sum() == 1)
+        return REFUSAL if "--remesh" in str(error) and "--crumbs" in str(error) else WRONG
+    return right(areas[~large].sum() <= 0.1 * areas.sum() * (1.0 + 1e-9))
+
+
+def ngon(name: str, random: np.random.Generator) -> str:
+    """flat polygons with sharp corners, remeshed whole"""
+    from flexmaps import api
+
+    count = int(random.integers(3, 8))
+    angle = np.sort(random.uniform(0.0, 2.0 * np.pi, count))
+    if np.max(np.diff(np.append(angle, angle[0] + 2.0 * np.pi))) > 0.9 * np.pi:
+        angle = 2.0 * np.pi * np.arange(count) / count
+    points = 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    lines = ["v {:.9f} {:.9f} {:.9f}".format(*p) for p in points]
+    lines.append("f " + " ".join(str(k + 1) for k in range(count)))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.obj"
+        path.write_text("\n".join(lines))
+        try:
+            made = api.load(path, quads=QUADS).mesh
+        except FlexMapsError as error:
+            return REFUSAL if "quads" in str(error) else WRONG
+    assert made is not None
+    area = 0.5 * np.abs(np.cross(points[:, :2], np.roll(points[:, :2], -1, axis=0)).sum())
+    return right(abs(made.areas.sum() / area - 1.0) < 0.02)
 
 
 # -- sheets and files ------------------------------------------------------------------------------------------------------
@@ -241,68 +261,54 @@ def own_files(name: str, random: np.random.Generator) -> str:
             return right(source.read_text() == target.read_text() == "mine")
 
 
-# -- Blender -----------------------------------------------------------------------------------------------------------------
+def remnant_dxf(name: str, random: np.random.Generator) -> str:
+    """remnants in blocks in blocks, in any unit, beside layers that are off"""
+    import ezdxf
 
-
-def scene_object(name: str) -> tuple:
-    import bpy
-
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    mesh = shapes.make(name)
-    data = bpy.data.meshes.new("m")
-    data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
-    obj = bpy.data.objects.new("m", data)
-    box = bpy.data.collections.new("box")
-    bpy.context.scene.collection.children.link(box)
-    box.objects.link(obj)
-    bpy.context.view_layer.objects.active = obj
-    return obj, mesh
-
-
-def hidden(name: str, random: np.random.Generator) -> str:
-    """objects hidden in any way keep their scale"""
-    import bpy
-    from flexmaps import api
-
-    obj, mesh = scene_object(name)
-    obj.scale = random.uniform(0.5, 2.0, 3)
-    wanted = np.ptp(mesh.vertices, axis=0) * np.array(obj.scale)
-    layer = bpy.context.view_layer.layer_collection.children["box"]
-    way = int(random.integers(4))
-    bpy.context.view_layer.update()
-    if way == 0:
-        obj.hide_set(True)
-    elif way == 1:
-        obj.hide_viewport = True
-    elif way == 2:
-        layer.collection.hide_viewport = True
-    else:
-        layer.exclude = True
+    size, document = random.uniform(50.0, 400.0, 2), ezdxf.new("R2010")
+    unit = float(random.choice([1.0, 10.0, 1000.0, 25.4]))
+    document.header["$INSUNITS"] = {1.0: 4, 10.0: 5, 1000.0: 6, 25.4: 1}[unit]
+    scale, depth = random.uniform(0.2, 3.0), int(random.integers(1, 4))
+    corners = [(0, 0), (size[0], 0), (size[0], size[1]), (0, size[1])]
+    block = document.blocks.new("b0")
+    block.add_lwpolyline([(x / scale**depth / unit, y / scale**depth / unit) for x, y in corners], close=True)
+    for k in range(1, depth):
+        document.blocks.new(f"b{k}").add_blockref(f"b{k - 1}", (1, 2), {"xscale": scale, "yscale": scale})
+    space = document.modelspace()
+    space.add_blockref(f"b{depth - 1}", (3, 4), {"xscale": scale, "yscale": scale})
+    document.layers.add("off").off()
+    space.add_circle((0, 0), 5.0, {"layer": "off"})
     with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder) / "a.blend")
-        bpy.ops.wm.save_as_mainfile(filepath=path)
-        return right(np.allclose(np.ptp(api.load(path).source.vertices, axis=0), wanted, rtol=1e-5))
+        path = Path(folder) / "r.dxf"
+        document.saveas(path)
+        found = remnants.read_file(path)
+    return right(len(found) == 1 and not found[0].holes and np.allclose(1e3 * found[0].size, size, atol=0.01))
 
 
-def keyed(name: str, random: np.random.Generator) -> str:
-    """shape keys in effect are what is made"""
-    from flexmaps import api
-
-    obj, mesh = scene_object(name)
-    obj.shape_key_add(name="Basis")
-    points = np.array(mesh.vertices)
-    for number in range(int(random.integers(1, 4))):
-        key = obj.shape_key_add(name=f"key {number}", from_mix=False)
-        moved = mesh.vertices * random.uniform(0.8, 1.5, 3)
-        key.data.foreach_set("co", moved.astype(np.float32).ravel())
-        key.value, key.mute = float(random.uniform(0, 1)), bool(random.integers(2))
-        points += (0.0 if key.mute else key.value) * (moved - mesh.vertices)
-    return right(np.allclose(api.load(obj).source.vertices, points, atol=1e-6))
+def remnant_svg(name: str, random: np.random.Generator) -> str:
+    """remnants in drawings of any size, unit, view box and nesting"""
+    size, inner = random.uniform(50.0, 400.0, 2), random.uniform(0.2, 3.0)
+    unit, factor = [("mm", 1.0), ("cm", 10.0), ("in", 25.4), ("pt", 25.4 / 72), ("px", 25.4 / 96), ("Q", 0.25)][
+        int(random.integers(6))
+    ]
+    width, share = 900.0 / factor, random.uniform(0.3, 3.0)
+    head = f'width="{width}{unit}" viewBox="0 0 {900 * share} {900 * share}"'
+    if random.random() < 0.5:
+        head = f'style="width:{width}{unit};height:{width}{unit}" viewBox="0 0 {900 * share} {900 * share}"'
+    x, y = size * share / inner
+    body = f'<g transform="scale({inner})"><rect x="7" width="{x}" height="{y}"/></g>'
+    if random.random() < 0.5:
+        body = f'<defs><g id="a">{body}</g></defs><use href="#a" x="3"/><circle r="5" display="none"/>'
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "r.svg"
+        path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {head}>{body}</svg>')
+        found = remnants.read_file(path)
+    return right(len(found) == 1 and np.allclose(1e3 * found[0].size, size, atol=0.01))
 
 
 KINDS: tuple[Kind, ...] = (
-    soup, own_vertices, halves, t_junction, shell_twice, through, both_skins, far_text, crumbs, split_fits, many_sheets,
-    own_files, hidden, keyed,
+    soup, own_vertices, halves, t_junction, shell_twice, through, both_skins, far_text, crumbs, ngon, split_fits, many_sheets,
+    own_files, remnant_dxf, remnant_svg, hidden, keyed, bent, far_object,
 )  # fmt: skip
 
 

@@ -1,0 +1,108 @@
+"""Objects in Blender for ``bench_scenes.py``: hidden, keyed, bent, far away."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from flexmaps.engine.surface import shapes
+
+CLOSE = 1e-5  # metres of error far away
+MADE, WRONG = "made", "wrong"
+
+
+def right(so: bool) -> str:
+    return MADE if so else WRONG
+
+
+def scene_object(name: str) -> tuple:
+    import bpy
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    mesh = shapes.make(name)
+    data = bpy.data.meshes.new("m")
+    data.from_pydata(mesh.vertices.tolist(), [], mesh.quads.tolist())
+    obj = bpy.data.objects.new("m", data)
+    box = bpy.data.collections.new("box")
+    bpy.context.scene.collection.children.link(box)
+    box.objects.link(obj)
+    bpy.context.view_layer.objects.active = obj
+    return obj, mesh
+
+
+def hidden(name: str, random: np.random.Generator) -> str:
+    """objects hidden in any way keep their scale"""
+    import bpy
+    from flexmaps import api
+
+    obj, mesh = scene_object(name)
+    obj.scale = random.uniform(0.5, 2.0, 3)
+    wanted = np.ptp(mesh.vertices, axis=0) * np.array(obj.scale)
+    layer = bpy.context.view_layer.layer_collection.children["box"]
+    way = int(random.integers(4))
+    bpy.context.view_layer.update()
+    if way == 0:
+        obj.hide_set(True)
+    elif way == 1:
+        obj.hide_viewport = True
+    elif way == 2:
+        layer.collection.hide_viewport = True
+    else:
+        layer.exclude = True
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "a.blend")
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+        return right(np.allclose(np.ptp(api.load(path).source.vertices, axis=0), wanted, rtol=1e-5))
+
+
+def keyed(name: str, random: np.random.Generator) -> str:
+    """shape keys in effect are what is made"""
+    from flexmaps import api
+
+    obj, mesh = scene_object(name)
+    obj.shape_key_add(name="Basis")
+    points = np.array(mesh.vertices)
+    for number in range(int(random.integers(1, 4))):
+        key = obj.shape_key_add(name=f"key {number}", from_mix=False)
+        moved = mesh.vertices * random.uniform(0.8, 1.5, 3)
+        key.data.foreach_set("co", moved.astype(np.float32).ravel())
+        key.value, key.mute = float(random.uniform(0, 1)), bool(random.integers(2))
+        points += (0.0 if key.mute else key.value) * (moved - mesh.vertices)
+    return right(np.allclose(api.load(obj).source.vertices, points, atol=1e-6))
+
+
+def bent(name: str, random: np.random.Generator) -> str:
+    """what is written is seen where it is, through a lattice"""
+    import bpy
+    from flexmaps.bridge.store import mesh as stored
+
+    obj, mesh = scene_object(name)
+    data = bpy.data.lattices.new("l")
+    data.points_u = data.points_v = data.points_w = 3
+    cage = bpy.data.objects.new("l", data)
+    bpy.context.scene.collection.objects.link(cage)
+    cage.scale = 1.2 * np.maximum(np.ptp(mesh.vertices, axis=0), 0.05)
+    cage.location = mesh.vertices.mean(axis=0)
+    for point in data.points:
+        point.co_deform = np.array(point.co_deform) + random.uniform(-0.06, 0.06, 3)
+    obj.modifiers.new("l", "LATTICE").object = cage
+    bpy.context.view_layer.update()
+    surface = stored.read_surface(obj, bpy.context.scene)
+    wanted = surface.polygons.vertices + 0.02 * mesh.median_edge * random.normal(size=mesh.vertices.shape)
+    stored.write_vertices(obj, bpy.context.scene, surface, replace(mesh, vertices=wanted))
+    found = stored.read_surface(obj, bpy.context.scene).polygons.vertices
+    return right(float(np.abs(found - wanted).max()) < CLOSE)
+
+
+def far_object(name: str, random: np.random.Generator) -> str:
+    """objects up to 10,000 km away by their transform"""
+    from flexmaps import api
+
+    obj, mesh = scene_object(name)
+    away = random.normal(size=3)
+    obj.location = away * 10 ** random.uniform(2, 7) / np.linalg.norm(away)
+    points = api.load(obj).source.vertices
+    sides = [np.linalg.norm(p[mesh.quads] - p[np.roll(mesh.quads, 1, axis=1)], axis=2) for p in (points, mesh.vertices)]
+    return right(float(np.abs(sides[0] - sides[1]).max()) < CLOSE)
