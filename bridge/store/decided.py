@@ -22,9 +22,13 @@ LEVEL = 0.25  # edges: vertices at most so far from the lowest one are held too,
 
 
 def _size(obj: Any) -> tuple[float, float, float]:
-    """Millimetres along the object's own axes, as its mesh is without modifiers."""
-    unit = MILLIMETRES * bpy.context.scene.unit_settings.scale_length
-    return tuple(unit * length for length in obj.dimensions)
+    """Millimetres along the object's own axes, as its mesh is without modifiers and shapes at rest."""
+    unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, obj.dimensions
+    if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
+        points = np.empty(3 * len(mesh.vertices), np.float32)
+        mesh.vertices.foreach_get("co", points)
+        lengths = np.ptp(points.reshape(-1, 3), axis=0) * np.abs(obj.scale)
+    return tuple(unit * float(length) for length in lengths)
 
 
 def _set_size(obj: Any, wanted: Any) -> None:

@@ -182,6 +182,15 @@ def test_the_size_is_set_in_millimetres(add: Any) -> None:
     assert obj.flexmaps.remesh.edge == pytest.approx(middle, rel=0.05), "the size holds: quads are wanted as they are"
 
 
+def test_the_size_is_that_of_the_target(dome: Any) -> None:
+    before = tuple(dome.flexmaps_size)
+    for button in ("flatten", "spirals", "simulate"):
+        press(button)
+    bpy.context.view_layer.update()
+    assert tuple(1e3 * length for length in dome.dimensions) != pytest.approx(before, rel=1e-3)  # at rest it is another
+    assert tuple(dome.flexmaps_size) == pytest.approx(before, rel=1e-5)
+
+
 def test_stands_and_hangs(dome: Any) -> None:
     assert dome.flexmaps_rests == "FREE"
     dome.flexmaps_rests = "STANDS"
