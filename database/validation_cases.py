@@ -179,6 +179,12 @@ def saddle() -> SpiralDesign:
     return shell(mesh, _cross(mesh), 1.5, 200.0)
 
 
+def soft() -> SpiralDesign:
+    """A saddle whose softest mode has less than a tenth of its stiffness to spare."""
+    mesh = _height(8, lambda x, y: 0.095 * (x * x - y * y))
+    return shell(mesh, _cross(mesh), 1.5, 200.0)
+
+
 def dome() -> SpiralDesign:
     mesh = _height(6, lambda x, y: 0.12 * (18.0 - x * x - y * y))
     return shell(mesh, _cross(mesh), 1.5, 150.0)
@@ -305,6 +311,7 @@ def shells() -> list[Case]:
         Case("ring", lambda: ring(8, 3, 1.5, 250.0), (free,)),
         Case("ring-unlike", lambda: ring(8, 3, 1.0 + beside, 250.0 - 200.0 * beside), (free,)),
         Case("short", lambda: sheet(6, 5, 2.0, 130.0, sides=(0.010, 0.010)), (short,), WIDE),
+        Case("soft", soft, (free,)),
         Case("slender", lambda: sheet(4, 4, 1.0, 400.0, sides=(0.030, 0.030)), (slender,)),
     ]
 
@@ -355,6 +362,18 @@ def loadings() -> list[Case]:
     ]
 
 
+def strips() -> list[Case]:
+    """Strips of 6 x 2 spirals all alike, of little twist to much, clamped at one end and lifted at the other."""
+    loads = ((0.0, 1.5, 0.6), (5.0, 1.5, 0.6), (10.0, 1.5, 0.6), (20.0, 1.5, 0.6), (35.0, 1.5, 0.5), (50.0, 1.5, 0.4))
+    loads += ((90.0, 1.2, 0.25), (150.0, 1.2, 0.15), (330.0, 1.0, 0.04))
+
+    def case(twist: float, width: float, lift: float) -> Case:
+        loading = cantilever("bent", 6, 2, 0.0, 0.0, lift)
+        return Case(f"alike-{twist:.0f}", lambda: sheet(6, 2, width, twist), (loading,))
+
+    return [case(*one) for one in loads]
+
+
 def cases() -> list[Case]:
     """All cases without a grain."""
     free = (Loading("free"),)
@@ -362,4 +381,4 @@ def cases() -> list[Case]:
         Case("optimised", lambda: optimised("optimised", "alike"), free),
         Case("optimised-four", lambda: optimised("optimised-four", "each"), free),
     ]
-    return unlike() + four_widths() + loadings() + shells() + found
+    return unlike() + four_widths() + loadings() + shells() + strips() + found

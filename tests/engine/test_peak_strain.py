@@ -221,6 +221,7 @@ def test_kinks_are_what_blends_turn_arms_by(checker: Simulation) -> None:
 
 
 def test_kinks_that_may_break_are_named(checker: Simulation) -> None:
+    assert checker.strain is not None
     largest_share = checker.strain.max() * POM.strain_limit
 
     def codes(share: float) -> set[str]:
