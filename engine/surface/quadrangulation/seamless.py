@@ -257,7 +257,8 @@ def _eliminated(size: int, shifts: int, walked: _Walked) -> Lattice:
 
 def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
     """(size, k) int: a basis of all whole-number solutions of the rows, by Euclid's algorithm on columns."""
-    basis = np.eye(size, dtype=np.int64)
+    basis = np.eye(size, dtype=np.int64, order="F")
+    left = np.ones(size, dtype=bool)  # columns; the others are 0 and go in the end, for taking one out copies all
     unique = {tuple(sorted(row.items())) for row in rows}
     for row in sorted(unique, key=len):
         y = sum(n * basis[k] for k, n in row)
@@ -265,13 +266,15 @@ def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
             p = int(np.where(y == 0, np.iinfo(np.int64).max, np.abs(y)).argmin())
             q = y // y[p]
             q[p] = 0
-            basis -= np.outer(basis[:, p], q)
+            changed = np.flatnonzero(q)
+            basis[:, changed] -= np.outer(basis[:, p], q[changed])
             y = y - q * y[p]
+            if np.abs(basis[:, changed]).max(initial=0) > 1 << 40:
+                raise FlexMapsError("The cut is too tangled for whole numbers")
         if y.any():
-            basis = np.delete(basis, int(np.flatnonzero(y)[0]), axis=1)
-        if np.abs(basis).max(initial=0) > 1 << 40:
-            raise FlexMapsError("The cut is too tangled for whole numbers")
-    return basis
+            gone = int(np.flatnonzero(y)[0])
+            left[gone], basis[:, gone] = False, 0
+    return basis[:, left]
 
 
 class Maps:
