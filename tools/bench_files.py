@@ -76,7 +76,9 @@ def main(arguments: list[str]) -> int:
         for name, polygons in surfaces(options.meshes):
             if name not in names:
                 continue
-            sheets = job.run(check.scaled(polygons, edge=EDGE), changed(Settings(), {"sheet.nesting": "FAST"})).sheets
+            sheets = job.run(
+                check.scaled(polygons, edge=EDGE), changed(Settings(), {"sheet.nesting": "FAST"}), stop_after="sheets"
+            ).sheets
             assert sheets is not None
             folder = Path(place) / name.replace(":", "-")
             folder.mkdir()
@@ -108,7 +110,7 @@ def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
         off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
         found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
-    kinds = ("svg", "dxf", "dxf-r12", "stl", "3mf")
+    kinds = ("svg", "dxf", "dxf-r12", "3mf")
     paths = export.write(made, folder / "sheet", kinds)
     found.append(
         at_most(name, "faults that ezdxf and svgelements find", 0, sum(_drawing_faults(p, made) for p in paths))
