@@ -236,14 +236,19 @@ def _farthest(given: Point | None, problem: Problem) -> float:
 
 
 def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
-    """Return the two sound starts to search from; one where the others are the same design or too far from the target.
+    """Return the sound starts to search from: one, or two where another design begins nearly as well.
 
     The first has the least objective among those that match the target nearly as well as the best, the second the least of the others.
+    A second start takes a fifth of the search from the first; where it begins far worse, it ended no nearer on the four surfaces tried.
     """
     sound = {name: point for name, point in points.items() if point.distance <= farthest}
     limit = NEARBY * min(point.mismatch.value for point in sound.values())
     first = min(sound, key=lambda name: (sound[name].mismatch.value > limit, sound[name].value))
-    others = [name for name in sound if np.abs(sound[name].x - sound[first].x).max() > ALIKE]
+    others = [
+        name
+        for name in sound
+        if np.abs(sound[name].x - sound[first].x).max() > ALIKE and sound[name].value <= NEARBY * sound[first].value
+    ]
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
