@@ -42,7 +42,8 @@ def unit_motions(model: Model) -> Float[np.ndarray, "nodes 3 6"]:
     nodal = np.zeros((len(model.solid.nodes), 3, 6))
     nodal[tip.nodes] += tip.spread @ wrenches
     nodal[hub.nodes] -= hub.spread @ (transport(offset).T @ wrenches)
-    return model.expand(model.rest.solve(model.reduce(nodal)))
+    model.cholesky.factor(model.rest_stiffness())
+    return model.expand(model.cholesky.solve(model.reduce(nodal)))
 
 
 def tip_compliance(model: Model, motions: Float[np.ndarray, "nodes 3 6"]) -> Float[np.ndarray, "6 6"]:

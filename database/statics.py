@@ -144,9 +144,10 @@ class Model:
         backend: str | None = None,
         like: Model | None = None,
         stiffness: Float[np.ndarray, "6 6"] | None = None,
+        whole: int | None = None,
     ):
-        """``stiffness`` as in ``Elements``; ``like`` is a model of the same plan (scale, twist, fillet, fineness) whose numbering is used again."""
-        self.solid: Solid = make_solid(spiral, fineness)
+        """``stiffness`` as in ``Elements``, ``whole`` as in ``make_solid``; ``like`` is a model of the same plan (scale, twist, fillet, fineness) whose numbering is used again."""
+        self.solid: Solid = make_solid(spiral, fineness, whole)
         nodes = self.solid.nodes
         self.elements = Elements(nodes, self.solid.elements, poisson, stiffness)
         self.tips = [self._tip(k) for k in range(ARMS)]

@@ -13,6 +13,7 @@ from flexmaps.database.elastic import Elements
 from flexmaps.database.geometry import Spiral, edge, outline
 from flexmaps.database.solid import Fineness, make_solid
 from flexmaps.database.statics import Model
+from flexmaps.database.table import FINENESS
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms import beams
 from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
@@ -105,6 +106,15 @@ def test_slender_arms_agree_with_castigliano(height, twist):
         scale = np.diag([0.04, 0.04, 1.0] if rows == IN_PLANE else [0.04, 1.0, 1.0])
         true = np.linalg.eigvalsh(scale @ compliance[np.ix_(rows, rows)] @ scale)[-1]
         assert np.linalg.eigvalsh(scale @ beam @ scale)[-1] == pytest.approx(true, rel=0.03)
+
+
+@pytest.mark.parametrize(("scale", "height", "twist"), [(9.0, 1.0, 2.0), (9.0, 3.0, 2.0), (20.0, 0.5, 3.0)])
+def test_stubs_of_arms_without_load_stand_for_whole_arms(scale, height, twist):
+    spiral = Spiral(scale, height, twist)
+    whole, cut = (Model(spiral, 0.3, FINENESS, whole=one) for one in (None, linear.TIP))
+    assert len(cut.solid.elements) < len(whole.solid.elements)
+    one, other = (linear.tip_compliance(m, linear.unit_motions(m)) for m in (whole, cut))
+    assert np.abs(np.linalg.eigvals(np.linalg.solve(one, other)).real - 1.0).max() < 1e-5
 
 
 def test_equilibrium_matches_scikit_fem(root):
