@@ -364,14 +364,14 @@ def loadings() -> list[Case]:
 
 def strips() -> list[Case]:
     """Strips of 6 x 2 spirals all alike, of little twist to much, clamped at one end and lifted at the other."""
-    loads = ((0.0, 1.5, 0.6), (5.0, 1.5, 0.6), (10.0, 1.5, 0.6), (20.0, 1.5, 0.6), (35.0, 1.5, 0.5), (50.0, 1.5, 0.4))
-    loads += ((90.0, 1.2, 0.25), (150.0, 1.2, 0.15), (330.0, 1.0, 0.04))
+    little = [(0.0, 1.5, 0.6), (5.0, 1.5, 0.6), (10.0, 1.5, 0.6), (20.0, 1.5, 0.6), (35.0, 1.5, 0.5), (50.0, 1.5, 0.4)]
+    much = [(90.0, 1.2, 0.25), (150.0, 1.2, 0.15), (330.0, 1.0, 0.04)]
 
     def case(twist: float, width: float, lift: float) -> Case:
         loading = cantilever("bent", 6, 2, 0.0, 0.0, lift)
         return Case(f"alike-{twist:.0f}", lambda: sheet(6, 2, width, twist), (loading,))
 
-    return [case(*one) for one in loads]
+    return [case(*one) for one in (*little, *much)]
 
 
 def cases() -> list[Case]:
