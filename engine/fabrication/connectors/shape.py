@@ -62,12 +62,13 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     ``mill`` is the diameter in metres of the mill that cuts it, 0 for a beam.
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
-    # of the finished corners some are sharper by half of the clearance
-    rounding = max(params.rounding + 0.5 * c, 0.75 * c)
-    neck = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside)
+    neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK))
     # room on a flank for both of its corners
-    corners = max(2.1 * _TURN * rounding, (1.05 * _TURN + _DOGBONE) * inside)
-    length = max(LENGTH * neck, corners * math.cos(math.atan(FLANK)))
+    asked = max(params.rounding, 0.75 * c)
+    corners = max(2.1 * _TURN * asked, (1.05 * _TURN + _DOGBONE) * inside)
+    length = max(LENGTH * neck, corners * flank)
+    # of the finished corners some are sharper by half of the clearance, which is made up for where the flank is long enough
+    rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TURN * flank)))
     head = neck + 2.0 * length * FLANK
     wall = max(WALL * neck, params.thinnest)
     pad = max(head + c + 2.0 * (wall + _BITE * inside), width)

@@ -21,6 +21,7 @@ from .shape import Size, face, head, socket
 # length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
 _FLARE = (1.3, 0.5)
 _BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
+_FULL = 0.1  # roundings behind the shoulder, where an arm keeps its full width at least; not measured
 _SAMPLES = 31  # points along either edge of a tip, before arcs are fitted; not measured
 _ROUNDER = 3  # times that edges end farther inwards until shoulders are round enough; a fourth move is under 1 um
 _TURNS = np.array([[-1j], [1j]])  # from the left and the right edge's direction to the other edge
@@ -169,8 +170,10 @@ def make_tips(
     extra = np.maximum(size["pad"] - width, 0.0)
     aside = np.clip(aside, -0.5 * extra, 0.5 * extra)
     behind = size["length"] + size["clearance"] + 0.5 * size["inside"]
-    deep = back + np.select([role == "head", role == "socket"], [_BEHIND_HEAD * size["neck"], behind], size["neck"])
-    edge_ends = back + 0.5 * size["clearance"] + size["rounding"]
+    shoulder = 0.5 * size["clearance"] + size["rounding"]
+    behind_head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
+    deep = back + np.select([role == "head", role == "socket"], [behind_head, behind], size["neck"])
+    edge_ends = back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
     full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
     # a tip that lies beyond the joint reaches back to it: this side of it the arm is drawn by others
@@ -235,7 +238,7 @@ def _round_shoulders(
         lean = 1.0 + (_TURNS * ways / way).real
         distance = distance + np.clip(((rounding - radius) * lean).max(axis=0), 0.0, rounding)
         begin = through.tau(distance[:, None])[:, 0]
-    full = np.maximum(wide.full, through.tau(distance[:, None] + 0.1 * rounding[:, None])[:, 0])
+    full = np.maximum(wide.full, through.tau(distance[:, None] + _FULL * rounding[:, None])[:, 0])
     room = (full < wide.over) | (full == wide.full)
     return np.where(room, begin, first), replace(wide, full=np.where(room, full, wide.full))
 
