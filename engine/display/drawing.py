@@ -15,6 +15,7 @@ from ..arrays import Float
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 SHADES = 96  # so many shades of a scale, so that shapes of one colour become one path
+SINGLE = 1e-6  # steps by which a tick may lie outside: a mesh stores in single precision
 SEAM = 0.5  # pixels: filled shapes grow by half of this, or light would shine between neighbours
 
 
@@ -174,8 +175,8 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
     raw = span / count
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next((m for m in (1, 2, 5) if m * power >= raw * 0.999), 10)
-    first = np.ceil(low / step - 1e-9)
-    return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + 1e-9) + 1)]
+    first = np.ceil(low / step - SINGLE)
+    return [float(k * step) + 0.0 for k in np.arange(first, np.floor(high / step + SINGLE) + 1)]
 
 
 def decades(low: float, high: float) -> list[float]:
