@@ -9,7 +9,6 @@ import bpy
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
-from .stage import AtOnce
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -66,17 +65,20 @@ class Preview(ContinuedStage, bpy.types.Operator):
         return text
 
 
-class RemoveLeftOver(AtOnce, bpy.types.Operator):
+class RemoveLeftOver(bpy.types.Operator):
     """Remove the panels, previews and films of models that were deleted"""
 
     bl_idname = "flexmaps.remove_left_over"
     bl_label = "Remove panels of deleted models"
+    bl_options = {"REGISTER", "UNDO"}
 
-    def act(self, context: bpy.types.Context) -> None:
+    def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.view import collection
 
-        for own in collection.left_over(context.scene):
+        found = collection.left_over(context.scene)
+        for own in found:
             collection.remove(own)
+        return {"FINISHED"} if found else {"CANCELLED"}
 
 
 CLASSES = (RemoveLeftOver, Preview)
