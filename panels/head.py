@@ -105,8 +105,13 @@ def _next(layout: Any, said: head_text.Head, running: Any) -> None:
 
 
 def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> None:
-    """Three rows: as many notices, or two and the way to the others; the cures of one alone below each other."""
-    many = len(notices) > SLOTS
+    """Three rows: as many notices, or two and the way to the others; the cures of one alone below each other.
+
+    Where there is more to look at than rows, information stands behind the button beside the status alone, so that both counts agree.
+    """
+    serious = tuple(notice for notice in notices if notice.kind != INFORMATION)
+    many = len(serious) > SLOTS
+    notices = serious if many else notices[:SLOTS]
     shown = notices[: SLOTS - many]
     factor = _share(context, shown)
     alone = len(shown) == 1 and not many

@@ -71,12 +71,12 @@ def _cards(body: Any, context: bpy.types.Context) -> None:
 
 
 def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
-    """One layout: its picture, the button that takes it, and the three figures that decide."""
+    """One layout: its picture, the button that takes it, and the three figures that decide, a line each."""
     card.template_icon(icon_value=picture, scale=PICTURE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
     taking.number, taking.tip = number, _tip(row)
     share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"< {row['rms_percent']:.2g} %"
-    for text in (f"{share}, {duration(row['join_minutes'])}", sheets(row["sheets"])):
+    for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):
         said = card.row()
         said.alignment, said.scale_y = "CENTER", LOW
         said.label(text=text, translate=False)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import bpy
 
+from ...engine.materials import STRAIN_MARGIN
 from . import next_button, notes, notices, objects, states
 from .flat_target import passed_over
 from .i18n import interface
@@ -81,8 +82,8 @@ def _ready(obj: bpy.types.Object, serious: list[Notice]) -> Status:
     """Of a piece whose shape is known."""
     block = notes.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
-        share = 100 * block.get("strain_share_max", 0.0)
-        return Status(_short(interface("Too strained: {:.0f} % of its limit", share)), LOOK)
+        share = 100 * STRAIN_MARGIN * block.get("strain_share_max", 0.0)
+        return Status(_short(interface("Too strained: up to {:.0f} % of limit", share)), LOOK)
     if serious:  # their words stand in the rows below
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
@@ -112,9 +113,7 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
 
 def _changed(known: dict[str, states.State], old: int) -> str:
     part = next((known[name].part for name in STEPS if known[name].part), "")
-    what = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}.get(
-        part, "Settings changed"
-    )
+    what = CHANGED.get(part, CHANGED[""])
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 
 
