@@ -93,7 +93,8 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
         h = 1e-4 if not name.startswith("flat") else 1e-5
         slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
-        assert float(gradient @ way) == pytest.approx(slope, rel=2e-3), name
+        parts_sum = float(np.abs(gradient * way).sum())  # positive and negative parts nearly cancel
+        assert float(gradient @ way) == pytest.approx(slope, abs=1e-3 * parts_sum), name
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:

@@ -27,9 +27,10 @@ def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
     assert path.name == "sheet-01.pdf"
     document = pdfium.PdfDocument(path)
     np.testing.assert_allclose(np.array(document[0].get_size()) * MM, [200.0, 110.0], atol=1e-4)
-    # every panel lies where the sheet has it: the ink's extent is that of the outlines
+    # every panel lies where the sheet has it: the ink's extent is that of the outlines, and of labels beside them
     ink = np.nonzero(_drawn(path) < 200)
-    corners = np.concatenate([p.outline.sampled(1e-5) for p in cut.on_sheet(0)]) * 1e3
+    curves = [curve for p in cut.on_sheet(0) for curve in (p.outline, *p.labels, *p.beside)]
+    corners = np.concatenate([curve.sampled(1e-5) for curve in curves]) * 1e3
     assert ink[1].min() / 10 == pytest.approx(corners[:, 0].min(), abs=0.15)
     assert ink[1].max() / 10 == pytest.approx(corners[:, 0].max(), abs=0.15)
     assert 110 - ink[0].max() / 10 == pytest.approx(corners[:, 1].min(), abs=0.15)

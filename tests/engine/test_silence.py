@@ -22,7 +22,7 @@ from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 
 shapes: Any = sys.modules["flexmaps_shapes"]
-FEW = 20_000  # calls, some hundredths of a second
+FEW = 60_000  # calls, some hundredths of a second: ezdxf goes through all that a drawing holds without a word
 
 
 class Counter:
