@@ -169,11 +169,8 @@ def make_tips(
     point, way, width = through.centre(through.tau(-shift[:, None])[:, 0])
     extra = np.maximum(size["pad"] - width, 0.0)
     aside = np.clip(aside, -0.5 * extra, 0.5 * extra)
-    behind = size["length"] + size["clearance"] + 0.5 * size["inside"]
     shoulder = 0.5 * size["clearance"] + size["rounding"]
-    behind_head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
-    deep = back + np.select([role == "head", role == "socket"], [behind_head, behind], size["neck"])
-    edge_ends = back + shoulder
+    deep, edge_ends = back + _behind(role, size, shoulder), back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
     full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
     # a tip that lies beyond the joint reaches back to it: this side of it the arm is drawn by others
@@ -211,6 +208,13 @@ def make_tips(
         if polygon is not None:
             found[k[i]] = Tip(base, int(rows[k[i]]), wide.rows(np.array([i])), float(begin[i]), curve, polygon)
     return found
+
+
+def _behind(role: np.ndarray, size: dict[str, np.ndarray], shoulder: np.ndarray) -> Float[np.ndarray, " arms"]:
+    """Metres behind the ends of arms up to which they keep their full width, given where their shoulders end."""
+    head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
+    socket = size["length"] + size["clearance"] + 0.5 * size["inside"]
+    return np.select([role == "head", role == "socket"], [head, socket], size["neck"])
 
 
 def _straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
