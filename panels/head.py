@@ -107,7 +107,7 @@ def _next(layout: Any, said: head_text.Head, running: Any) -> None:
 def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> None:
     """Three rows: as many notices, or two and the way to the others; the cures of one alone below each other.
 
-    Where there is more to look at than rows, information stands behind the button beside the status alone, so that both counts agree.
+    If more notices than rows speak against cutting, only these are listed, so that the count in the status agrees; the popover lists all.
     """
     serious = tuple(notice for notice in notices if notice.kind != INFORMATION)
     many = len(serious) > SLOTS

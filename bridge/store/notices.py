@@ -109,7 +109,6 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-MATCHED = 1.0  # percent of the size, RMS, up to which a piece is as its target; see ``choosing.prospects``
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 MISSED = 2  # times as many quads, where they miss parts of the surface, as its warning says
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
@@ -332,7 +331,7 @@ def _nearer(reach: dict[str, Any]) -> list[Cure]:
 def _match(block: dict[str, Any], reach: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """A piece that is farther from its target than anybody would miss, where no finding says so yet."""
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    if percent is None or percent <= MATCHED or said & {"far-from-target", "stays-flat", "no-equilibrium"}:
+    if percent is None or percent <= remedies.WANTED or said & {"far-from-target", "stays-flat", "no-equilibrium"}:
         return []
     key, nearer = "equilibrium/match", _nearer(reach)
     ways = nearer or [

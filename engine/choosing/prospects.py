@@ -18,6 +18,7 @@ from ..mechanics.laplacian import laplacian_difference
 from ..mechanics.loads import LOWEST, standing
 from ..optimisation.optimise import optimise
 from ..optimisation.reach import Reach
+from ..optimisation.remedies import CUT, WANTED
 from ..params import Settings
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation
@@ -25,8 +26,7 @@ from ..surface.mesh import QuadMesh
 from .judge import SHORT, Idea, Piece, judge, lay
 from .moves import weighed, with_cuts
 
-BORDER, CUT = "border", "cut"  # beside ``LOWEST``: held at the border, and another cut
-WANTED = 1.0  # percent of the size: nobody sees an RMS distance of less on a piece of half a metre, which is 5 mm
+BORDER = "border"  # held there, beside ``LOWEST`` and ``CUT``
 WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
 MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
 IDEAS = 2  # cuts that are tried: each takes as long as a support

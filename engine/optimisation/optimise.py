@@ -40,8 +40,9 @@ ENDS = {
 }
 LOADS = (0.1, 0.3, 0.6, 1.0)  # shares in which the loads are put on where all at once lead to no equilibrium
 TRIES = 3  # designs that are proved, the best first, until one keeps its shape
-# Starts may lie so many times the smallest mismatch from the target. Their values alone, where closing slots and strain count beside the
-# mismatch, led a vessel of two walls into a collapsed shape; the mismatch alone made results of two other surfaces worse by a third
+# Largest ratio of the first start's mismatch to the smallest one, and of a second start's objective to the first's. The objective alone,
+# where closing slots and strain count beside the mismatch, led a vessel of two walls into a collapsed shape; the mismatch alone made
+# results of two other surfaces worse by a third
 NEARBY = 1.5
 ALIKE = 0.01  # of the range of widths and twists by which starts differ at the most that count as one; not measured
 SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
@@ -239,7 +240,7 @@ def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
     """Return the sound starts to search from: one, or two where another design begins nearly as well.
 
     The first has the least objective among those that match the target nearly as well as the best, the second the least of the others.
-    A second start takes a fifth of the search from the first; where it begins far worse, it ended no nearer on the four surfaces tried.
+    A second start takes a fifth of the search from the first. Without it, two surfaces on which it begins far worse ended as near or nearer.
     """
     sound = {name: point for name, point in points.items() if point.distance <= farthest}
     limit = NEARBY * min(point.mismatch.value for point in sound.values())

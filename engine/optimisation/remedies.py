@@ -31,6 +31,8 @@ DENSER = 2
 # the most rounded series R''10 of ISO 497, in which most sheets are sold, per decade
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
+# Percent of the size: RMS distance from the target up to which a piece needs no remedy. On one of half a metre it is 5 mm; by eye
+WANTED = 1.0
 
 
 def amounts(
