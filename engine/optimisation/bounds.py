@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
@@ -33,6 +34,7 @@ HALVINGS = 6  # of a spiral's own share of the step before it stays where it is
 LONGEST = 50  # rounds in which spirals are found that have to go less far
 # Added to the products of the rows of unit length, so that alike ones, of the four slots of a regular quad, do no harm
 ALIKE = 1e-6
+DENSE = 250  # rows up to which their products are factored as a full matrix, which is quicker there
 TOUCHING = 1e-3  # room below which a gap counts as closed by a step towards it; the same unit as of the coordinates
 LEFT = 5e-4  # room that is left where a step has been brought back, likewise
 
@@ -52,7 +54,9 @@ class Rooms:
         """From rooms and slopes in any unit; what no coordinate changes is left out."""
         length = _lengths(slope)
         kept = length > 0.0
-        return cls(value[kept] / length[kept], csr_array(diags_array(1.0 / length[kept]) @ slope[kept]))
+        if not kept.all():
+            value, length, slope = value[kept], length[kept], slope[kept]
+        return cls(value / length, _scale_rows(slope, 1.0 / length))
 
     @classmethod
     def none(cls, size: int) -> Rooms:
@@ -61,18 +65,29 @@ class Rooms:
 
     def scaled(self, units: Float[np.ndarray, " coordinates"]) -> Rooms:
         """The same, by coordinates in these units; rows are not of unit length any more."""
-        return Rooms(self.room, csr_array(self.slope @ diags_array(units)))
+        return Rooms(self.room, _scale_columns(self.slope, units))
 
     def of_rows(self, rows: np.ndarray) -> Rooms:
         return Rooms(self.room[rows], self.slope[rows])
 
     def part(self, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
         """The slopes with zeros for coordinates that are not free."""
-        return csr_array(self.slope @ diags_array(free.astype(float)))
+        return _scale_columns(self.slope, free)
 
 
 def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
-    return np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
+    row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+    return np.sqrt(np.bincount(row, rows.data * rows.data, rows.shape[0]))
+
+
+# these two go without products of sparse matrices, whose making costs more than their numbers
+def _scale_columns(rows: csr_array, factor: np.ndarray) -> csr_array:
+    return csr_array((rows.data * factor[rows.indices], rows.indices, rows.indptr), shape=rows.shape)
+
+
+def _scale_rows(rows: csr_array, factor: np.ndarray) -> csr_array:
+    data = rows.data * np.repeat(factor, np.diff(rows.indptr))
+    return csr_array((data, rows.indices, rows.indptr), shape=rows.shape)
 
 
 def lowest(terms: Terms) -> Terms:
@@ -92,19 +107,13 @@ class Projection:
     def __init__(self, rows: csr_array, soft: float = ALIKE):
         length = _lengths(rows)
         self._length = np.where(length > 0.0, length, 1.0)
-        self._rows = csr_array(diags_array(1.0 / self._length) @ rows)
-        self._back = csr_array(self._rows.T)
-        square = coo_array(self._rows @ self._back)
-        rows_of, columns_of = square.coords
-        pattern = Pattern(rows_of, columns_of, square.shape[0])
-        self._factor = SparseCholesky(pattern)
-        values = pattern.sum(square.data).astype(float)
-        values[pattern.indices == pattern.columns] += soft
-        self._factor.factor(values)
+        self._rows = _scale_rows(rows, 1.0 / self._length)
+        self._back = self._rows.T
+        self._solve = _factored(self._rows @ self._back, soft)
 
     def multipliers(self, way: np.ndarray) -> Float[np.ndarray, " rows"]:
         """The combination of the rows, in rows of unit length, that is nearest to a way."""
-        return self._factor.solve(self._rows @ way)
+        return self._solve(self._rows @ way)
 
     def along(self, way: np.ndarray) -> np.ndarray:
         """What of a way leaves the rows as they are."""
@@ -112,7 +121,24 @@ class Projection:
 
     def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
         """The shortest way that changes the rows by so much."""
-        return self._back @ self._factor.solve(change / self._length)
+        return self._back @ self._solve(change / self._length)
+
+
+def _factored(square: csr_array, soft: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Return what solves with a positive semidefinite matrix to whose diagonal ``soft`` is added."""
+    count = square.shape[0]
+    if 0 < count <= DENSE:
+        full = square.toarray()
+        full[np.diag_indices(count)] += soft
+        factor = cho_factor(full, lower=True, overwrite_a=True, check_finite=False)
+        return lambda rhs: cho_solve(factor, rhs, check_finite=False)
+    entries = coo_array(square)
+    pattern = Pattern(*entries.coords, count)
+    values = pattern.sum(entries.data).astype(float)
+    values[pattern.indices == pattern.columns] += soft
+    sparse = SparseCholesky(pattern)
+    sparse.factor(values)
+    return sparse.solve
 
 
 def bounded_step(
@@ -171,18 +197,13 @@ def _way(
 
     held = np.zeros(closed.shape[0], dtype=bool)
     if len(held):
-        held = Projection(_free(closed, ~fixed)).multipliers(np.where(fixed, 0.0, slope)) > 0.0
+        held = Projection(_scale_columns(closed, ~fixed)).multipliers(np.where(fixed, 0.0, slope)) > 0.0
     for most_now in (LOOK,) * TURNS + (most,):
-        onto = Projection(_free(closed[held], ~fixed)) if held.any() else None
+        onto = Projection(_scale_columns(closed[held], ~fixed)) if held.any() else None
         way = conjugate_gradients(product, along, -along(slope), min(most_now, most))
         out, further = ~fixed & (ends * way > 0.0), ~held & (closed @ way < 0.0)
         fixed, held = fixed | out, held | further
     return way
-
-
-def _free(rows: csr_array, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
-    """Rows with zeros for coordinates that are not free."""
-    return csr_array(rows @ diags_array(free.astype(float)))
 
 
 def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -> Float[np.ndarray, " coordinates"]:
@@ -194,7 +215,7 @@ def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -
             break
         rows = rooms.of_rows(closed)
         free = (step > low) & (step < high)
-        onto = Projection(_free(rows.slope, free), SOFT)
+        onto = Projection(rows.part(free), SOFT)
         step = np.clip(step + onto.least(-MORE * (rows.room + rows.slope @ step)), low, high)
     return step
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
-from ..arrays import Complex, Float
+from ..arrays import Complex, Float, Int
 from ..patches.flattening.flatten import FlatPatches, seam_mismatch
 from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
@@ -112,16 +113,35 @@ class FlatCost:
         inner = self._strains_back(np.abs(a) - 1.0, b, self._slopes[0])
         return inner + self._apart_back(self._slopes[1] * self.apart)
 
+    @cached_property
+    def hessian(self) -> csr_array:
+        """(2 P, 2 P) the Hessian without the curvature of the strains themselves, by x and y of every point in turn."""
+        (rooms, gaps), (a, b), t = self._slopes, self.maps, self.limits.triangles
+        n, w = len(a), self.limits.share
+        # each quad has 8 coordinates; d, before: (8, 4) what the two edges of the corner triangles change by
+        unit = np.zeros((8, 4), dtype=complex)
+        unit[np.arange(8), np.arange(8) // 2] = np.tile([1.0, 1.0j], 4)
+        d = unit[:, NEXT] - unit
+        before = d[:, PREVIOUS]
+        da = t.along[:, None] * d + t.against[:, None] * before
+        db = t.along_bar[:, None] * d + t.against_bar[:, None] * before
+        stretch = (a.conj()[:, None] * da).real / np.abs(a)[:, None]
+        slope = (w[:, None] * ((np.abs(a) - 1.0)[:, None] * stretch + (b.conj()[:, None] * db).real)).sum(axis=2)
+        # the last column is the barriers' own curvature: the square of their slope
+        root = np.sqrt(rooms[:, None] * w)[:, None]
+        steeper = np.sqrt(n) * rooms[:, None, None] * slope[:, :, None]
+        factor = np.concatenate([root * stretch, root * db.real, root * db.imag, steeper], axis=2)
+        corner, (start, end) = self.limits.layout.flat_corners, self.limits.ends
+        along = self._directions * np.array([1.0, -1.0])[:, None] / self.limits.surface[:, None, None]
+        weight = np.sqrt(gaps + len(gaps) * (gaps * self.apart) ** 2)
+        apart = weight[:, None] * np.concatenate([along, -along], axis=1).reshape(-1, 8)
+        size = 2 * len(self.points)
+        quads = _spread(factor @ factor.swapaxes(1, 2), corner, size)
+        return quads + _spread(apart[:, :, None] * apart[:, None], np.concatenate([end, start], axis=1), size)
+
     def product(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) product of the Hessian, without the curvature of the strains themselves, with (P, 2)."""
-        (rooms, gaps), (a, b) = self._slopes, self.maps
-        da, db = self._strains(change)
-        slope = (self.limits.share * ((np.abs(a) - 1.0) * da + (b.conj() * db).real)).sum(axis=1)
-        # the barriers' own curvature: the square of their slope
-        steeper = len(rooms) * rooms**2 * slope
-        out = self._strains_back(da, db, rooms) + self._strains_back(np.abs(a) - 1.0, b, steeper)
-        apart = self._apart(change)
-        return out + self._apart_back(gaps * apart + len(gaps) * (gaps * self.apart) ** 2 * apart)
+        """(P, 2) product of ``hessian`` with (P, 2)."""
+        return (self.hessian @ change.ravel()).reshape(-1, 2)
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -136,25 +156,13 @@ class FlatCost:
         before = d[:, PREVIOUS]
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
-    def _strains(self, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How |a| and b change when the points change by (P, 2)."""
-        da, db = self._maps(change[:, 0] + 1j * change[:, 1])
-        a = self.maps[0]
-        return (a.conj() * da).real / np.abs(a), db
-
     def _strains_back(self, stretch: np.ndarray, shear: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """The transpose of ``_strains``, of quantities weighted by (F,) and the triangles' shares."""
+        """The gradient by the points of changes of |a| and b, of quantities weighted by (F,) and the triangles' shares."""
         t, a, w = self.limits.triangles, self.maps[0], weight[:, None] * self.limits.share
         pa, pb = w * stretch * a / np.abs(a), w * shear
         pull = t.along.conj() * pa + t.along_bar.conj() * pb
         pull += (t.against.conj() * pa + t.against_bar.conj() * pb)[:, NEXT]
         return self._summed(self.limits.layout.flat_corners, pull[:, PREVIOUS] - pull)
-
-    def _apart(self, change: np.ndarray) -> np.ndarray:
-        start, end = self.limits.ends
-        along = change[end] - change[start]
-        length = (along * self._directions).sum(axis=2)
-        return (length[:, 0] - length[:, 1]) / self.limits.surface
 
     def _apart_back(self, apart: np.ndarray) -> np.ndarray:
         start, end = self.limits.ends
@@ -173,3 +181,10 @@ class FlatCost:
         of, count = vertices.ravel(), len(self.points)
         parts = (np.bincount(of, part.ravel(), count) for part in (pull.real, pull.imag))
         return np.stack(list(parts), axis=1)
+
+
+def _spread(blocks: Float[np.ndarray, "n 8 8"], points: Int[np.ndarray, "n 4"], size: int) -> csr_array:
+    """Return the sum of blocks by x and y of four points each as a matrix (size, size)."""
+    index = (2 * points[:, :, None] + np.arange(2)).reshape(-1, 8)
+    row, column = np.broadcast_arrays(index[:, :, None], index[:, None])
+    return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))

@@ -107,10 +107,10 @@ class Problem:
         """(5 n, coordinates) derivatives of all widths, and then of all twists, by the coordinates."""
         slopes = self.space.slopes(x)
         n, _, each = slopes.shape
-        row = np.concatenate([np.arange(4 * n).reshape(n, 4), 4 * n + np.arange(n)[:, None]], axis=1)
-        column = each * np.arange(n)[:, None, None] + np.arange(each)
-        both = np.broadcast_arrays(row[..., None], column)
-        return csr_array((slopes.ravel(), (both[0].ravel(), both[1].ravel())), shape=(5 * n, len(x)))
+        column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
+        columns = np.concatenate([np.repeat(column, 4, axis=0).ravel(), column.ravel()])
+        data = np.concatenate([slopes[:, :4].ravel(), slopes[:, 4].ravel()])
+        return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
 
     def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
         """Coordinates near to x of a design that can be cut; those of ``inner`` can."""

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slot_estimate import Slots, SlotWidths
-from ..mechanics.arms.tip_motion import TipMotions
+from ..mechanics.arms.tip_motion import TipMotions, tip_motions
 from ..mechanics.assembly import Assembly, Pose
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
@@ -61,14 +61,14 @@ class Opening:
 
     def at(self, model: ArmModel, pose: Pose) -> Closing:
         """Of the spirals of a model whose hubs stand in a pose."""
-        motions = TipMotions.of(model.assembly, model.compliance.values, model.compliance_by, model.at_joint, pose)
+        motions = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
-        known[arm[own]] = motions.values[own]
+        known[arm[own]] = motions[own]
         found = self.slots.below(self.width, self._numbers(model), known)
         joint = np.full(len(known), -1)
         joint[arm[own]] = np.flatnonzero(own)
-        return Closing(self, found, motions, joint[found.arms], whole)
+        return Closing(self, found, joint[found.arms], model, pose)
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
         """Of every arm, in the order of ``blends``."""
@@ -97,15 +97,26 @@ class Closing:
     The cost is a third of the mean over all slots of the cubes of what is missing, in units of what there should be, and goes
     on in a straight line where slots are closed. So a step feels in time what it would close.
 
-    found : the K places; motions : of the tips; joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1
-        at the border
+    found : the K places; joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1 at the border
+    model, pose : of the spirals
     """
 
     opening: Opening
     found: SlotWidths
-    motions: TipMotions
     joint: Int[np.ndarray, "k 2"]
-    assembly: Assembly
+    model: ArmModel
+    pose: Pose
+
+    @property
+    def assembly(self) -> Assembly:
+        return self.model.assembly
+
+    @cached_property
+    def motions(self) -> TipMotions:
+        """The motions of the tips with their derivatives, which only steps that are taken need."""
+        known = self.model
+        parts = (known.compliance.values, known.compliance_by, known.at_joint)
+        return TipMotions.of(known.assembly, *parts, self.pose)
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
@@ -215,4 +226,8 @@ class Narrow(Term):
         return self._back(self.closing.curvature * (self.closing.by_pose @ moves.ravel() + self.by_x @ change))
 
     def _back(self, weight: Float[np.ndarray, " k"]) -> Change:
-        return Change((weight @ self.closing.by_pose).reshape(-1, 6), weight @ self.by_x)
+        return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
+
+    @cached_property
+    def _transposed(self) -> tuple[csr_array, csr_array]:
+        return csr_array(self.closing.by_pose.T), csr_array(self.by_x.T)

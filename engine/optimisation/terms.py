@@ -74,7 +74,11 @@ class Rows:
 
     def backward(self, weight: Float[np.ndarray, " k"]) -> Change:
         """Its transpose."""
-        return Change((weight @ self.hubs).reshape(-1, 6), weight @ self.own)
+        return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
+
+    @cached_property
+    def _transposed(self) -> tuple[csr_array, csr_array]:
+        return csr_array(self.hubs.T), csr_array(self.own.T)
 
 
 @dataclass(frozen=True, eq=False)

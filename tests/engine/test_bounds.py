@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cvxopt import matrix, solvers
-from flexmaps.engine.optimisation.bounds import Projection, Rooms, Within, bounded_step, lowest, restored
+from flexmaps.engine.optimisation.bounds import DENSE, Projection, Rooms, Within, bounded_step, lowest, restored
 from flexmaps.engine.spirals.room import Terms
-from scipy.sparse import csr_array, random_array
+from scipy.sparse import block_diag, csr_array, random_array
 
 
 def quadratic(size: int, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Rooms]:
@@ -68,8 +68,13 @@ def test_the_narrowest_gap_of_every_pair_of_arms_is_kept() -> None:
         assert (arms[value == row] == pair).all()
 
 
-def test_projections_leave_rows_as_they_are_also_where_some_are_alike() -> None:
+@pytest.mark.parametrize("copies", [1, 2 * DENSE])
+def test_projections_leave_rows_as_they_are_also_where_some_are_alike(copies: int) -> None:
     rows = csr_array(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]))
+    many = Projection(csr_array(block_diag([rows] * copies)))
+    assert many.least(np.tile([0.1, 0.1, 0.2], copies)) == pytest.approx(
+        np.tile(Projection(rows).least(np.array([0.1, 0.1, 0.2])), copies), abs=1e-9
+    )
     onto = Projection(rows)
     along = onto.along(np.array([1.0, 2.0, 3.0]))
     np.testing.assert_allclose(rows @ along, 0.0, atol=1e-5)

@@ -21,8 +21,9 @@ from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.terms import Bearing, Excess
-from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.patches.flattening.flatten import flips, measured, overlapping, seam_mismatch
+from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.patches.flattening.flatten import flatten, flips, measured, overlapping, seam_mismatch
+from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
@@ -188,13 +189,33 @@ def test_barriers() -> None:
     assert np.abs(cost.apart) == pytest.approx(seam_mismatch(known), abs=1e-12)
     found = slope(lambda t: FlatCost.of(limits, points + t * step).value, 1e-3)
     assert found == pytest.approx(float((cost.gradient * step).sum()), rel=1e-8)
-    # the product is the Hessian where nothing is strained, and positive everywhere
+    # symmetric, and positive everywhere
     other = rng.normal(size=points.shape)
     assert (cost.product(step) * other).sum() == pytest.approx((cost.product(other) * step).sum(), rel=1e-9)
     assert (cost.product(step) * step).sum() > 0.0
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     assert FlatCost.of(limits, points @ turn.T + 0.3).value == pytest.approx(cost.value, rel=1e-9)
     assert not FlatCost.of(limits, 1.2 * points).inside
+
+
+def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
+    """Of a plane in two panels, laid out as it is, the Hessian leaves out nothing."""
+    rng = np.random.default_rng(4)
+    x, y = (0.02 * part for part in np.meshgrid(np.arange(5.0), np.arange(4.0), indexing="ij"))
+    vertices = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    vertices[:, :2] += 0.002 * rng.normal(size=(len(vertices), 2))
+    first = (4 * np.arange(4)[:, None] + np.arange(3)).ravel()
+    mesh = QuadMesh(vertices, first[:, None] + np.array([0, 4, 5, 1]))
+    across = np.flatnonzero((np.sort(mesh.edges, axis=1) // 4 == 2).all(axis=1))
+    layout = PatchLayout(mesh, np.isin(np.arange(len(mesh.edges)), across))
+    flat = flatten(layout, LayoutParams())
+    points = np.zeros_like(flat.points)
+    points[layout.flat_corners] = mesh.vertices[mesh.quads][..., :2]
+    limits = FlatLimits.of(flat, LIMIT, SEAM)
+    assert len(limits.surface) == 3
+    one, other = 1e-3 * rng.normal(size=(2, *points.shape))
+    bent = slope(lambda t: float((FlatCost.of(limits, points + t * one).gradient * other).sum()), 1e-4)
+    assert float((FlatCost.of(limits, points).product(one) * other).sum()) == pytest.approx(bent, rel=1e-6)
 
 
 def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:

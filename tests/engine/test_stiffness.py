@@ -187,6 +187,19 @@ def test_torsion_constant_against_tabled_values():
         assert float(beams.torsion_constant(np.array(1 / ratio))[0]) == pytest.approx(factor / ratio**3, rel=2e-3)
 
 
+def test_torsion_constant_against_the_whole_series():
+    odd = 2.0 * np.arange(300) + 1.0
+    height = np.geomspace(0.05, 20.0, 41)
+    whole = height**3 * (
+        1 / 3 - 64 / np.pi**5 * height * (np.tanh(0.5 * np.pi * odd / height[:, None]) / odd**5).sum(1)
+    )
+    value, by_height = beams.torsion_constant(height)
+    np.testing.assert_allclose(value, whole, rtol=1e-6)
+    step = 1e-5 * height
+    ends = (beams.torsion_constant(height + sign * step)[0] for sign in (1.0, -1.0))
+    np.testing.assert_allclose(by_height, np.subtract(*ends) / (2.0 * step), rtol=1e-6)
+
+
 def test_materials_name_their_sources():
     for m in MATERIALS.values():
         assert m.source and 0 < m.poisson < 0.45 and 1e9 < m.youngs < 2e10 and 0 < m.strain_limit < 0.1
