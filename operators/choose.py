@@ -70,7 +70,14 @@ class CutThere(ChooseStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         wanted = replace(snapshot.settings.choose, goal="match", match=NEAREST, near=True)
-        return super().continuation(obj, replace(snapshot, settings=replace(snapshot.settings, choose=wanted)))
+        cut = super().continuation(obj, replace(snapshot, settings=replace(snapshot.settings, choose=wanted)))
+
+        def go_on(result: Result, progress: Progress) -> Any:
+            flat, design = result.flat, result.design
+            start = result.start if flat is None or design is None else (flat, design.width, design.twist)
+            return cut(replace(result, start=start), progress)
+
+        return go_on
 
 
 class TakeChoice(LayoutStage, bpy.types.Operator):

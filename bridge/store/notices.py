@@ -295,7 +295,10 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
-    advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
+    reach = blocks.get("reach", {})
+    advised = remedies.of_block({"advice": "", **reach})
+    if remedies.CUT not in reach.get("prospects", advised):  # short searches have shown that no cut brings it nearer
+        advised.pop(remedies.CUT, None)
     found = []
     found += _other_limit(obj, block)
     for row in block.get("findings", ()):
@@ -307,19 +310,30 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
             [cures.remedy(name, advised[name]) for name in helping if name in advised],
         )
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
+        if row["code"] == "stays-flat" and not _far(block):
+            kind = WORSE
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if row["code"] == "far-from-target":
-            nearer = _nearer(blocks.get("reach", {}))
+            nearer = _nearer(reach)
             ways = [*nearer, *(way for way in ways if way.idname not in {cure.idname for cure in nearer})]
             if not nearer and not obj.flexmaps.loads.supports:
                 ways.append(cures.hold("lowest"))
+        if row["code"] == "stays-flat" and not ways and not obj.flexmaps.loads.supports:
+            ways.append(cures.hold("border"))
         if kind != INFORMATION:
             ways.append(cures.let_go(key))
         count = len(row["faces"])
         sentence = equilibrium.sentence(row, block)
         found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
-    return found + _match(block, blocks.get("reach", {}), advised)
+    return found + _match(block, reach, advised)
+
+
+def _far(block: dict[str, Any]) -> bool:
+    """Whether a piece as a whole lies far from its target, and not only one of its small bodies."""
+    from ...engine.simulation.shortfall import FAR
+
+    return 0.01 * block.get("rms_percent", 100.0) > FAR
 
 
 def _nearer(reach: dict[str, Any]) -> list[Cure]:

@@ -17,6 +17,7 @@ from itertools import islice, zip_longest
 import numpy as np
 
 from ..errors import Cancelled, FlexMapsError
+from ..optimisation.remedies import WANTED
 from ..params import ChooseParams, LayoutParams
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.merging.merge import merge
@@ -26,9 +27,9 @@ from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
 from .choice import GIVEN, Choice, Proposal, proposal
-from .judge import FIRST, FULL, LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
+from .judge import FIRST, FULL, LONG, SHORT, Idea, Judged, Laid, Piece, judge, lay, taken_up
 from .lines import completed, drawn, planes, unlike
-from .moves import moves
+from .moves import IDEAS, moves
 from .search import EXPECTED, Search, Together, key, short
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels. The
@@ -71,7 +72,10 @@ def choose(
     finished = True
     try:
         _begin(search, first, progress.part(0.0, 0.1))
-        _sought(search, first, progress.part(0.1, 0.8))
+        if params.near:
+            _cut_there(search, progress.part(0.1, 1.0))
+        else:
+            _sought(search, first, progress.part(0.1, 0.8))
         if params.goal == "match" and not params.near and search.judged and not search.holds(search.judged[0]):
             _alike(search, first, progress.part(0.8, 1.0))
     except Cancelled:
@@ -83,13 +87,27 @@ def choose(
     return _choice(search, first, finished)
 
 
+def _cut_there(search: Search, progress: Progress) -> None:
+    """Cut the best layout where its shape is to blame, until that is near enough or no further cut brings it nearer."""
+    for turn in range(TURNS):
+        best = next(iter(search.judged), None)
+        if best is None or (turn and 100.0 * best.rms <= WANTED):
+            return
+        part = progress.part(turn / TURNS, (turn + 1) / TURNS)
+        ideas = list(islice(moves(search.piece, best, fewer=False, more=True), IDEAS))
+        made = search.together(partial(lay, search.piece), ideas, part.part(0.0, 0.2), search.said)
+        search.judge([one for one in made if one is not None], part.part(0.2, 1.0))
+        if search.judged[0] is best:
+            return
+
+
 def _sought(search: Search, first: Laid, progress: Progress) -> None:
     """Lay out, judge, change and prove."""
     params = search.params
     _collect(search, first, progress.part(0.0, 0.3))
     search.judge(search.next(SETTLED), progress.part(0.3, 0.5))
     held = bool(search.judged) and search.holds(search.judged[0])
-    if not held and params.goal != "panels" and not params.near:
+    if not held and params.goal != "panels":
         _steeper(search, first, progress.part(0.5, 0.55))
     for turn in range(TURNS):
         part = progress.part(0.55 + 0.1 * turn, 0.65 + 0.1 * turn)
@@ -123,7 +141,7 @@ def _alike(search: Search, first: Laid, progress: Progress) -> None:
 
 def _begin(search: Search, first: Laid, progress: Progress) -> None:
     """Judge the given layout."""
-    found = judge(search.piece, first, FIRST, progress)
+    found = judge(search.piece, first, SHORT if search.params.near else FIRST, progress)
     search.known[key(first)] = found
     if found is not None:
         progress(1.0, search.said)
@@ -135,14 +153,12 @@ def _collect(search: Search, first: Laid, progress: Progress) -> None:
     What that makes of the short one tells what to expect of the others, which start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
-    others: list[Idea | LayoutParams] = []
-    if not search.params.near:
-        sketched = [*planes(mesh, piece.symmetries), *drawn(mesh, MOST_PARTS, piece.symmetries)]
-        sketched = list(unlike(sketched, piece.symmetries))
-        others = [*_merges(search), *(Idea(cut, name) for name, cut in sketched)]
-        if piece.symmetries:
-            others += [Idea(cut, name, even=True) for name, cut in sketched]
-        others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
+    sketched = [*planes(mesh, piece.symmetries), *drawn(mesh, MOST_PARTS, piece.symmetries)]
+    sketched = list(unlike(sketched, piece.symmetries))
+    others: list[Idea | LayoutParams] = [*_merges(search), *(Idea(cut, name) for name, cut in sketched)]
+    if piece.symmetries:
+        others += [Idea(cut, name, even=True) for name, cut in sketched]
+    others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
     slow = search.proved.get(key(first))
     jobs = others if quick is None or slow is not None else [first, *others]
     most = CURVED * taken_up(first.flat.layout)
@@ -240,7 +256,7 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
         holds = search.holds(base)
         more = base.laid.panels < search.params.panels if counted else not holds
         changes = islice(moves(search.piece, base, fewer=holds != counted, more=more), share)
-        if holds == counted and not search.params.near:  # no more panels, but nearer
+        if holds == counted:  # no more panels, but nearer
             ideas += [
                 one for both in zip_longest(alike(search.piece, base), changes) for one in both if one is not None
             ]

@@ -15,6 +15,7 @@ from ..surface.symmetry import Symmetry, keeping
 from .judge import Idea, Judged, Piece
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
+IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
 # of what limits a spiral's match, see ``reach``: what another cut mends
 MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 OTHERWISE = (

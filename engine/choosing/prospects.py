@@ -24,12 +24,11 @@ from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation
 from ..surface.mesh import QuadMesh
 from .judge import SHORT, Idea, Piece, judge, lay
-from .moves import weighed, with_cuts
+from .moves import IDEAS, weighed, with_cuts
 
 BORDER = "border"  # held there, beside ``LOWEST`` and ``CUT``
 WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
 MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
-IDEAS = 2  # cuts that are tried: each takes as long as a support
 
 
 def prospects(
@@ -40,8 +39,8 @@ def prospects(
     supports: Int[np.ndarray, " held"] | None = None,
     force: Float[np.ndarray, "quads 3"] | None = None,
     progress: Progress = SILENT,
-) -> dict[str, float]:
-    """Find what brings an optimised piece nearer, the best first; nothing where it is near already.
+) -> dict[str, float] | None:
+    """Find what brings an optimised piece nearer, the best first; None where it is near already.
 
     Parameters
     ----------
@@ -55,7 +54,7 @@ def prospects(
     """
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= WANTED:
-        return {}
+        return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]

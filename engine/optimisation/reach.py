@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,14 +44,14 @@ class Reach:
     """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence
 
     remedies : what of the advice a button can do, in its order, and how much of it, see ``remedies.amounts``
-    prospects : percent of the size that other ways come near, where that was looked for, see ``choosing.prospects``
+    prospects : percent of the size that other ways come near, see ``choosing.prospects``; None where nobody has searched for them
     """
 
     kind: Int[np.ndarray, " quads"]
     share: Float[np.ndarray, " kinds"]
     advice: str
     remedies: Amounts
-    prospects: Mapping[str, float] = field(default_factory=dict)
+    prospects: Mapping[str, float] | None = None
 
     def report(self) -> dict[str, Any]:
         """The ``reach`` block of report.json."""
@@ -61,7 +61,7 @@ class Reach:
             "mismatch_share": dict(zip(NAMES, np.round(self.share, 4).tolist(), strict=True)),
             "advice": self.advice,
             "remedies": self.remedies,
-            **({"prospects": dict(self.prospects)} if self.prospects else {}),
+            **({} if self.prospects is None else {"prospects": dict(self.prospects)}),
         }
 
 

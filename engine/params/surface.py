@@ -81,7 +81,9 @@ class ChooseParams(Params):
     )
     panels: int = setting(4, "Panels", "Most panels that the layout may have", low=1, high=1000)
     near: bool = setting(
-        False, "Only changes", "Try only cuts, darts and joins in the present layout, no other layouts; quicker"
+        False,
+        "Only changes",
+        "Try only further cuts in the present layout, no other layouts: some ten seconds in place of a minute",
     )
 
 

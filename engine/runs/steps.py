@@ -86,7 +86,9 @@ def _split(result: Result, settings: Settings, progress: Progress) -> Result:
 def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
-    piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found))
+    # further cuts begin with the spirals of the present layout, other layouts with those of a long search
+    start = _chosen(result) if settings.choose.near else None
+    piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found), start)
     with Workers() as together:
         made = choose.choose(piece, result.flat, settings.choose, progress.part(0.02, 1.0), together)
     return replace(result, flat=made.best.flat, choice=made)

@@ -228,3 +228,25 @@ def _faulty(piece: Any, code: str) -> None:
     bm.free()
     with suppress(RuntimeError):
         bpy.ops.flexmaps.check()
+
+
+def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    reach = {"advice": "", "remedies": {"cut": None}}
+    flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
+    block = {"rms_percent": 5.0, "converged": True, "findings": [flat]}
+
+    def offered(**more: Any) -> set[str]:
+        (notice,) = (n for n in notices._equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures)
+        assert notice.kind == notices.BREAKS
+        return {cure.idname for cure in notice.cures}
+
+    assert "flexmaps.cut_there" in offered()  # nobody has searched
+    assert "flexmaps.cut_there" in offered(prospects={"cut": 1.0})
+    assert "flexmaps.cut_there" not in offered(prospects={}) and "flexmaps.stand_on" in offered(prospects={})
+    (notice,) = (
+        n
+        for n in notices._equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
+        if n.key == "equilibrium/stays-flat"
+    )
+    assert notice.kind == notices.WORSE  # a small body of a piece that is near as a whole
