@@ -134,7 +134,7 @@ class FlatProblem(Problem):
     def rooms(self, x: np.ndarray) -> Rooms:
         if self.room is None:
             return Rooms.none(len(x))
-        terms = lowest(self._room(x).terms(*self.space.design(x), flat=True))
+        terms = lowest(self._room(x).terms(*self.space.design(x), flat=True, least=True))
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
         by_spirals = terms.by_design @ self.by_coordinates(x[: self.own])
         return Rooms.of(terms.value, csr_array(hstack([by_spirals, by_points])))

@@ -100,7 +100,7 @@ class Problem:
         """The rooms near the design with these coordinates."""
         if self.room is None:
             return Rooms.none(len(x))
-        terms = lowest(self.room.terms(*self.space.design(x)))
+        terms = lowest(self.room.terms(*self.space.design(x), least=True))
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x))
 
     def by_coordinates(self, x: np.ndarray) -> csr_array:
@@ -127,7 +127,7 @@ class Problem:
 
     def _closing(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
         """The rooms that are closed or nearly, by the spirals' coordinates; those in which some quads have a part, if given."""
-        terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads))
+        terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _shut(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:

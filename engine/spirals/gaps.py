@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Float, Int
+from ..arrays import Complex, Float, Int
 from .blends import ANGLE, OWN_WIND, RADIUS
-from .lines import Lines
-from .pairs import BESIDE, DEPTHS, Pairs
+from .lines import Lines, bent
+from .pairs import BESIDE, DEPTHS, ROUND, Pairs
 from .spiral import widths
 
 # Where gaps are measured: at so many t on the first arm of a pair
@@ -24,6 +24,8 @@ _COARSE = 25  # points of the second arm among which the nearest is looked for w
 _FIRST, _LAST = 2, 40
 # Gaps may be narrower between two such places than at either, by so much of the widths of both arms: at most 0.01 was seen
 _BETWEEN = 0.05
+# Newton's steps for both places at once, mostly 5, after which they are looked for one after the other
+_TOGETHER_STEPS = 12
 _CLOSE = 1e-10  # t that the last step is shorter than
 _FARTHEST = 0.15  # t that one such step goes at most
 # u of the blended end, t = share u, where its inner edge is looked at: round its sharpest turn, and at both ends
@@ -50,23 +52,37 @@ class Narrow:
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
 
 
-def narrow(lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool) -> Narrow:
-    """The gaps less than ``below`` metres, (n,) for every pair."""
-    beside = np.flatnonzero(pairs.kind == BESIDE)
-    which, t, s = _beside(lines, pairs, beside, clockwise)
-    others = np.flatnonzero(pairs.kind != BESIDE)
-    both = zip((which, t, s), _near(lines, pairs, others, below), strict=True)
-    which, t, s = (np.concatenate(x) for x in both)
+def narrow(
+    lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
+) -> Narrow:
+    """The gaps less than ``below`` metres, (n,) for every pair.
+
+    least : only the narrowest place of every pair, which is found sooner; all of them where arms run through each other
+    """
+    which, t, s = _near(lines, pairs, below)
+    beside = pairs.kind[which] == BESIDE
+    s[beside] = _beside(lines, pairs, which[beside], t[beside], clockwise)
     s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
     between = _BETWEEN * (lines.width[pairs.one[which]] + lines.width[pairs.two[which]])
     some = np.flatnonzero(gap - 2.0 * less < below[which] + between)
-    which, t = which[some], t[some]
-    s, gap, _ = _nearest(lines, pairs, which, t, s[some], _LAST)
+    which, t, s, gap, less = which[some], t[some], s[some], gap[some], less[some]
+    if least and not _through(lines, pairs, which, t, clockwise).any():
+        # places that may turn out to be the narrowest
+        lowest = np.full(len(below), np.inf)
+        np.minimum.at(lowest, which, gap)
+        some = np.flatnonzero(gap - 2.0 * less <= lowest[which])
+        which, t = which[some], t[some]
+        s, gap, _ = _nearest(lines, pairs, which, t, s[some], _LAST)
+        lowest = _lowest(which, gap)
+        which = which[lowest]
+        t, s, gap = _at_once(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
+        some = np.flatnonzero(gap < below[which])
+        return Narrow(which[some], t[some], s[some], np.ones(len(some)), gap[some])
+    s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     # and at the very narrowest place of every pair
-    order = np.lexsort((gap, which))
-    least = order[np.flatnonzero(np.diff(which[order], prepend=-1))]
-    narrowest = _narrowest(lines, pairs, which[least], t[least], s[least])
-    both = zip((which, t, s, gap), (which[least], *narrowest), strict=True)
+    lowest = _lowest(which, gap)
+    narrowest = _narrowest(lines, pairs, which[lowest], t[lowest], s[lowest])
+    both = zip((which, t, s, gap), (which[lowest], *narrowest), strict=True)
     which, t, s, gap = (np.concatenate(x) for x in both)
     side = np.where(_through(lines, pairs, which, t, clockwise), -1.0, 1.0)
     some = np.flatnonzero((gap < below[which]) | (side < 0.0))
@@ -78,21 +94,25 @@ def narrow(lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise
     return replace(found, gap=found.side * (found.gap + half[0] + half[1]) - half[0] - half[1])
 
 
+def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
+    """Return where the gap of every pair is least."""
+    order = np.lexsort((gap, which))
+    return order[np.flatnonzero(np.diff(which[order], prepend=-1))]
+
+
 def _opening(lines: Lines, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
     """Radians from the second arm to the first, against the sense in which they wind."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
-def _beside(lines: Lines, pairs: Pairs, some: np.ndarray, clockwise: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All places of pairs in one quad, and about where the facing arm is nearest: where it passes at the same angle."""
-    one, two = pairs.one[some], pairs.two[some]
+def _beside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+    """About where the facing arm of a quad is nearest: where it passes at the same angle."""
+    one, two = pairs.one[which], pairs.two[which]
     opening = _opening(lines, one, two, clockwise)
-    t = np.linspace(0.0, DEPTHS[BESIDE, 0], _PLACES)
-    level = t + (opening / np.maximum(np.abs(lines.wind[one]), 1e-9))[:, None]
+    level = t + opening / np.maximum(np.abs(lines.wind[one]), 1e-9)
     # of straight arms the foot of the perpendicular
-    foot = (lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0))[:, None]
-    s = np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
-    return np.repeat(some, _PLACES), np.tile(t, len(some)), s.ravel()
+    foot = lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0)
+    return np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
 
 
 def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
@@ -103,40 +123,67 @@ def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clock
     return (pairs.kind[which] == BESIDE) & (level < 1.0) & beyond
 
 
-def _near(lines: Lines, pairs: Pairs, some: np.ndarray, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places of other pairs that may be near, and about where the second arm is nearest."""
+def _near(lines: Lines, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of pairs that may be near, and about where the second arm is nearest."""
     found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for kind in np.unique(pairs.kind[some]):
-        here = some[pairs.kind[some] == kind]
+    for kind in np.unique(pairs.kind):
+        here = np.flatnonzero(pairs.kind == kind)
         t, s = np.linspace(0.0, DEPTHS[kind, 0], _PLACES), np.linspace(0.0, DEPTHS[kind, 1], _COARSE)
-        p, q = (_drawn(lines, arms, x) for arms, x in ((pairs.one[here], t), (pairs.two[here], s)))
-        q = pairs.turn[here, None] * q + pairs.shift[here, None]
-        half = [np.maximum(lines.width[a], lines.end.width[a]) for a in (pairs.one[here], pairs.two[here])]
-        enough = below[here] + 0.5 * (half[0] + half[1])
+        # every arm is drawn once
+        arms, back = np.unique([pairs.one[here], pairs.two[here]], return_inverse=True)
+        one, two = back.reshape(2, -1)
+        p, q = _drawn(lines, arms, t), _drawn(lines, arms, s)
+        widest = np.maximum(lines.width[arms], lines.end.width[arms])
+        enough = below[here] + 0.5 * (widest[one] + widest[two])
         # between two points that are a step apart an arm may be nearer by what half of the step takes off
-        step = np.abs(np.diff(q, axis=1)).max(axis=1)
-        enough = enough**2 + 0.3 * step**2
+        enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=1)).max(axis=1) ** 2)[two]
+        if kind == ROUND:  # which lie in one plane as they are
+            kept = np.maximum(_parted(p, q, one, two), 0.0) ** 2 < enough
+            here, one, two, enough = here[kept], one[kept], two[kept], enough[kept]
         for first in range(0, len(here), _TOGETHER):
             part = slice(first, first + _TOGETHER)
-            apart = p[part, :, None] - q[part, None, :]
-            apart = apart.real**2 + apart.imag**2
-            nearest = apart.argmin(axis=2)
-            least = np.take_along_axis(apart, nearest[..., None], axis=2)[..., 0]
-            row, place = np.nonzero(least < enough[part, None])
-            found.append((here[part][row], t[place], s[nearest[row, place]]))
+            some = here[part]
+            # the pairs come last: long runs of plain sums
+            there = pairs.turn[some] * q.T[:, two[part]] + pairs.shift[some]
+            apart = _squares(p.T[:, one[part]], there)
+            place, row = np.nonzero(apart.min(axis=1) < enough[part])
+            found.append((some[row], t[place], s[apart[place, :, row].argmin(axis=1)]))
     if not found:
         return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
     return tuple(np.concatenate(x) for x in zip(*found, strict=True))  # type: ignore[return-value]
 
 
-_TOGETHER = 300  # pairs whose points are compared at once, so that they stay in the processor's cache
+_WAYS = np.exp(0.25j * np.pi * np.arange(4))  # across which arms are looked at for lines that part them
+_TOGETHER = 100  # pairs whose points are compared at once, so that they stay in the processor's cache
 
 
-def _drawn(lines: Lines, arms: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Points of arms (N,) at the same t (M,), (N, M); every arm is drawn once."""
-    which, back = np.unique(arms, return_inverse=True)
-    i = np.broadcast_to(which[:, None], (len(which), len(t)))
-    return lines.points(i, np.broadcast_to(t, i.shape))[back]
+def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Float[np.ndarray, "i j n"]:
+    """Squared distances of all points in a column of p from all in that of q."""
+    out, aside = (x.copy()[:, None] - y.copy() for x, y in ((p.real, q.real), (p.imag, q.imag)))
+    np.square(out, out=out)
+    np.square(aside, out=aside)
+    out += aside
+    return out
+
+
+def _parted(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Metres between two lines that part the points p of arms ``one`` from the points q of arms ``two``; negative where none do."""
+    far = np.full(len(one), -np.inf)
+    for way in _WAYS:
+        first, second = ((x * np.conj(way)).real for x in (p, q))
+        far = np.maximum(far, first.min(axis=1)[one] - second.max(axis=1)[two])
+        far = np.maximum(far, second.min(axis=1)[two] - first.max(axis=1)[one])
+    return far
+
+
+def _drawn(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "n m"]:
+    """Points of arms (N,) at evenly spaced t from 0 on, (N, M)."""
+    radius, share, wind = (v[arms, None] for v in (lines.radius, lines.end.share, lines.wind))
+    turn = np.empty((len(arms), len(t)), dtype=complex)
+    turn[:, :1], turn[:, 1:] = radius * np.exp(1j * lines.angle[arms, None]), np.exp(1j * wind * t[1])
+    return (
+        lines.centre[arms, None] + (1.0 - t) * np.cumprod(turn, axis=1) + lines.end.slope[arms, None] * bent(share, t)
+    )
 
 
 def _nearest(
@@ -195,23 +242,72 @@ def _narrowest(
     return t, s, gap
 
 
+def _at_once(
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As ``_narrowest``, by Newton's method for the places on both arms at once; known : gaps at t, which are no narrower."""
+    kind = pairs.kind[which]
+    last, step = DEPTHS[kind, 1], DEPTHS[kind, 0] / (_PLACES - 1)
+    low, high = np.maximum(t - step, 0.0), np.minimum(t + step, DEPTHS[kind, 0])
+    out = t.copy(), s.copy(), known.copy()
+    moving, before, far = np.arange(len(t)), np.zeros(len(t)), 2.0 * step
+    for _ in range(_TOGETHER_STEPS):
+        at, there = out[0][moving], out[1][moving]
+        gap, (by_t, by_s), (own, cross, other) = _bends(lines, pairs, which[moving], at, there)
+        held = ((there <= 0.0) & (by_s > 0.0)) | ((there >= last[moving]) & (by_s < 0.0))
+        share = np.where(held, 0.0, cross / other)
+        slope, bend = by_t - np.where(held, 0.0, share * by_s), own - share * cross
+        wanted = np.where(bend > 0.0, -slope / np.where(bend > 0.0, bend, 1.0), -np.sign(slope) * step[moving])
+        # a step back is at most half as long as the one before it
+        far[moving] = np.where(wanted * before[moving] < 0.0, 0.5 * np.abs(before[moving]), far[moving])
+        to = np.clip(at + np.clip(wanted, -far[moving], far[moving]), low[moving], high[moving])
+        before[moving] = to - at
+        follow = np.where(held, 0.0, np.clip(-by_s / other - share * before[moving], -_FARTHEST, _FARTHEST))
+        out[0][moving], out[1][moving] = to, np.clip(there + follow, 0.0, last[moving])
+        out[2][moving] = gap
+        moved = np.maximum(np.abs(before[moving]), np.abs(out[1][moving] - there))
+        moving = moving[moved > _CLOSE]
+        if not len(moving):
+            break
+    # what has not come to rest in a few steps, or only where the gap is wider, is looked for along the first arm
+    lost = out[2] > known + 1e-12
+    lost[moving] = True
+    if lost.any():
+        found = _narrowest(lines, pairs, which[lost], t[lost], s[lost])
+        for whole, part in zip(out, found, strict=True):
+            whole[lost] = part
+    return out
+
+
 def _along(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """First and second derivative of gaps by t on the first arm, while the nearest points on the second follow."""
+    _, (by_t, _), (own, cross, other) = _bends(lines, pairs, which, t, s)
+    # an end of the second arm stays where it is
+    free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
+    return by_t, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
+
+
+def _bends(
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Gaps in metres, their first derivatives by t and by s, and their second ones by t twice, by both and by s twice.
+
+    The last is kept above a quarter of what it would be far away, so that steps towards the nearest point go the right way.
+    """
     turn = pairs.turn[which]
-    p, p1, p2, _, half1, half2 = lines.at(pairs.one[which], t)
-    q, q1, q2, _, _, h2 = lines.at(pairs.two[which], s)
+    p, p1, p2, half, half1, half2 = lines.at(pairs.one[which], t)
+    q, q1, q2, h, h1, h2 = lines.at(pairs.two[which], s)
     off, q1, q2 = turn * q + pairs.shift[which] - p, turn * q1, turn * q2
     apart = np.maximum(np.abs(off), 1e-12)
     off /= apart
     along, there = (off * np.conj(p1)).real, (off * np.conj(q1)).real
-    own = ((p1 * np.conj(p1)).real - along**2) / apart - (off * np.conj(p2)).real - half2
-    other = ((q1 * np.conj(q1)).real - there**2) / apart + (off * np.conj(q2)).real - h2
+    pace, size = (p1 * np.conj(p1)).real, (q1 * np.conj(q1)).real
+    own = (pace - along**2) / apart - (off * np.conj(p2)).real - half2
+    other = np.maximum((size - there**2) / apart + (off * np.conj(q2)).real - h2, 0.25 * size / apart)
     cross = -((p1 * np.conj(q1)).real - along * there) / apart
-    # an end of the second arm stays where it is
-    free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
-    return -along - half1, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
+    return apart - h - half, (-along - half1, there - h1), (own, cross, other)
 
 
 def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

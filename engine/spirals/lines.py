@@ -54,11 +54,8 @@ class Lines:
     def points(self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]) -> Complex[np.ndarray, "*m"]:
         """Points of the arms i at t."""
         end = self.end
-        u = np.minimum(t / end.share[i], 1.0)
-        uu = u * u
-        blend = end.slope[i] * (end.share[i] * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))))
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
-        return self.centre[i] + self.radius[i] * (1.0 - t) * turn + blend
+        return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * bent(end.share[i], t)
 
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
@@ -132,3 +129,10 @@ class Lines:
 def _seen(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of vectors in the plane."""
     return (np.conj(a) * b).real
+
+
+def bent(share: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """What a blended end of this share of an arm adds to its points at t, per slope at the joint; both broadcast (see ``spiral.curve``)."""
+    u = np.minimum(t / share, 1.0)
+    uu = u * u
+    return share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))

@@ -147,14 +147,15 @@ class Room:
         below: float = SUPPORT,
         flat: bool = False,
         quads: Bool[np.ndarray, " quads"] | None = None,
+        least: bool = False,
     ) -> Terms:
         """All rooms less than ``below`` at widths in metres and twists in radians; by the flat points too if asked for.
 
-        Only those in which some of ``quads`` have a part, if given.
+        quads : only those in which some of these have a part; least : of a gap only its narrowest place, as ``gaps.narrow``
         """
         lines = self._lines(width, twist)
         pairs, need, arms = self._about(quads)
-        gaps = narrow(lines, pairs, need + below * self.slot, self.params.clockwise)
+        gaps = narrow(lines, pairs, need + below * self.slot, self.params.clockwise, least=least)
         i, u, left = sharp(lines, arms, self.sharpest[arms] + below * _SHARPEST)
         first, second, way, place = gap_slopes(lines, pairs, gaps)
         ends = np.zeros((len(i), first.shape[1]))
@@ -211,7 +212,7 @@ class Room:
         """The quads that have a part in a room that is closed; of rooms in which some of ``quads`` have a part, if given."""
         lines, mate = self._lines(width, twist), self.shapes.mate
         pairs, need, arms = self._about(quads)
-        which = narrow(lines, pairs, need, self.params.clockwise).pair
+        which = narrow(lines, pairs, need, self.params.clockwise, least=True).pair
         i = sharp(lines, arms, self.sharpest[arms])[0]
         out = np.zeros(len(twist), dtype=bool)
         for a in (pairs.one[which], pairs.two[which], i):

@@ -9,6 +9,7 @@ import pytest
 import shapely
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import of_design
+from flexmaps.engine.optimisation.bounds import lowest
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.simulation.simulate import build_model
@@ -110,6 +111,21 @@ def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
         one = room.closed(width, twist, np.arange(12) == quad)
         assert one[quad] == every[quad]
         assert not (one & ~every).any()
+
+
+@pytest.mark.parametrize("below", [0.0, 1.0, WIDE])
+def test_the_narrowest_places_alone_are_those_among_all(case, below):
+    room, _, width, _ = case
+    rng, apart, seen = np.random.default_rng(8), 0.0, 0
+    for most in (1.5, 3.0, 4.0, 5.0, 6.0):
+        twist = rng.uniform(0.3 * most, most, 12)
+        every, alone = (
+            lowest(room.terms(width, twist, below=below, flat=True, least=least)) for least in (False, True)
+        )
+        assert alone.arms.tolist() == every.arms.tolist()
+        assert (room.closed(width, twist).sum() > 0) == bool((every.value < 0.0).any())
+        seen, apart = seen + len(every.value), max(apart, np.abs(alone.value - every.value).max(initial=0.0))
+    assert seen > 10 and apart < 1e-7
 
 
 @pytest.mark.parametrize("clockwise", [False, pytest.param(True, marks=pytest.mark.thorough)])
