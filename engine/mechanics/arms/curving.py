@@ -145,24 +145,31 @@ class Stations:
         fields[:, :, 1, ..., :6] = sign[..., None] * curve
         return cls(fields, sign * step, arm)
 
-    def with_one(self, z: Float[np.ndarray, "joints 9"]) -> Float[np.ndarray, "joints 2 6 9"]:
-        """(m, 2, 6, 9) of both arms: D with wrench and turn z (m, 9) in one of its places, the other one open."""
-        m, s = len(z), POINTS + 1
-        flat = self.fields.reshape(m, 2, -1, 9)
-        # components first: long runs of plain products
-        a, k = np.ascontiguousarray((flat @ z[:, None, :, None]).reshape(m, 2, 2, s, 3).transpose(2, 4, 0, 1, 3))
-        d, l = (np.ascontiguousarray(np.moveaxis(v, -1, 0)) for v in (self.step, self.arm))
-        level, lever = (a * d).sum(axis=0) - (k * l).sum(axis=0), (a * l).sum(axis=0)
-        both = np.zeros((m, 2, 6, 2, s, 3))
+    def bilinear(self, both: Float[np.ndarray, "joints 9 6"]) -> Float[np.ndarray, "joints 6 6 6"]:
+        """(m, 6, 6, 6) D of both arms together, by the strains that make wrench and turn as in ``both``, in its last two places.
+
+        With turns a, their changes k over a station, the station's step d and the lever l from it, D is half of the symmetric part of
+        -(a (d.a') - d (a.a') + k (l.a') - a (l.k')), and of -(a x k'), summed over the stations.
+        """
+        m = len(both)
+        turns, changes = (
+            (self.fields[:, :, i].reshape(m, -1, 9) @ both).reshape(m, -1, 3, 6) for i in range(2)
+        )  # (m, stations of both arms, 3, 6)
+        step, lever = (x.reshape(m, -1, 3) for x in (self.step, self.arm))
+        by_step, by_lever, changed = (
+            (x[:, :, None] @ y)[:, :, 0] for x, y in ((step, turns), (lever, turns), (lever, changes))
+        )
+        squares = (step[:, :, None, :, None] * turns[:, :, :, None]).reshape(m, -1, 18)
+        left = np.concatenate([turns.reshape(m, -1, 18), changes.reshape(m, -1, 18), squares], axis=1)
+        right = np.concatenate([by_step - changed, by_lever, -turns.reshape(m, -1, 6)], axis=1)
+        half = np.empty((m, 6, 6, 6))
+        half[:, :3] = (left.swapaxes(1, 2) @ right).reshape(m, 3, 6, 6)
+        products = turns.reshape(m, -1, 18).swapaxes(1, 2) @ changes.reshape(m, -1, 18)
+        products = products.reshape(m, 3, 6, 3, 6)
         for i in range(3):
-            for j in range(3):
-                by_turn = a[i] * d[j] - 2.0 * d[i] * a[j] + k[i] * l[j]
-                both[:, :, i, 0, :, j] = by_turn + level if i == j else by_turn
-                both[:, :, i, 1, :, j] = lever - a[i] * l[j] if i == j else -a[i] * l[j]
             after, last = (i + 1) % 3, (i + 2) % 3
-            both[:, :, 3 + i, 0, :, after], both[:, :, 3 + i, 0, :, last] = k[last], -k[after]
-            both[:, :, 3 + i, 1, :, after], both[:, :, 3 + i, 1, :, last] = -a[last], a[after]
-        return -0.25 * (both.reshape(m, 2, 6, -1) @ flat)
+            half[:, 3 + i] = products[:, after, :, last] - products[:, last, :, after]
+        return -0.25 * (half + half.swapaxes(2, 3))
 
 
 def second_order_strains(
@@ -185,11 +192,11 @@ def second_order_strains(
         to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()
         to_joint[:, :3, 3:] = skew(offset[part])
         both = _both(some, at_joint[part]) @ to_joint
-        stations, back = Stations.of(some), np.linalg.inv(to_joint) @ some.to_joint
-        for one in range(6):
-            out[part, :, one] = back @ (stations.with_one(both[:, :, one]).sum(axis=1) @ both)
-            if one >= 3:
-                out[part, :3, one, 3:] -= _twice(np.broadcast_to(_EYE[one - 3], apart.shape), apart)
+        back = np.linalg.inv(to_joint) @ some.to_joint
+        found = Stations.of(some).bilinear(both).reshape(-1, 6, 36)
+        out[part] = (back @ found).reshape(-1, 6, 6, 6)
+        for k in range(3):
+            out[part, :3, 3 + k, 3:] -= _twice(np.broadcast_to(_EYE[k], apart.shape), apart)
     return out
 
 
