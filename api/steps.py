@@ -31,7 +31,7 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     if not keep_seams:
         return go_to(replace(piece, made=stages.without(piece.result, {"layout"})), "flat", progress)
     if piece.seams is None:
-        raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the patches be traced")
+        raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the panels be traced")
     made = job.flattened(piece.result, piece.seams, piece.settings.layout, progress_of(progress))
     return replace(piece, made=made)
 

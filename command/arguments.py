@@ -63,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     _flags(whole)
 
     _command(commands, "check", _check, summary.whole, "say what is wrong with a mesh; 2 where it cannot be made")
-    flat = _command(commands, "layout", _layout, summary.whole, "cut it into patches and flatten them")
+    flat = _command(commands, "layout", _layout, summary.whole, "cut it into panels and flatten them")
     flat.add_argument(
         "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
     )

@@ -18,7 +18,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         print(f"  {finding['severity']}: {finding['message']}")
     if "layout" in described:
         layout = described["layout"]
-        print(f"  {layout['patches']} patches, worst distortion {layout['energy_max']:.4f}")
+        print(f"  {layout['patches']} panels, worst distortion {layout['energy_max']:.4f}")
         for text in layout.get("remarks", ()):
             print(f"  warning: {text}")
     if "choose" in described:

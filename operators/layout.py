@@ -43,7 +43,7 @@ class LayoutStage(ContinuedStage):
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
-        return translate("{} patches, largest distortion {:.3f}", block["patches"], block["energy_max"])
+        return translate("{} panels, largest distortion {:.3f}", block["patches"], block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
         """Once for every object: the views show it with its panels."""
@@ -82,7 +82,7 @@ class Trace(LayoutStage, bpy.types.Operator):
 
 
 class Merge(LayoutStage, bpy.types.Operator):
-    """Join patches as long as they stay within the limits, and cut what is larger than the sheet; begins with the seams, or traces first where there are none"""
+    """Join panels as long as they stay within the limits, and cut what is larger than the sheet; begins with the seams, or traces first where there are none"""
 
     bl_idname = "flexmaps.merge"
     bl_label = "Merge"
@@ -118,14 +118,14 @@ class FlattenStage(LayoutStage):
 
 
 class Flatten(FlattenStage, bpy.types.Operator):
-    """Flatten all patches between the seams anew; a patch that is no disk is cut open"""
+    """Flatten all panels between the seams anew; a panel that is no disk is cut open"""
 
     bl_idname = "flexmaps.flatten"
     bl_label = "Flatten"
 
 
 class UpdateFromSeams(FlattenStage, bpy.types.Operator):
-    """Flatten the patches whose seams were edited with Mark Seam and Clear Seam; the others stay as they are"""
+    """Flatten the panels whose seams were edited with Mark Seam and Clear Seam; the others stay as they are"""
 
     bl_idname = "flexmaps.update_from_seams"
     bl_label = "Update from seams"

@@ -22,7 +22,7 @@ STAGES = {
 
 
 class Overlay(AtOnce, OnObject, bpy.types.Operator):
-    """Colour the quads by a number; press again to take the colours away. Trace and Merge show their patches, unless the colours were taken away"""
+    """Colour the quads by a number; press again to take the colours away. Trace and Merge show their panels, unless the colours were taken away"""
 
     bl_idname = "flexmaps.overlay"
     bl_label = "Overlay"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Regularise(ContinuedStage, bpy.types.Operator):
-    """Move the vertices along the surface so that the quads become squarer; flat patches made before are dropped"""
+    """Move the vertices along the surface so that the quads become squarer; flat panels made before are dropped"""
 
     bl_idname = "flexmaps.regularise"
     bl_label = "Regularise"

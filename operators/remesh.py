@@ -73,7 +73,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
 
 class SetSize(StageOperator, bpy.types.Operator):
-    """Scale the object so that the median edge of its quads has the length that is set. Seams stay; flat patches go"""
+    """Scale the object so that the median edge of its quads has the length that is set. Seams stay; flat panels go"""
 
     bl_idname = "flexmaps.set_size"
     bl_label = "Scale to quad edge"

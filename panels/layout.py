@@ -47,7 +47,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     figures(
         layout,
         (tr("Panels"), str(block.get("patches"))),
-        (tr("Distortion, largest"), tr("{} of {}", f"{most:.3f}", f"{limit:.3f}"), most > limit * 1.0001),
+        (tr("Distortion, largest"), tr("{} of {}", f"{most:.3f}", f"{limit:.3f}"), past_limit(context)),
         (tr("Seam mismatch"), percent(block, "seam_mismatch_max")),
         (tr("Narrowest"), quads(block.get("neck_min_quads", 0))),
         (tr("Smallest"), quads(block.get("smallest_patch", 0))),
@@ -91,6 +91,12 @@ def _tip(row: dict[str, Any]) -> str:
         *([tr("symmetric")] if row["symmetries_kept"] > 1 else []),
     ]
     return ", ".join(said)
+
+
+def past_limit(context: bpy.types.Context) -> bool:
+    """Whether some quad is distorted by more than the limit, as far as rounding tells them apart."""
+    limit = context.object.flexmaps.layout.distortion_limit
+    return bool(look(context).blocks.get("layout", {}).get("energy_max", 0.0) > limit * 1.0001)
 
 
 def key(context: bpy.types.Context) -> str:

@@ -67,7 +67,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
         figure.active = False
         figure.alignment = "RIGHT"
         figure.label(text=module.key(context) if hasattr(module, "key") else "", translate=False)
-        right.label(text="", icon=_sign(context, stages))
+        right.label(text="", icon=_sign(context, module, stages))
         return
     if gear:
         right.emboss = "NONE"
@@ -76,7 +76,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
     module.draw(body, context)
 
 
-def _sign(context: bpy.types.Context, stages: tuple[str, ...]) -> str:
+def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
     """A tick where all of its stages are done, or what tells that one is out of date or past its limit."""
     seen = look(context)
     kinds = {seen.states[stage].kind for stage in stages}
@@ -84,6 +84,8 @@ def _sign(context: bpy.types.Context, stages: tuple[str, ...]) -> str:
         return ICONS[states.OLD]
     if states.TODO in kinds or not kinds:
         return ICONS[states.TODO]
+    if hasattr(module, "past_limit") and module.past_limit(context):
+        return "ERROR"
     sources = dict.fromkeys(("spirals", "optimise"), "equilibrium")
     worse = {notice.key.partition("/")[0] for notice in seen.guidance.open}
     return "ERROR" if any(sources.get(stage, stage) in worse for stage in stages) else ICONS[states.DONE]

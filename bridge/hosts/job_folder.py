@@ -23,7 +23,7 @@ from ...engine.runs.page_data import Shown
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {
-    "layout.png": "The surface with its patches",
+    "layout.png": "The surface with its panels",
     "panels.png": "The flat panels with their spirals",
     "shape.png": "The shape that the assembled panels take",
     "together.png": "The surface, the assembled piece and its panels",

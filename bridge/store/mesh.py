@@ -206,7 +206,7 @@ def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
     """The flat patches; raises ``FlexMapsError`` where the seams were edited since."""
     flat = flat_of(surface, mesh)
     if flat is None:
-        raise FlexMapsError("There are no flat patches yet; press Merge or Flatten first")
+        raise FlexMapsError("There are no flat panels yet; press Merge or Flatten first")
     changed = np.flatnonzero(flat.layout.cut != layout_of(surface, mesh).cut)
     if len(changed):
         raise FlexMapsError("The seams were edited; press Update from seams first", edges=changed)

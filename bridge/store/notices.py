@@ -144,7 +144,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
     blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
     found = [
         *_failed(obj, failures.read(obj, scene)),
-        *_checks(obj, blocks.get("checks", ())),
+        *_checks(obj, scene, blocks.get("checks", ())),
         *_few(obj),
         *_gone(obj),
         *_seams(obj, known["layout"].kind),
@@ -212,8 +212,13 @@ def other_counts(quads: int) -> list[int]:
     return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
-def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
-    made = []
+def is_regular(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Whether Regularise has seen the mesh as it is, so that it can do no more."""
+    return "regularise" in notes.made_from(obj.data) and not states.is_old_unnoted(obj, scene, "regularise")
+
+
+def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[Notice]:
+    made, squarer = [], None
     for row in found:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
         words, kind = WORDS.get(code, ("To look at", WORSE))
@@ -221,7 +226,8 @@ def _checks(obj: bpy.types.Object, found: Any) -> list[Notice]:
         cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
         if code in MADE_SQUARER:
-            ways.append(cures.regularise())
+            squarer = ([] if is_regular(obj, scene) else [cures.regularise()]) if squarer is None else squarer
+            ways += squarer
         if code in REMESHED or code in MADE_SQUARER:
             ways.append(cures.remesh(obj.flexmaps.remesh.quads))
         if code == "surface-missed":

@@ -90,7 +90,7 @@ def painted(
     _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
-        return colours.of_patches(count)[values.astype(int)], Legend("1 patch" if count == 1 else f"{count} patches")
+        return colours.of_patches(count)[values.astype(int)], Legend("1 panel" if count == 1 else f"{count} panels")
     if kind == "REACH":
         return _limits(values.astype(int))
     if kind in {"ENERGY", "SQUARE"}:

@@ -60,7 +60,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
             _panels(place, obj, design, "PATCH")
         else:
             if not shown:
-                raise FlexMapsError("There are no flat patches yet; merge or flatten first")
+                raise FlexMapsError("There are no flat panels yet; merge or flatten first")
             for other in shown:
                 place.show(other)
         place.set_up(ABOVE)

@@ -124,7 +124,7 @@ def _put_flat(
     assert result.flat is not None
     progress(0.0, "panels side by side")
     centres = arrange.side_by_side(result.flat)
-    progress(0.1, "flat patches in the Blender file")
+    progress(0.1, "flat panels in the Blender file")
     mesh.write_flat(obj, surface, result.flat, centres)
     colouring.store(obj, "PATCH")
     if result.design is None:

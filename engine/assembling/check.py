@@ -65,7 +65,7 @@ class AssemblyCheck:
         """Sentences for the user: which seams are hard to join, why, and what helps."""
         limits = (
             ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
-             "a lower distortion limit or smaller patches help"),
+             "a lower distortion limit or smaller panels help"),
             ("force", f"a joint pulls with more than {HAND:g} N", "a thinner sheet or thinner arms help"),
             ("load", "a connector would be strained beyond what the material bears",
              "a thinner sheet, a larger object or another material help"),

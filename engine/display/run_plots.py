@@ -121,9 +121,9 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
         return {"surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
     fills = plots.patch_fills(m.patch)
     high = max(distortion, float(m.distortion.max()))
-    bent = Colouring.of("Distortion of the flat patches, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high)
+    bent = Colouring.of("Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high)
     return {
-        "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and patches", fills)),
+        "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and panels", fills)),
         "patches": plots.flat_map(m.corners, sides, Colouring("Flat patches", fills)),
         "distortion": plots.flat_map(m.corners, sides, bent),
     }

@@ -115,7 +115,7 @@ def oversize(
         )
         if params.oversize == "error":
             raise FlexMapsError(
-                f"{text}; use a larger sheet, smaller quads, or cut the patch in two", faces=patches[panel.patch]
+                f"{text}; use a larger sheet, smaller quads, or cut the panel in two", faces=patches[panel.patch]
             )
         found.append(f"{text}; it gets a sheet of the size that it needs")
     return found

@@ -223,7 +223,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
 def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
-            f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the patches again"
+            f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the panels again"
         )
     if len(constraints.kept) == len(design.width):
         raise FlexMapsError("All spirals are protected, so there is nothing to optimise; protect fewer of them")

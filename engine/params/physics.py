@@ -203,7 +203,7 @@ class OptimiseParams(Params):
     codesign: bool = setting(
         True,
         "Flat shapes too",
-        "Also move the vertices of the flat patches a little where that lowers the mismatch: nearer to the target, but two to four times slower. With the elastic model Arms only",
+        "Also move the vertices of the flat panels a little where that lowers the mismatch: nearer to the target, but two to four times slower. With the elastic model Arms only",
     )
     distortion_limit: float = setting(
         0.035, "Flat distortion", "Largest ARAP energy of a quad whose flat shape may move", low=0.001, high=1.0

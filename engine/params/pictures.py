@@ -28,7 +28,7 @@ class PreviewParams(Params):
         "Colour",
         "What the colours of the spirals tell",
         choices=(
-            ("PATCH", "Patches", "One colour per patch"),
+            ("PATCH", "Panels", "One colour per panel"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
             (
                 "SAFETY",
@@ -64,7 +64,7 @@ class RenderParams(Params):
         "Finish",
         "What the pieces look like",
         choices=(
-            ("PATCH", "Patches", "One colour per patch, so that panels and piece can be compared"),
+            ("PATCH", "Panels", "One colour per panel, so that panels and piece can be compared"),
             ("SHEET", "The sheet's material", "The material that is chosen for the sheet"),
             ("pom", "Delrin", "White, a little translucent"),
             ("birch", "Birch plywood", "Light wood, its grain along the panels"),

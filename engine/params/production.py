@@ -108,9 +108,9 @@ class SheetParams(Params):
     oversize: str = setting(
         "split", "Too large panels", "What happens to a panel that is larger than the sheet",
         choices=(
-            ("split", "Cut", "Cut the patch along a new seam when patches are merged, until every piece fits"),
+            ("split", "Cut", "Cut the panel along a new seam when panels are merged, until every piece fits"),
             ("enlarge", "Larger sheet", "Give it a sheet as large as it needs, with a warning"),
-            ("error", "Stop", "Stop and name the patch"),
+            ("error", "Stop", "Stop and name the panel"),
         ),
     )  # fmt: skip
     many_sheets: bool = setting(

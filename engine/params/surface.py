@@ -1,4 +1,4 @@
-"""Settings of the surface: its quads, its layout of patches, and what the searches for better ones vary and want."""
+"""Settings of the surface: its quads, its layout of panels, and what the searches for better ones vary and want."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ class RegulariseParams(Params):
 
 @dataclass(frozen=True)
 class LayoutParams(Params):
-    """How large and how regular the patches may become (FlexMaps section 4)."""
+    """How large and how regular the panels may become (FlexMaps section 4)."""
 
     distortion_limit: float = setting(
-        0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged patch", low=0.001, high=1.0
+        0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged panel", low=0.001, high=1.0
     )
     compactness_limit: float = setting(
         5.0,
         "Compactness limit",
-        "Largest perimeter / sqrt(area) of a patch; a square has 4. Where the surface itself is narrow, its border hardly counts",
+        "Largest perimeter / sqrt(area) of a panel; a square has 4. Where the surface itself is narrow, its border hardly counts",
         low=3.6,
         high=50.0,
     )
-    neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a patch", low=1, high=10)
-    patch_min: int = setting(6, "Smallest patch", "Fewest quads in a patch, where the surface allows", low=1, high=1000)
+    neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a panel", low=1, high=10)
+    patch_min: int = setting(6, "Smallest panel", "Fewest quads in a panel, where the surface allows", low=1, high=1000)
     symmetric: bool = setting(True, "Keep symmetry", "Give a symmetric surface a symmetric layout where possible")
     seamless: bool = setting(
         False,

@@ -92,8 +92,8 @@ TABLE = (
 STAGES = {stage.name: stage for stage in TABLE}
 # why a stage cannot go on, where what it needs is not there
 MISSING = {
-    "layout": "There are no patches yet; press Trace first",
-    "flat": "There are no flat patches yet; press Merge or Flatten first",
+    "layout": "There are no panels yet; press Trace first",
+    "flat": "There are no flat panels yet; press Merge or Flatten first",
     "choice": "No layouts were compared yet; press Choose first",
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",

@@ -122,11 +122,11 @@ def test_colours_follow_the_stages_until_somebody_chooses(dome: Any) -> None:
     assert manager.flexmaps_overlay == "TWIST"
 
 
-def test_one_patch_is_one(dome: Any) -> None:
+def test_one_panel_is_one(dome: Any) -> None:
     from flexmaps.bridge.view import colouring
 
-    assert colouring.painted(dome, "PATCH", np.zeros(5))[1].title == "1 patch"
-    assert colouring.painted(dome, "PATCH", np.arange(2.0))[1].title == "2 patches"
+    assert colouring.painted(dome, "PATCH", np.zeros(5))[1].title == "1 panel"
+    assert colouring.painted(dome, "PATCH", np.arange(2.0))[1].title == "2 panels"
 
 
 def test_colours_outlive_the_file_and_an_undo(spiralled: Any, tmp_path: Any) -> None:

@@ -200,7 +200,7 @@ def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, t
 
 
 def test_a_picture_of_nothing_is_refused(dome: Any, tmp_path: Path) -> None:
-    with pytest.raises(FlexMapsError, match="no flat patches"):
+    with pytest.raises(FlexMapsError, match="no flat panels"):
         picture.panels(dome, tmp_path / "x.png")
     with pytest.raises(FlexMapsError, match="no simulated shape"):
         picture.shape(dome, tmp_path / "x.png")

@@ -135,6 +135,17 @@ def test_a_simulation_is_told_as_it_is(dome: Any) -> None:
     assert "! Distance, mean" in draw("shape")  # in red
 
 
+@pytest.mark.parametrize(("share", "sign"), [(0.9, "CHECKMARK"), (1.1, "ERROR")])
+def test_no_tick_stands_beside_a_distortion_beyond_its_limit(dome: Any, share: float, sign: str) -> None:
+    from flexmaps.panels import layout, sidebar, stages
+
+    press("flatten")
+    most = share * dome.flexmaps.layout.distortion_limit
+    notes.write(dome.data, "layout", report(dome)["layout"] | {"energy_max": most})
+    stages.look(bpy.context, afresh=True)
+    assert sidebar._sign(bpy.context, layout, ("layout",)) == sign
+
+
 def test_what_is_borne(dome: Any) -> None:
     feet = dome.vertex_groups.new(name="feet")
     low = min(v.co.z for v in dome.data.vertices)
@@ -151,12 +162,12 @@ def test_what_is_borne(dome: Any) -> None:
 
 def test_a_running_job_stands_in_the_row_of_next(dome: Any) -> None:
     running = background.Job("Merge", lambda progress: None)
-    running.text = "Merging: 12 patches"
+    running.text = "Merging: 12 panels"
     running.start()
     try:
         layout = Drawn()
         lines = draw("piece", layout)
-        assert "Merge, 0 %" in lines and any("12 patches" in line for line in lines)
+        assert "Merge, 0 %" in lines and any("12 panels" in line for line in lines)
         assert "flexmaps.stop" in layout.operators and "flexmaps.next" not in layout.operators
         press("stop")
         assert running.stopping and "Stopping" in draw("piece")
@@ -289,7 +300,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
         for code in notices.WORDS
     ]
     made = [
-        *notices._checks(dome, found),
+        *notices._checks(dome, bpy.context.scene, found),
         *notices._findings("structure", found),
         *(
             notices.Notice(

@@ -9,7 +9,7 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, next_button, notes, states
+from flexmaps.bridge.store import attributes, guidance, next_button, notes, states
 from flexmaps.bridge.store.settings import unsaved
 from flexmaps.bridge.store.states import DONE, OLD, TODO
 from flexmaps.engine.surface import shapes
@@ -157,6 +157,11 @@ def test_poor_quads_are_to_be_made_squarer_once(piece: Any) -> None:
     press("regularise")
     found()  # whatever it made of them, it is not offered again
     assert offered(piece) == "merge"
+    seen = guidance.of(piece, bpy.context.scene).notices
+    assert "flexmaps.regularise" not in {cure.idname for notice in seen for cure in notice.cures}
+    piece.data.vertices[0].co.x += 1e-4  # another mesh may become squarer
+    found()
+    assert offered(piece) == "regularise"
 
 
 # change -> stages that it leaves behind, and the reason of the first

@@ -120,7 +120,7 @@ def test_what_was_lost_is_told_instead_of_what_is_missing(made: Result, settings
         stages.missing(bare, "design")
     with pytest.raises(FlexMapsError, match="the seams were edited"):
         job.go_on(bare, settings, ("spirals",))
-    with pytest.raises(FlexMapsError, match="no flat patches"):
+    with pytest.raises(FlexMapsError, match="no flat panels"):
         job.go_on(replace(bare, lost={}), settings, ("spirals",))
     # whoever lays it out anew has lost nothing
     assert job.go_on(bare, settings, ("trace",)).lost == {}

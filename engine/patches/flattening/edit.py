@@ -40,7 +40,7 @@ def with_cuts(
     if len(bad):
         quads = layout.patches[bad[0]]
         raise FlexMapsError(
-            f"A patch of {len(quads)} quads would not be one flat piece with a single outline; "
+            f"A panel of {len(quads)} quads would not be one flat piece with a single outline; "
             "leave a cut that opens it, or remove a cut that floats inside it",
             faces=quads,
             edges=np.unique(mesh.quad_edges[quads][layout.outline_sides[quads]]),

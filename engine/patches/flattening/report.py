@@ -51,7 +51,7 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
     if isinstance(forced, list):
         said += forced[:REMARKS]
         if len(forced) > REMARKS:
-            said.append(f"{len(forced) - REMARKS} patches more go beyond a limit in such a way; the report names them")
+            said.append(f"{len(forced) - REMARKS} panels more go beyond a limit in such a way; the report names them")
     return {"remarks": said} if said else {}
 
 

@@ -92,7 +92,7 @@ def _merge_body(
     """The merged layout, and what is to be said about its symmetry."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
-    tick = partial(progress, 0.0, "Flattening the first patches")
+    tick = partial(progress, 0.0, "Flattening the first panels")
     ranking = Ranking(whole_group)
     start = Board(layout, params, effort=effort, tick=tick)
     ranked = _merged(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
@@ -208,7 +208,7 @@ LAST = Strategy(again=True)  # for layouts that were merged before
 
 def run(board: Board, strategy: Strategy, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
-    board.tick = lambda: progress(0.0, f"Merging: {len(board.pieces)} patches")
+    board.tick = lambda: progress(0.0, f"Merging: {len(board.pieces)} panels")
     merged = greedy(board, strategy, progress.part(0.0, 0.5))
     if strategy.again:
         merged |= open_parts(board, strategy, progress.part(0.5, 0.6))
@@ -257,7 +257,7 @@ def symmetry_notes(
         largest = ranked[0][2]
         more = len(largest.pieces)
         text += (
-            f"; with {1 + len(largest.symmetries)} of them there would be {more} patches instead of {len(board.pieces)}"
+            f"; with {1 + len(largest.symmetries)} of them there would be {more} panels instead of {len(board.pieces)}"
         )
     return said | {"symmetry": text}
 
@@ -298,7 +298,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
         best = tried[key]
         assert best is not None
         changed |= board.apply(best)
-        progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} patches")
+        progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} panels")
 
 
 def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
@@ -322,7 +322,7 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
             score = _score(board, change.opens, worst, strategy)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
-    progress(0.5, f"Merging: {len(board.pieces)} patches")
+    progress(0.5, f"Merging: {len(board.pieces)} panels")
     return best is not None and board.apply(best[2])
 
 

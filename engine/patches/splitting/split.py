@@ -58,7 +58,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
         mirrored = keeping(found, cut)
         done: set[int] = set()
         for number, patch in enumerate(large):
-            tick = partial(part, number / len(large), "cutting patches to the sheet's size")
+            tick = partial(part, number / len(large), "cutting panels to the sheet's size")
             tick()
             if patch in done:
                 continue  # as the mirror image of another one

@@ -62,7 +62,7 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
     for round_ in range(30):
         cut = layout.cut.copy()
         for number, quads in enumerate(layout.patches):
-            tick = partial(progress, round_ / 30, "Flattening the first patches")
+            tick = partial(progress, round_ / 30, "Flattening the first panels")
             tick()
             key = quads.tobytes()
             if key in good or not wanted[mesh.body_of[quads[0]]]:
