@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..bridge.store import decided, notes
-from ..bridge.store.i18n import translate
+from ..bridge.store.i18n import panels, translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
 from .stage import Work
@@ -43,7 +43,7 @@ class LayoutStage(ContinuedStage):
         mesh.shelve_design(obj)
         flat_panels.show_flat(obj, context.scene, flat, centres)
         notes.write(obj.data, "layout", block)
-        return translate("{} panels, largest distortion {:.3f}", block["patches"], block["energy_max"])
+        return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
         """Once for every object: the views show it with its panels."""

@@ -15,6 +15,7 @@ from .rows import button, menu, sentence, tr
 from .stages import look
 
 SLOTS = 3  # rows below the status line, always as many
+THIN = 0.01  # of a usual space
 EMPHASIS = 1.5  # height of Next, in rows; by eye
 NARROW = 205  # pixels for words below which the size stands without its words, or Blender would cut its numbers
 CURE, SIGN = 14, 26  # pixels that a button has beside its words, and that the sign of a notice takes
@@ -86,11 +87,13 @@ def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
 
 def _next(layout: Any, said: head_text.Head, running: Any) -> None:
     """*Next* and its menu, or the progress of what runs and a cross: the same two rectangles."""
-    row = layout.row(align=True)
+    whole = layout.row(align=True)
+    row = whole.row(align=True)
     row.scale_y = EMPHASIS
     if running is not None:
         row.progress(factor=running.fraction, text=said.label)
         row.operator("flexmaps.stop", text="", icon="X")
+        _unlit(whole)
         return
     main = row.row(align=True)
     main.active_default, main.enabled = True, bool(said.press)
@@ -98,7 +101,14 @@ def _next(layout: Any, said: head_text.Head, running: Any) -> None:
     for name, value in said.properties:
         setattr(pressed, name, value)
     row.menu("FLEXMAPS_MT_next", text="", icon="DOWNARROW_HLT")
+    _unlit(whole)
     bpy.types.FLEXMAPS_OT_next.see(said.label)
+
+
+def _unlit(row: Any) -> None:
+    """Draw what cannot be lit, of no width: when a job ends, Blender lights the first thing without an operator in place of the progress
+    that was under the pointer, which would be the box below."""
+    row.separator(factor=THIN)
 
 
 # -- notices -----------------------------------------------------------------------------------------------------------

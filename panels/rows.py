@@ -139,6 +139,13 @@ def decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> st
     return "-" if found is None else f"{found:.{digits}f}{unit}"
 
 
+def figure(number: float) -> str:
+    """Two digits; 0 below a hundredth, of a millimetre or of a percent, which no machine cuts."""
+    if abs(number) < 0.01:
+        return "0"
+    return f"{number:.2g}" if abs(number) < 99.5 else f"{number:.0f}"
+
+
 def percent(block: dict[str, Any], key: str) -> str:
     found = block.get(key)
     return "-" if found is None else f"{100 * found:.1f} %"

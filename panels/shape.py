@@ -10,7 +10,7 @@ from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
 from ..bridge.store.i18n import span
 from ..bridge.view import easel, plot
-from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
+from .rows import button, decimals, figure, figures, line, menu, pair, popover, settings_of, tr, value
 from .stages import block_of, look
 
 PLOT = 5.0  # size of the plot, in rows
@@ -86,10 +86,14 @@ def _results(body: Any, context: bpy.types.Context) -> None:
             name = tr("result") if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
             text = tr("Target to {}", name)
             layout.prop(key, "value", text=text, slider=True, translate=False)
-        size = "{:.2g} %, {:.2g} mm"
+        size = "{} %, {} mm"
         rows = [
-            (tr("Distance, mean"), size.format(block["rms_percent"], block["rms_mm"]), not equilibrium.sound(block)),
-            (tr("Distance, largest"), size.format(block["max_percent"], block["max_mm"])),
+            (
+                tr("Distance, mean"),
+                size.format(*(figure(block[name]) for name in ("rms_percent", "rms_mm"))),
+                not equilibrium.sound(block),
+            ),
+            (tr("Distance, largest"), size.format(*(figure(block[name]) for name in ("max_percent", "max_mm")))),
         ]
         if block.get("strain_share_max") is not None:
             share = tr("{} % of limit", f"{100 * block['strain_share_max']:.0f}")
@@ -127,7 +131,7 @@ def key(context: bpy.types.Context) -> str:
     block = look(context).blocks.get("equilibrium", {})
     if not block:
         return ""
-    said = f"{block['rms_percent']:.2g} %"
+    said = f"{figure(block['rms_percent'])} %"
     share = block.get("strain_share_max")
     return said if share is None else f"{said}, {tr('strain {}', f'{100 * share:.0f} %')}"
 

@@ -28,6 +28,7 @@ from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export, solids, svg
 from flexmaps.engine.fabrication.writers.operations import frame
 from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.arcs import Curve
 from flexmaps.engine.surface.checking import check
@@ -65,14 +66,14 @@ def main(arguments: list[str]) -> int:
     options = parser.parse_args(arguments)
     names = options.only or (MESHES if options.thorough else QUICK)
     table = Table(36)
-    written: list[tuple[CutSheets, Path]] = []
+    kept: list[tuple[CutSheets, Path]] = []
     with tempfile.TemporaryDirectory() as place:
         for name, kind in KINDS.items():
             folder = Path(place) / name.replace(" ", "-")
             folder.mkdir()
             made = kind(folder)
-            table.add(*sheet_rows(name, made, folder))
-            written.append((made, folder))
+            table.add(*sheet_rows(name, made, folder, options.thorough))
+            kept.append((made, folder))
         for name, polygons in surfaces(options.meshes):
             if name not in names:
                 continue
@@ -84,12 +85,12 @@ def main(arguments: list[str]) -> int:
             folder.mkdir()
             table.add(
                 *travel_rows(name, sheets, folder),
-                *sheet_rows(name, sheets, folder),
+                *sheet_rows(name, sheets, folder, options.thorough),
                 *solid_rows(name, sheets, folder, options.thorough),
             )
             if options.thorough:
-                written.append((sheets, folder))
-        table.add(*program_rows(written, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
+                kept.append((sheets, folder))
+        table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
     table.finish(options.json)
     return 0
 
@@ -97,7 +98,7 @@ def main(arguments: list[str]) -> int:
 # -- what the project's files say ----------------------------------------------------------------------------------------
 
 
-def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
+def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
     """Segments, corners, holding tabs, labels, and the drawings as ezdxf and svgelements read them."""
     runs = [made.runs(k) for k in range(made.count)]
     curves = [c for r in runs for c in (*r.inner, *r.outer)]
@@ -110,12 +111,22 @@ def sheet_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
         off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
         found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
-    kinds = ("svg", "dxf", "dxf-r12", "3mf")
-    paths = export.write(made, folder / "sheet", kinds)
+    paths = [path for path in written(made, folder, thorough) if path.suffix in {".svg", ".dxf"}]
     found.append(
         at_most(name, "faults that ezdxf and svgelements find", 0, sum(_drawing_faults(p, made) for p in paths))
     )
     return found
+
+
+def written(made: CutSheets, folder: Path, thorough: bool) -> list[Path]:
+    """The files of the first sheet, which the writers make as all others, or of all sheets."""
+    paths = []
+    for key in ("svg", "dxf", "dxf-r12", "3mf"):
+        for index in range(made.count if thorough else 1):
+            ending = export.TABLE[key].ending
+            paths.append(folder / f"sheet{ending.replace('.', f'-{index + 1:02d}.')}")
+            export.TABLE[key].write(made, index, paths[-1], SILENT)
+    return paths
 
 
 def _gaps(runs: Runs) -> Iterator[float]:
@@ -145,10 +156,11 @@ def _drawing_faults(path: Path, made: CutSheets) -> int:
 
 
 def solid_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
-    """Size of the first sheet's solids beside that with the former tolerance, and a slicer's seconds with both."""
+    """Size of the solids of the first sheet, or of its first panel, beside that with the former tolerance, and a slicer's seconds with both."""
     new, old = folder / "new.stl", folder / "old.stl"
+    panels = made.on_sheet(0) if thorough else made.on_sheet(0)[:1]
     for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
-        solids.stl([solids.extruded(p, made.thickness, tolerance) for p in made.on_sheet(0)], path)
+        solids.stl([solids.extruded(p, made.thickness, tolerance) for p in panels], path)
     found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
     slicer = shutil.which("prusa-slicer")
     if thorough and slicer:

@@ -13,6 +13,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +25,18 @@ from flexmaps.engine.own_files import Guard
 from flexmaps.engine.params import Settings, SheetParams, changed
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.overlaps import overlaps
 from flexmaps.engine.surface.checking.sewing import sewn
 from flexmaps.engine.surface.checking.topology import sides_of
 from flexmaps.engine.surface.files import meshio
-from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing.bodies import without_crumbs
 from flexmaps.engine.surface.welding import welded
 from rows import Table, at_least, at_most
-from scene_kinds import CLOSE, MADE, WRONG, bent, far_object, hidden, keyed, right
+from scene_kinds import CLOSE, MADE, WRONG, bent, far_object, hidden, keyed, linked, right
+from scipy.spatial import cKDTree
 
 MANY = 10  # of each kind
 QUADS = 60  # of a polygon that is remeshed
@@ -183,30 +186,76 @@ def crumbs(name: str, random: np.random.Generator) -> str:
     return right(areas[~large].sum() <= 0.1 * areas.sum() * (1.0 + 1e-9))
 
 
-def ngon(name: str, random: np.random.Generator) -> str:
-    """flat polygons with sharp corners, remeshed whole"""
-    from flexmaps import api
-
+def _polygon(random: np.random.Generator) -> tuple[float, ...]:
+    """The angles of the corners of a polygon in a circle."""
     count = int(random.integers(3, 8))
     angle = np.sort(random.uniform(0.0, 2.0 * np.pi, count))
     if np.max(np.diff(np.append(angle, angle[0] + 2.0 * np.pi))) > 0.9 * np.pi:
         angle = 2.0 * np.pi * np.arange(count) / count
-    points = 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(count)])
+    return tuple(angle.tolist())
+
+
+def _corners(angle: tuple[float, ...]) -> np.ndarray:
+    """(count, 3) metres."""
+    return 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))])
+
+
+@cache
+def _remeshed(angle: tuple[float, ...]) -> QuadMesh | str:
+    """The quads of a polygon, or what came of it instead."""
+    from flexmaps import api
+
+    points, count = _corners(angle), len(angle)
     lines = ["v {:.9f} {:.9f} {:.9f}".format(*p) for p in points]
     lines.append("f " + " ".join(str(k + 1) for k in range(count)))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.obj"
         path.write_text("\n".join(lines))
         try:
-            made = api.load(path, quads=QUADS).mesh
+            made = api.load(path, quads=QUADS, up="z").mesh
         except FlexMapsError as error:
             return REFUSAL if "quads" in str(error) else WRONG
     assert made is not None
+    return made
+
+
+def ngon(name: str, random: np.random.Generator) -> str:
+    """flat polygons with sharp corners, remeshed whole"""
+    angle = _polygon(random)
+    made, points = _remeshed(angle), _corners(angle)
+    if isinstance(made, str):
+        return made
     area = 0.5 * np.abs(np.cross(points[:, :2], np.roll(points[:, :2], -1, axis=0)).sum())
     return right(abs(made.areas.sum() / area - 1.0) < 0.02)
 
 
+def coverage(name: str, random: np.random.Generator) -> str:
+    """polygons no part of which is far from their quads"""
+    angle = _polygon(random)
+    made, points = _remeshed(angle), _corners(angle)
+    if isinstance(made, str):
+        return made
+    random = np.random.default_rng(len(angle))  # so that polygons are those of the row before
+    share = random.uniform(0.0, 1.0, 1000)[:, None]
+    rim = np.concatenate(
+        [(1.0 - share) * a + share * b for a, b in zip(points, np.roll(points, 1, axis=0), strict=True)]
+    )
+    inside = rim * np.sqrt(random.uniform(0.0, 1.0, len(rim)))[:, None]
+    # quads are sampled ten times an edge, so that the nearest sample is as near as the quad but for a tenth of an edge
+    u, v = (one.ravel()[:, None, None] for one in np.meshgrid(np.linspace(0, 1, 11), np.linspace(0, 1, 11)))
+    a, b, c, d = (made.vertices[made.quads[:, k]] for k in range(4))
+    sampled = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
+    far = cKDTree(sampled.reshape(-1, 3)).query(np.concatenate([rim, inside]))[0] / made.median_edge
+    return right(float(np.quantile(far, 0.95)) < 0.6 and float(far.max()) < 1.6)
+
+
 # -- sheets and files ------------------------------------------------------------------------------------------------------
+
+
+@cache
+def _merged_dome() -> Result:
+    """A dome laid out for a sheet that all of its panels fit."""
+    return job.run(quads("dome"), Settings(), edge=0.015, stop_after="merge")
 
 
 def split_fits(name: str, random: np.random.Generator) -> str:
@@ -214,7 +263,7 @@ def split_fits(name: str, random: np.random.Generator) -> str:
     width, height = random.uniform(0.06, 0.4, 2)
     settings = changed(Settings(), {"sheet.sheet_width": 1e3 * width, "sheet.sheet_height": 1e3 * height})
     try:
-        made = job.run(quads("dome"), settings, edge=0.015, stop_after="split")
+        made = job.go_on(_merged_dome(), settings, ("split",))
     except FlexMapsError as error:
         return REFUSAL if "single quads" in str(error) else WRONG
     assert made.flat is not None
@@ -307,8 +356,8 @@ def remnant_svg(name: str, random: np.random.Generator) -> str:
 
 
 KINDS: tuple[Kind, ...] = (
-    soup, own_vertices, halves, t_junction, shell_twice, through, both_skins, far_text, crumbs, ngon, split_fits, many_sheets,
-    own_files, remnant_dxf, remnant_svg, hidden, keyed, bent, far_object,
+    soup, own_vertices, halves, t_junction, shell_twice, through, both_skins, far_text, crumbs, ngon, coverage, split_fits, many_sheets,
+    own_files, remnant_dxf, remnant_svg, hidden, keyed, bent, far_object, linked,
 )  # fmt: skip
 
 

@@ -96,6 +96,29 @@ def bent(name: str, random: np.random.Generator) -> str:
     return right(float(np.abs(found - wanted).max()) < CLOSE)
 
 
+def linked(name: str, random: np.random.Generator) -> str:
+    """linked objects are refused, and can be worked on once they are local"""
+    import bpy
+    from flexmaps import api
+    from flexmaps.bridge.store import objects
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = str(Path(folder) / "library.blend")
+        _, mesh = scene_object(name)
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        with bpy.data.libraries.load(path, link=True) as (there, here):
+            here.objects = there.objects
+        bpy.context.scene.collection.objects.link(here.objects[0])
+        bpy.context.view_layer.objects.active = bpy.data.objects[0]
+        bpy.data.objects[0].select_set(True)
+        refused = objects.linked(bpy.context.object) and objects.unusable(bpy.context.object) is not None
+        bpy.ops.object.make_local(type="SELECT_OBDATA")
+        local = objects.unusable(bpy.context.object) is None
+        points = api.load(bpy.context.object).source.vertices if local else np.zeros((0, 3))
+    return right(refused and points.shape == mesh.vertices.shape and np.allclose(points, mesh.vertices, atol=1e-6))
+
+
 def far_object(name: str, random: np.random.Generator) -> str:
     """objects up to 10,000 km away by their transform"""
     from flexmaps import api

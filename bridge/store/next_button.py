@@ -14,7 +14,7 @@ from .cures import Cure
 from .flat_target import passed_over
 from .i18n import interface, translate
 from .notices import INFORMATION, KEPT, MADE_SQUARER, STOPS, Notice
-from .states import DONE, TODO, State
+from .states import DONE, TODO, State, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
 EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
@@ -147,7 +147,7 @@ def _before_layout(
     if mending is not None:
         return mending
     poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in found)
-    if poor and not notices.is_regular(obj, scene) and not _passed_over("flexmaps.regularise", found):
+    if poor and not is_current_unnoted(obj, scene, "regularise") and not _passed_over("flexmaps.regularise", found):
         said = translate("Moves the vertices along the surface so that the quads become squarer")
         return Act("flexmaps.regularise", _next(interface("Squarer quads")), said, "piece")
     return None

@@ -212,22 +212,16 @@ def other_counts(quads: int) -> list[int]:
     return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
-def is_regular(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Whether Regularise has seen the mesh as it is, so that it can do no more."""
-    return "regularise" in notes.made_from(obj.data) and not states.is_old_unnoted(obj, scene, "regularise")
-
-
 def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[Notice]:
-    made, squarer = [], None
+    made, helpless = [], states.is_current_unnoted(obj, scene, "regularise")
     for row in found:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
         words, kind = WORDS.get(code, ("To look at", WORSE))
         kind = STOPS if row["severity"] == "error" else kind
         cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
-        if code in MADE_SQUARER:
-            squarer = ([] if is_regular(obj, scene) else [cures.regularise()]) if squarer is None else squarer
-            ways += squarer
+        if code in MADE_SQUARER and not helpless:
+            ways.append(cures.regularise())
         if code in REMESHED or code in MADE_SQUARER:
             ways.append(cures.remesh(obj.flexmaps.remesh.quads))
         if code == "surface-missed":

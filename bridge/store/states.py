@@ -149,6 +149,11 @@ def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> 
     return _left_behind(obj, scene, name, UNNOTED[name])
 
 
+def is_current_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
+    """Whether one of ``UNNOTED`` was made of what is there now, so that it would make nothing else."""
+    return name in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
+
+
 def _left_behind(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
     made = notes.made_from(obj.data).get(name)
     if made is None:

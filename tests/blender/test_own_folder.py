@@ -6,7 +6,7 @@ import os
 import resource
 import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,15 @@ def calibration(piece: Any, out: Path, tell: Tell) -> None:
     api.calibration_sheet(out, progress=tell)
 
 
-OUTPUTS = (sheets, report, share, blend, everything, calibration)
+def pictures(piece: Any, out: Path, tell: Tell) -> None:
+    api.run("shape:strip", out, edge=20, settings=FAST, stop_after="merge", progress=tell)
+
+
+def explore(piece: Any, out: Path, tell: Tell) -> None:
+    api.explore(piece, {"spiral.thickness": [1.5, 2.0]}, out, progress=tell)
+
+
+OUTPUTS = (sheets, report, share, blend, everything, calibration, pytest.param(pictures, marks=pytest.mark.thorough))
 
 
 @contextmanager
@@ -94,6 +102,32 @@ def content(folder: Path) -> dict[str, bytes]:
 def piece() -> Any:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     return api.simulate(api.spirals(api.load("shape:strip", edge=20, settings=FAST)))
+
+
+@pytest.mark.thorough
+def test_an_exploration_loses_nothing(piece: Any, tmp_path: Path) -> None:
+    """One that is stopped keeps what it has found, so that its own files may change."""
+    for name in INPUTS:
+        (tmp_path / name).write_bytes(f"the user's {name}".encode())
+    told: list[float] = []
+    explore(piece, tmp_path, lambda fraction, text: told.append(fraction))
+    for stop in sorted({0, len(told) // 2, len(told) - 1}):
+        calls: list[float] = []
+
+        def tell(fraction: float, text: str, calls: list[float] = calls, stop: int = stop) -> None:
+            calls.append(fraction)
+            if len(calls) > stop:
+                raise Cancelled
+
+        with suppress(Cancelled):
+            explore(piece, tmp_path, tell)
+    written = content(tmp_path)
+    assert all(written[name] == f"the user's {name}".encode() for name in INPUTS)
+    changed = next(name for name in written if name not in INPUTS and not name.startswith("."))
+    (tmp_path / changed).write_bytes(b"the user went on with it")
+    with pytest.raises(FlexMapsError):
+        explore(piece, tmp_path, None)
+    assert (tmp_path / changed).read_bytes() == b"the user went on with it"
 
 
 @pytest.mark.parametrize("write", OUTPUTS, ids=lambda one: one.__name__)

@@ -38,6 +38,19 @@ def test_export_asks_before_it_replaces_a_file_of_the_users(strip: Any, tmp_path
     assert (tmp_path / name).read_text() == "worked on since"
 
 
+@pytest.mark.parametrize(("asked", "name"), [
+    ("all.png", "all.png"), ("all.mp4", "all.mp4"), ("all-film.png", "all-film-0001.png"),
+])  # fmt: skip
+def test_pictures_and_films_ask_too(strip: Any, tmp_path: Path, asked: str, name: str) -> None:
+    strip.flexmaps.render.film = name != "all.png"
+    strip.flexmaps.render.file = str(tmp_path / asked)
+    (tmp_path / name).write_text("the user's work")
+    with pytest.raises(RuntimeError, match="would be written over"):
+        bpy.ops.flexmaps.render()
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "the user's work"
+
+
 def test_the_share_page_asks_too(strip: Any, tmp_path: Path) -> None:
     (tmp_path / "strip-share.html").write_text("the user's page")
     with pytest.raises(RuntimeError, match="would be written over"):
