@@ -20,7 +20,8 @@ from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
 from ..engine.surface.checking.overlaps import overlaps
-from ..engine.surface.checking.sewing import sewn
+from ..engine.surface.checking.sewing import border_sides, sewn
+from ..engine.surface.checking.topology import sides_of
 from ..engine.surface.far import about_middle
 from ..engine.surface.files import meshio
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
@@ -50,7 +51,8 @@ def load(
     edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
     up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
     quads : about so many new quads are made of it first, see ``remesh``; with ``remeshed`` as set, if not all faces are quads
-    settings : "section.name" -> value in shown units, instead of the object's settings or the defaults
+    settings : "section.name" -> value in shown units, instead of the object's settings or the defaults; arms at an open border, which
+        would end in the air, are left out where no ``spiral.border`` is chosen
     supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
 
     An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend file is opened in place of the
@@ -229,10 +231,12 @@ def _from_blender(source: Any) -> Piece:
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
+    # what somebody has chosen, or has cut already, stays
+    settled = obj.flexmaps.spiral.is_property_set("border") or found.result is None or found.result.flat is not None
     return Piece(
         name,
         found.source,
-        found.settings,
+        found.settings if settled else _without_stubs(found.settings, found.source),
         made=found.result,
         uid=found.uid,
         seams=found.seams,
@@ -243,7 +247,14 @@ def _from_blender(source: Any) -> Piece:
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
         polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
-        return Piece("mesh", about_middle(polygons), ObjectSettings())
+        return Piece("mesh", about_middle(polygons), _without_stubs(ObjectSettings(), polygons))
     files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
     name, polygons = meshio.named(str(source), up)
-    return Piece(name, sewn(polygons), ObjectSettings(), files=files)
+    polygons = sewn(polygons)
+    return Piece(name, polygons, _without_stubs(ObjectSettings(), polygons), files=files)
+
+
+def _without_stubs(settings: ObjectSettings, polygons: PolygonMesh) -> ObjectSettings:
+    """The settings with the arms at an open border left out, which would end in the air; those of a closed surface as they are."""
+    is_open = len(polygons.sizes) and len(border_sides(sides_of(polygons)))
+    return changed(settings, {"spiral.border": "left_out"}) if is_open else settings

@@ -16,13 +16,17 @@ import shutil
 import subprocess
 import tempfile
 import time
+import zlib
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import browser
 import numpy as np
 from bench_layout import EDGE, surfaces
+from flexmaps import api
 from flexmaps.engine.fabrication.panels.toolpath import Runs
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export, solids, svg
@@ -90,6 +94,7 @@ def main(arguments: list[str]) -> int:
             )
             if options.thorough:
                 kept.append((sheets, folder))
+        table.add(*printed_rows(Path(place)))
         table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
     table.finish(options.json)
     return 0
@@ -110,6 +115,9 @@ def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list
     if made.cut.tabs and not made.cut.lead_in:
         off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
         found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
+    if made.cut.nozzle:  # arms of 1 mm are less than two of its lines
+        told = sum("nozzle" in text for text in made.warnings)
+        found.append(at_least(name, "warnings of arms under two lines", 1, told))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
     paths = [path for path in written(made, folder, thorough) if path.suffix in {".svg", ".dxf"}]
     found.append(
@@ -225,6 +233,32 @@ def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]
         if not p
     ]
     return [*found, row("all", "programs that are not installed", "", ", ".join(missing) or "none", None)]
+
+
+def printed_rows(folder: Path) -> list[Row]:
+    """What a browser prints of the page to share."""
+    if browser.found() is None:
+        return [row("share page", "printed", "", "no browser", None)]
+    piece = api.simulate(api.spirals(api.load("shape:strip", edge=20, settings={"sheet.nesting": "FAST"})))
+    path = api.share(piece, folder / "share.html")
+    with browser.Browser() as page:
+        page.open(path)
+        page.settle()
+        data = b64decode(page.call("Page.printToPDF")["data"])
+    drawn = b"".join(_inflated(one) for one in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL))
+    lines, words = (len(re.findall(pattern, drawn)) for pattern in (rb"\s[lc]\n", rb"\sT[jJ]\s"))
+    return [
+        at_least("share page", "lines in its print, one a quad", len(piece.mesh.quads), lines),
+        at_least("share page", "words in its print", 1, words),
+    ]
+
+
+def _inflated(data: bytes) -> bytes:
+    """What is left of a stream of a PDF file when it is unpacked; nothing of one that is packed in another way."""
+    try:
+        return zlib.decompressobj().decompress(data)
+    except zlib.error:
+        return b""
 
 
 def _inkscape_off(inkscape: str, written: list[tuple[CutSheets, Path]]) -> float:

@@ -35,7 +35,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing.bodies import without_crumbs
 from flexmaps.engine.surface.welding import welded
 from rows import Table, at_least, at_most
-from scene_kinds import CLOSE, MADE, WRONG, bent, far_object, hidden, keyed, linked, right
+from scene_kinds import CLOSE, MADE, WRONG, bent, braces, far_object, hidden, keyed, linked, right
 from scipy.spatial import cKDTree
 
 MANY = 10  # of each kind
@@ -357,7 +357,7 @@ def remnant_svg(name: str, random: np.random.Generator) -> str:
 
 KINDS: tuple[Kind, ...] = (
     soup, own_vertices, halves, t_junction, shell_twice, through, both_skins, far_text, crumbs, ngon, coverage, split_fits, many_sheets,
-    own_files, remnant_dxf, remnant_svg, hidden, keyed, bent, far_object, linked,
+    own_files, remnant_dxf, remnant_svg, hidden, keyed, bent, far_object, linked, braces,
 )  # fmt: skip
 
 

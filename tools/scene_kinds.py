@@ -119,6 +119,24 @@ def linked(name: str, random: np.random.Generator) -> str:
     return right(refused and points.shape == mesh.vertices.shape and np.allclose(points, mesh.vertices, atol=1e-6))
 
 
+def braces(name: str, random: np.random.Generator) -> str:
+    """pictures in folders with braces in their names"""
+    import bpy
+    from flexmaps import api
+    from flexmaps.bridge.view import picture
+
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    obj = api.show(api.load("shape:strip", edge=20))
+    names = ("{}", "{blend_name}", "a{b", "b}c", "{{x}}", "{fps:03}")
+    inner = names[int(random.integers(len(names)))]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / inner / "all{0}.png"
+        path.parent.mkdir()
+        picture.layout(obj, path, (64, 64), samples=1)
+        made = [one for one in Path(folder).rglob("*") if one.is_file()]
+        return right(made == [path] and path.stat().st_size > 0)
+
+
 def far_object(name: str, random: np.random.Generator) -> str:
     """objects up to 10,000 km away by their transform"""
     from flexmaps import api

@@ -63,6 +63,7 @@ KINDS: dict[str, Callable[[Path], CutSheets]] = {
     "holding tabs": lambda _: _run({"cut.tabs": 6, "cut.tab_width": 1.5}, stop_after="sheets"),
     "lead-ins": lambda _: _run({"cut.lead_in": 1.0}, stop_after="sheets"),
     "kerf": lambda _: _run({"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.1}, stop_after="sheets"),
+    "nozzle": lambda _: _run({"cut.nozzle": 0.8}, stop_after="sheets"),
     "rim": lambda _: _run({"spiral.border": "rim"}, stop_after="sheets"),
     "remnant": _remnant,
     "feet": lambda _: _run({"base.base": "feet", "sheet.sheet_width": 300.0}, supports="lowest"),

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from flexmaps import api
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -207,6 +208,17 @@ def test_saving_a_piece_leaves_the_open_file_alone(strip: api.Piece, dome: Any, 
     shown = bpy.context.view_layer.objects.active
     assert len(shown.data.polygons) == len(strip.mesh.quads) and "flexmaps_flat" in shown.data.uv_layers
     assert bpy.context.scene.unit_settings.length_unit == "MILLIMETERS"
+
+
+def test_no_arm_ends_in_the_air_unless_somebody_wants_that(dome: Any) -> None:
+    def border(source: Any, **options: Any) -> str:
+        return api.load(source, **options).settings.spiral.border
+
+    assert border("shape:dome") == border(shapes.make("dome")) == border(dome) == "left_out"
+    assert border("shape:dome", settings={"spiral.border": "stubs"}) == "stubs"
+    assert border("shape:cubesphere") == ObjectSettings().spiral.border
+    dome.flexmaps.spiral.border = "stubs"
+    assert border(dome) == "stubs"
 
 
 def test_an_object_moves_only_when_it_is_regularised(dome: Any) -> None:

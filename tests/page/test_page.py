@@ -334,6 +334,14 @@ def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, siz
         assert page.messages == []
 
 
+def test_on_paper_the_pictures_and_all_steps_stand_for_the_view(browser: ModuleType, folder: Path) -> None:
+    with browser.Browser() as page:
+        page.open(folder / "share.html", ready=READY)
+        page.call("Emulation.setEmulatedMedia", media="print")
+        assert page.evaluate("document.querySelector('.instead svg').getBoundingClientRect().height") > 100
+        assert page.evaluate("document.querySelectorAll('.printed li').length") > 0
+
+
 def test_where_scripts_run_the_pictures_are_not_drawn_first(browser: ModuleType, folder: Path) -> None:
     shown = "document.querySelector('.instead').getBoundingClientRect().height"
     early = f"addEventListener('readystatechange', () => {{ window.early ??= {shown} }}, true)"

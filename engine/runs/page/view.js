@@ -308,7 +308,7 @@ function rounded(value) {
   return value === 0 ? "0" : Number(value.toPrecision(3)).toString();
 }
 
-/** Start the view in its element; without WebGL the pictures stay that stand in its place. */
+/** Start the view in its element; without WebGL the pictures that stand in its place are shown. On paper they always are. */
 async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
   const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
@@ -320,7 +320,6 @@ async function start() {
     const arrays = await unpacked(piece.arrays, piece.block);
     root.hidden = false;
     const page = new Page(root, piece, arrays);
-    for (const each of instead) each.remove();
     hook(page);
   } catch (error) {
     root.remove();
