@@ -301,6 +301,7 @@ class Damped:
     """Damped steps (Levenberg 1944, Marquardt 1963): more damping where the model predicts badly, less where it does well.
 
     stop : relative fall below which, twice in a row, the search ends; goal : energy below which nothing is left to gain
+    damping : of the last search, if there was one, which the first step takes where it is below that of a step along the gradient
     """
 
     iterations: int
@@ -313,8 +314,9 @@ class Damped:
     def advance(
         self, problem: DampedProblem, state: Any, here: Local, history: list[Iteration]
     ) -> tuple[Any, str | None]:
-        if self.damping is None:
-            self.damping = float(np.linalg.norm(here.gradient) / (FIRST * np.sqrt(here.gradient.size)))
+        if not history[1:]:
+            along = float(np.linalg.norm(here.gradient) / (FIRST * np.sqrt(here.gradient.size)))
+            self.damping = along if self.damping is None else min(self.damping, along)
         found, gain = self._tried(problem, here, history[-1])
         if found is None:
             return state, TIME if problem.over else CONVERGED

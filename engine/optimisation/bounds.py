@@ -133,7 +133,7 @@ def _factored(square: csr_array, soft: float) -> Callable[[np.ndarray], np.ndarr
         factor = cho_factor(full, lower=True, overwrite_a=True, check_finite=False)
         return lambda rhs: cho_solve(factor, rhs, check_finite=False)
     entries = coo_array(square)
-    pattern = Pattern(*entries.coords, count)
+    pattern = Pattern(entries.coords[0], entries.coords[1], count)
     values = pattern.sum(entries.data).astype(float)
     values[pattern.indices == pattern.columns] += soft
     sparse = SparseCholesky(pattern)
@@ -148,11 +148,13 @@ def bounded_step(
     rooms: Rooms,
     most: int,
     units: Float[np.ndarray, " coordinates"] | None = None,
+    rounds: int = ROUNDS,
 ) -> Float[np.ndarray, " coordinates"]:
     """The step that nearly minimises a convex quadratic model within the bounds.
 
     product : of the model's matrix; most : rounds of conjugate gradients
     units : of the coordinates, in which it is sought and in which what a bound takes away is least; those of the box if None
+    rounds : how often at the most it is sought again after it has run into bounds
     Conjugate gradients among the coordinates and rooms that are free, a search along the way that is bent at the bounds, and
     again with what is free then (Moré and Toraldo 1991). The model falls in every round.
     """
@@ -161,7 +163,7 @@ def bounded_step(
     unit = np.ones_like(x) if units is None else units
     low, high = -x / unit, (1.0 - x) / unit
     step, slope, fallen = np.zeros_like(x), unit * gradient, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         ends = np.where(step <= low, -1.0, np.where(step >= high, 1.0, 0.0))
         way = _way(slope, ends, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
         for turn in range(BENT):

@@ -20,16 +20,15 @@ from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, fitted
-from .codesign_problem import FlatPoint, FlatProblem, FlatRange
+from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
-from .optimisers import INNER_ITERATIONS, Accepted, Trace
+from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace
 
 SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
 MOVING = "Flat shapes"
-# of the barriers, as a share of the mismatch. With 0.05 quads came so near to their limits in the first steps that the next ones
-# hardly moved them: a surface of 986 quads ended at 0.28 mm instead of 0.26
-WEIGHT = 0.5
+# How often at the most the weight of the barriers follows the mismatch, and the share of the mismatch that the steps before must bring
+TIMES, ENOUGH = 4, 0.05
 
 
 def refine(
@@ -59,9 +58,16 @@ def refine(
     flat = FlatRange.of(design.flat, SPAN, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
     here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    found = method(here.problem, here, params, trace, accepted, progress)
-    assert isinstance(found, FlatPoint)
-    return found
+    for k in range(TIMES):
+        steps = len(trace.rows)
+        found = method(here.problem, here, params, trace, accepted, progress.part(k / TIMES, (k + 1) / TIMES))
+        assert isinstance(found, FlatPoint)
+        if len(trace.rows) == steps or problem.work.over:
+            return found
+        fall, here = here.mismatch.value - found.mismatch.value, found.renewed()
+        if fall < ENOUGH * here.mismatch.value or here.mismatch.value < GOAL:
+            break
+    return here
 
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:

@@ -153,8 +153,12 @@ class StabilityBarrier(Term):
         return self.asked.rows(self.rises, self.asked.enough)
 
     @cached_property
+    def _by_eigenvalue(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.changes()
+
+    @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        by_hubs, by_own = self.changes()
+        by_hubs, by_own = self._by_eigenvalue
         slope = self._rows[1]
         return slope[:, None, None] * by_hubs, slope[:, None] * by_own
 
@@ -174,6 +178,12 @@ class StabilityBarrier(Term):
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         by_hubs, by_own = self._slopes
         return self._back(np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change)
+
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StabilityBarrier:
+        by_hubs, by_own = self._by_eigenvalue
+        rises = self.rises + np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change
+        # the logarithm ends where eigenvalues are large enough
+        return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
     def _back(self, rows: Float[np.ndarray, " k"]) -> Change:
         by_hubs, by_own = self._slopes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -30,7 +30,7 @@ from .factors import Factors
 from .firmness import Firmness, SoftModes, StabilityBarrier
 from .objective import Mismatch, Target
 from .open_slots import Closing, Narrow, Opening
-from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, total, turning
+from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
 # Share of its stiffness that an equilibrium has to spare (see ``Equilibrium.spare``): a piece nearer to where it snaps is thrown
@@ -120,6 +120,10 @@ class Problem:
         within = Within(self._closing, self._shut, self._spread, self.assembly.size, self.own)
         return restored(x, inner.x, within)
 
+    def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Coordinates between two designs, as near to x as the limits of flat shapes allow, which ``inner`` keeps."""
+        return x
+
     def _room(self, x: np.ndarray) -> Room:
         """What keeps designs in the flat shapes with these coordinates such that they can be cut."""
         assert self.room is not None
@@ -200,7 +204,7 @@ class Point:
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
             found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
-        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None and one.value > 0.0))
+        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None))
 
     @cached_property
     def value(self) -> float:
@@ -367,33 +371,29 @@ class Point:
     def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
         """Derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
         problem, whole = self.problem, self.problem.assembly.whole
-        hubs = _sparse(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
+        hubs = rows_in_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
-        return Rows(hubs, _sparse(own, problem.space.each * whole.owners[e], problem.own))
+        return Rows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
         """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
-        return sum((cost.gradient for cost in self.costs), self._back([term.gradient for term in self.terms]))
+        return sum((cost.gradient for cost in self.costs), self.back([term.gradient for term in self.terms]))
 
-    def gauss_newton(self, change: np.ndarray, turn_damping: float = 0.0) -> Float[np.ndarray, " coordinates"]:
-        """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve.
+    def gauss_newton(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
+        """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve."""
+        return self.product(change, self.terms, self.costs)
 
-        With ``turn_damping``, of the objective and half of this times the sum of the squares of the hubs' turns in radians.
-        """
+    def product(
+        self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], turn_damping: float = 0.0
+    ) -> Float[np.ndarray, " coordinates"]:
+        """Product with the matrix of these terms and costs, and of half of ``turn_damping`` times the hubs' squared turns (radians)."""
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
-        parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in self.terms)]
-        return sum((cost.product(change) for cost in self.costs), self._back(parts))
+        parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in terms)]
+        return sum((cost.product(change) for cost in costs), self.back(parts))
 
-    def _back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
+    def back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
         """By the coordinates, of what changes like this with hubs and coordinates."""
         hubs, own = total(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + own
-
-
-def _sparse(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
-    """(K, columns) rows with two runs of values each, from these columns on."""
-    column = first[..., None] + np.arange(values.shape[2])
-    start = np.arange(0, column.size + 1, column[0].size if len(column) else 1)
-    return csr_array((values.ravel(), column.ravel(), start), shape=(len(values), columns))

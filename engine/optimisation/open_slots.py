@@ -34,6 +34,7 @@ OPEN = 1.0
 # how many slots end closed: none within spirals, 4 between them. On a body of 986 spirals with three holes 0.2 ends, after as
 # much work, at 1.13 times the error, with 2 closed instead of 4.
 SLOT_WEIGHT = 0.05
+LOOK = 3.0  # times the smallest flat slot, below which slots are followed along a step: more see more of what it would close, and cost more
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class Opening:
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
         known[arm[own]] = motions[own]
-        found = self.slots.below(self.width, self._numbers(model), known)
+        found = self.slots.below(LOOK * self.width, self._numbers(model), known)
         joint = np.full(len(known), -1)
         joint[arm[own]] = np.flatnonzero(own)
         return Closing(self, found, joint[found.arms], model, pose)
@@ -120,7 +121,7 @@ class Closing:
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
-        return 1.0 - self.found.values / self.opening.width
+        return np.maximum(1.0 - self.found.values / self.opening.width, 0.0)
 
     @property
     def _unit(self) -> float:
@@ -128,19 +129,21 @@ class Closing:
 
     @property
     def value(self) -> float:
-        near = np.minimum(self.missing, 1.0)
-        return self._unit * float((near**3 / 3.0 + self.missing - near).sum())
+        return self.cost(self.missing)
 
-    @cached_property
-    def slope(self) -> Float[np.ndarray, " k"]:
-        """Derivative of the cost by the widths."""
-        return -self._unit / self.opening.width * np.minimum(self.missing, 1.0) ** 2
+    def cost(self, missing: Float[np.ndarray, " k"]) -> float:
+        """Return what slots cost of which these shares are missing."""
+        near = np.minimum(missing, 1.0)
+        return self._unit * float((near**3 / 3.0 + missing - near).sum())
 
-    @cached_property
-    def curvature(self) -> Float[np.ndarray, " k"]:
-        """Its second derivative; on the straight line that of a parabola with the same slope, so that Gauss-Newton steps go down."""
-        missing = self.missing
-        return self._unit / self.opening.width**2 * np.where(missing < 1.0, 2.0 * missing, 1.0 / missing)
+    def slope(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Return the derivative of the cost by the widths."""
+        return -self._unit / self.opening.width * np.minimum(missing, 1.0) ** 2
+
+    def curvature(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Return its second derivative; on the straight line that of a parabola with the same slope, so that Gauss-Newton steps go down."""
+        straight = 1.0 / np.maximum(missing, 1.0)
+        return self._unit / self.opening.width**2 * np.where(missing < 1.0, 2.0 * missing, straight)
 
     @cached_property
     def by_pose(self) -> csr_array:
@@ -205,25 +208,44 @@ class Narrow(Term):
     """What too narrow slots cost, as a term of the objective of a point.
 
     slopes : (K, coordinates) of their widths by the coordinates at a fixed pose, asked for when there are derivatives
+    widths : (K,) metres after a step, None for those of ``closing``
     """
 
     closing: Closing
     slopes: Callable[[Closing], csr_array]
+    widths: Float[np.ndarray, " k"] | None = None
 
     @cached_property
     def by_x(self) -> csr_array:
         return self.slopes(self.closing)
 
     @property
+    def missing(self) -> Float[np.ndarray, " k"]:
+        """Shares of the widths that are missing."""
+        return (
+            self.closing.missing
+            if self.widths is None
+            else np.maximum(1.0 - self.widths / self.closing.opening.width, 0.0)
+        )
+
+    @property
     def value(self) -> float:
-        return self.closing.value
+        return self.closing.cost(self.missing)
 
     @property
     def gradient(self) -> Change:
-        return self._back(self.closing.slope)
+        return self._back(self.closing.slope(self.missing))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return self._back(self.closing.curvature * (self.closing.by_pose @ moves.ravel() + self.by_x @ change))
+        return self._back(self.closing.curvature(self.missing) * self._forward(moves, change))
+
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:
+        ahead = Narrow(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))
+        ahead.__dict__.update(by_x=self.by_x, _transposed=self._transposed)  # the same derivatives
+        return ahead
+
+    def _forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
+        return self.closing.by_pose @ moves.ravel() + self.by_x @ change
 
     def _back(self, weight: Float[np.ndarray, " k"]) -> Change:
         return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)

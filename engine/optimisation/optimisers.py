@@ -17,12 +17,13 @@ from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
 from . import inverse
-from .bounds import bounded_step
+from .composite import CompositeModel
 from .inverse import Point, Problem
 from .scaling import Bending
 
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
+GOAL = 0.5 * ENOUGH**2  # the mismatch there
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent predicted it, beside its shift
 # Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken
 # from where the tangent predicted them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
@@ -37,7 +38,8 @@ class Trace:
     rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found, or another
         one than the nearest
     ended : why the last search ended, a word of ``newton``
-    bending : how the objective bends, by the number of coordinates: what one stage has learned serves the next
+    bending, damping : how the objective bends and how much steps are damped, by the number of coordinates: what one stage has
+        learned serves the next
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -47,6 +49,7 @@ class Trace:
     unstable: int = 0
     ended: str = "converged"
     bending: dict[int, Bending] = field(default_factory=dict)
+    damping: dict[int, float] = field(default_factory=dict)
 
     def note(self, point: Point) -> None:
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
@@ -75,8 +78,11 @@ def gauss_newton(
     search = _Search(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
     if params.iterations and not problem.work.over:
-        goal = 0.5 * ENOUGH**2 if params.stop else -np.inf
-        trace.ended = minimise(search, start, Damped(params.iterations, params.stop, goal)).ended
+        goal = GOAL if params.stop else -np.inf
+        rule = Damped(params.iterations, params.stop, goal, damping=trace.damping.get(len(start.x)))
+        trace.ended = minimise(search, start, rule).ended
+        if rule.damping is not None:
+            trace.damping[len(start.x)] = rule.damping
     return search.best
 
 
@@ -129,21 +135,16 @@ class _Search:
         point: Point = here.own
         within = self.within(point)
 
-        def product(way: np.ndarray) -> np.ndarray:
-            within(0.0)
-            return point.gauss_newton(way, following) + damping * way
-
         units = self.bending.units(point.value, damping)
-        step = bounded_step(point.x, point.gradient, product, point.rooms, self.params.cg_iterations, units)
+        model = CompositeModel(point, damping, following, self.params.cg_iterations, units, lambda: within(0.0))
+        step = model.minimised().step
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
             return None
         if not np.abs(step).max() > TINY:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         moves = point.moves(step)
-        gain = -float((here.gradient * step).sum() + 0.5 * (step * point.gauss_newton(step)).sum())
-        # near buckling, clipping a step that was not solved to the end may even point uphill: a gain below zero
-        return _Proposal(step, moves, gain)
+        return _Proposal(step, moves, point.value - model.after(step, moves).value)
 
     def tried(self, here: Local, proposal: _Proposal) -> Point | None:
         return _predicted(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))

@@ -34,7 +34,7 @@ from .design_space import DesignSpace
 from .inverse import Point, Problem
 from .objective import Target
 from .open_slots import Opening
-from .optimisers import INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
+from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
 from .terms import LENIENT, STRICT, Bearing
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
@@ -50,7 +50,7 @@ FIRST_STOP = 0.15
 # With the flat shapes, until the spirals have a few steps alone, which cost a third and make room again where the limits of the flat
 # shapes are near. A surface of 1296 quads came to 1.0 mm that way, to 1.12 with three times eight steps first
 FLAT_STEPS, FLAT_STOP = 6, 5e-3
-CYCLES, CYCLE_GAIN = 20, 0.03  # how often at the most, and the share of the objective that another time must promise
+CYCLES, CYCLE_GAIN = 20, 0.05  # how often at the most, and the share of the objective that another time must promise
 # shares of the way that are tried where a patch has come to overlap itself, or the piece to lie too far away
 BACK = 0.5, 0.2
 POLISH_STEPS, POLISHES, GAIN = (
@@ -239,7 +239,8 @@ class Search:
             if not found.value < start.value:
                 break
             here = found
-            if not (here.value < (1.0 - gain) * start.value or here.strained):
+            exact = self.task.params.stop > 0.0 and here.point.mismatch.value < GOAL
+            if not here.strained and (exact or here.value >= (1.0 - gain) * start.value):
                 break
         return here
 

@@ -25,9 +25,9 @@ STIFF = 1.0
 # so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. On a
 # surface of 986 quads the error ended at 0.33 mm with 400, 0.28 with 100 and with 30, where the limit was not kept any more
 WEIGHT = 100.0
-# Excess below the limit from which on arms damp steps, which would else strain many of them beyond it at once. On that surface
-# 3 of 32 steps were refused instead of 11, and the error ended at 0.24 mm instead of 0.27; with 1.0 at 0.26
-NEAR = 0.3
+# Excess below the limit from which on arms are followed along a step, which would else strain many of them beyond it at once: on a shell
+# of 1296 quads three of the first steps with the flat shapes were refused with 0.3, none with 0.5
+NEAR = 0.5
 # How the weight grows where the largest excess is more than this share of what it was before. On that surface strains ended at
 # 1.00 of their limit with 2 and 4, at 1.02 without
 GROWTH, LESS = 2.0, 0.5
@@ -57,6 +57,9 @@ class Term(Protocol):
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         """Of its Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates."""
 
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
+        """Return the term after moves and a change to which the quantities in it, but not the term, respond to first order."""
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -83,21 +86,30 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Apart(Term):
-    """How far the shape is from its target, as a term."""
+    """How far the shape is from its target, as a term; moved : (m, 3) change of the residual, None for none"""
 
     mismatch: Mismatch
+    moved: np.ndarray | None = None
 
     @property
     def value(self) -> float:
-        return self.mismatch.value
+        if self.moved is None:
+            return self.mismatch.value
+        return 0.5 * float(((self.mismatch.residual + self.moved) ** 2).sum())
 
     @property
     def gradient(self) -> Change:
-        return Change(_shifts(self.mismatch.gradient), 0.0)
+        further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
+        return Change(_shifts(self.mismatch.gradient + further), 0.0)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        shifts = moves[: len(self.mismatch.target.points), :3]
-        return Change(_shifts(self.mismatch.backward(self.mismatch.forward(shifts))), 0.0)
+        return Change(_shifts(self.mismatch.backward(self._forward(moves))), 0.0)
+
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Apart:
+        return Apart(self.mismatch, self._forward(moves))
+
+    def _forward(self, moves: np.ndarray) -> Float[np.ndarray, "m 3"]:
+        return self.mismatch.forward(moves[: len(self.mismatch.target.points), :3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,9 +189,7 @@ class Excess(Term):
 
     @property
     def value(self) -> float:
-        push = np.maximum(self._push, 0.0)
-        near = np.minimum(push, HOPELESS)
-        return self._unit / STIFF * float((near * (push - 0.5 * near)).sum())
+        return self._unit / STIFF * _huber(self._push)
 
     @cached_property
     def _force(self) -> Float[np.ndarray, " k"]:
@@ -201,6 +211,46 @@ class Excess(Term):
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         return self._rows.backward(self._curvature * self._rows.forward(moves, change))
 
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
+        return ExcessAhead(self, STIFF * self._by_strain * self._rows.forward(moves, change))
+
+
+@dataclass(frozen=True, eq=False)
+class ExcessAhead(Term):
+    """``Excess`` of the arms that are near their limit, after a change of what pushes them back (k,)."""
+
+    start: Excess
+    change: Float[np.ndarray, " k"]
+
+    @property
+    def _push(self) -> Float[np.ndarray, " k"]:
+        return self.start._push + self.change
+
+    @property
+    def value(self) -> float:
+        return self.start._unit / STIFF * _huber(self._push)
+
+    @property
+    def gradient(self) -> Change:
+        force = self.start._unit * self.start._by_strain * np.clip(self._push, 0.0, HOPELESS)
+        return self.start._rows.backward(force)
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+        push, rows = self._push, self.start._rows
+        share = np.where(push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(push, HOPELESS)), 0.0)
+        curvature = self.start._unit * STIFF * self.start._by_strain**2 * share
+        return rows.backward(curvature * rows.forward(moves, change))
+
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
+        return self.start.ahead(moves, change)
+
+
+def _huber(push: Float[np.ndarray, " k"]) -> float:
+    """Sum of half of the squares of positive pushes, in a straight line beyond ``HOPELESS``."""
+    push = np.maximum(push, 0.0)
+    near = np.minimum(push, HOPELESS)
+    return float((near * (push - 0.5 * near)).sum())
+
 
 def turning(weight: float, moves: np.ndarray) -> Change:
     """Product of half of the squares of the hubs' turns in radians, by a weight: no term, but damps steps."""
@@ -219,3 +269,10 @@ def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray,
 
 def _shifts(pull: np.ndarray) -> np.ndarray:
     return np.concatenate([pull, np.zeros_like(pull)], axis=1)
+
+
+def rows_in_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
+    """(K, columns) rows with two runs of values each, from these columns on."""
+    column = first[..., None] + np.arange(values.shape[2])
+    start = np.arange(0, column.size + 1, column[0].size if len(column) else 1)
+    return csr_array((values.ravel(), column.ravel(), start), shape=(len(values), columns))

@@ -192,6 +192,16 @@ def test_damped_steps_go_downhill_to_the_end() -> None:
     assert (np.diff([one.energy for one in run.history]) < 0.0).all() and problem.refused > 0
 
 
+@pytest.mark.parametrize("share", [0.1, 10.0])
+def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> None:
+    start = np.array([-1.2, 1.0])
+    fresh, later = Damped(1, 0.0, -np.inf), Damped(1, 0.0, -np.inf, damping=None)
+    first = minimise(Residuals(), start, fresh).history[0].modified
+    later.damping = share * first
+    again = minimise(Residuals(), start, later).history[0].modified
+    assert (again < first) if share < 1.0 else (again == first)
+
+
 # -- derivatives of the elastic models -------------------------------------------------------------------------------------
 
 NAMES = ("first shift", "first turn", "second shift", "second turn")

@@ -355,7 +355,7 @@ def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
 
 def test_a_target_with_other_quads_is_refused() -> None:
     design, _ = made()
-    with pytest.raises(FlexMapsError, match="lay out the patches again"):
+    with pytest.raises(FlexMapsError, match="lay out the panels again"):
         optimise.optimise(design, made("saddle")[1], VERO, OptimiseParams(), SimulateParams())
 
 

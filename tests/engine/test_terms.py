@@ -46,3 +46,12 @@ def test_no_step_is_promised_more_than_it_brings(strains: np.ndarray, pushes: fl
         pulled = np.asarray(here.product(hubs, change).own)
         model = here.value + np.asarray(here.gradient.own) @ change + 0.5 * change @ pulled
         assert excess(strains + step, pushes).value <= model * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("pushes", [0.3, HOPELESS])
+def test_what_it_foretells_of_strains_that_follow_a_step_is_exact(strains: np.ndarray, pushes: float) -> None:
+    here, hubs = excess(strains + 0.5, pushes), np.zeros((1, 6))
+    for step in np.random.default_rng(6).normal(size=(20, *strains.shape)) * 0.3:
+        ahead, there = here.ahead(hubs, step.ravel()), excess(strains + 0.5 + step, pushes)
+        assert ahead.value == pytest.approx(there.value, rel=1e-9)
+        np.testing.assert_allclose(np.asarray(ahead.gradient.own), np.asarray(there.gradient.own), rtol=1e-9)
