@@ -334,16 +334,11 @@ def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, siz
         assert page.messages == []
 
 
-def test_on_paper_the_pictures_and_all_steps_stand_for_the_view(browser: ModuleType, folder: Path) -> None:
+def test_on_paper_pictures_stand_for_the_view(browser: ModuleType, folder: Path) -> None:
     with browser.Browser() as page:
         page.open(folder / "share.html", ready=READY)
         page.call("Emulation.setEmulatedMedia", media="print")
-        assert (
-            page.evaluate(
-                "Math.min(...['.instead svg', '.printed'].map((s) => document.querySelector(s).clientHeight))"
-            )
-            > 0
-        )
+        assert page.evaluate("document.querySelector('.instead svg').clientHeight") > 100
 
 
 def test_where_scripts_run_the_pictures_are_not_drawn_first(browser: ModuleType, folder: Path) -> None:
