@@ -47,6 +47,10 @@ class Narrow:
     side: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
 
+    def of(self, some: np.ndarray) -> Narrow:
+        """Some of the gaps."""
+        return Narrow(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
+
     def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """The arms of the pairs and the places on them."""
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
@@ -67,17 +71,12 @@ def narrow(
     some = np.flatnonzero(gap - 2.0 * less < below[which] + between)
     which, t, s, gap, less = which[some], t[some], s[some], gap[some], less[some]
     if least and not _through(lines, pairs, which, t, clockwise).any():
-        # places that may turn out to be the narrowest
-        lowest = np.full(len(below), np.inf)
-        np.minimum.at(lowest, which, gap)
-        some = np.flatnonzero(gap - 2.0 * less <= lowest[which])
-        which, t = which[some], t[some]
-        s, gap, _ = _nearest(lines, pairs, which, t, s[some], _LAST)
-        lowest = _lowest(which, gap)
-        which = which[lowest]
-        t, s, gap = _at_once(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
-        some = np.flatnonzero(gap < below[which])
-        return Narrow(which[some], t[some], s[some], np.ones(len(some)), gap[some])
+        known = np.full(len(below), np.inf)
+        np.minimum.at(known, which, gap)
+        # places that may turn out to be the narrowest of their pair
+        some = np.flatnonzero(gap - 2.0 * less <= known[which])
+        found = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
+        return found.of(found.gap < below[found.pair])
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     # and at the very narrowest place of every pair
     lowest = _lowest(which, gap)
@@ -86,12 +85,21 @@ def narrow(
     which, t, s, gap = (np.concatenate(x) for x in both)
     side = np.where(_through(lines, pairs, which, t, clockwise), -1.0, 1.0)
     some = np.flatnonzero((gap < below[which]) | (side < 0.0))
-    found = Narrow(which[some], t[some], s[some], side[some], gap[some])
+    found = Narrow(which, t, s, side, gap).of(some)
     if not (found.side < 0.0).any():
         return found
     # on the wrong side of the other arm, the distance of the centre lines counts against it
     half = [0.5 * widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in found.both(pairs)]
     return replace(found, gap=found.side * (found.gap + half[0] + half[1]) - half[0] - half[1])
+
+
+def _narrowest_of_pairs(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> Narrow:
+    """The narrowest gap of every pair that has places here, near to the narrowest of these."""
+    s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
+    lowest = _lowest(which, gap)
+    which = which[lowest]
+    t, s, gap = _at_once(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
+    return Narrow(which, t, s, np.ones(len(which)), gap)
 
 
 def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:

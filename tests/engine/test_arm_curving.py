@@ -102,7 +102,7 @@ def models_energy(
     """Energy of the pose by the linear strains between the hubs' centres alone, and with their second order."""
     arms = replace(table_arms(assembly), compliance=compliance)
     at_joint = np.linalg.inv(compliance.sum(axis=1))
-    curving = second_order_strains(arms, at_joint, np.zeros((1, 2, 3)), np.zeros((1, 3)))
+    curving = second_order_strains(arms, at_joint, np.zeros((1, 2, 3)))
     turn = Rotation.from_matrix(turned).as_rotvec()
     shift = Rotation.from_rotvec(-0.5 * turn).apply(place) - [SPACING, 0.0, 0.0]
     strains = np.concatenate([shift, turn])[None]
@@ -132,9 +132,7 @@ def test_energy_is_exact_to_the_third_order(twists: tuple[float, float], clockwi
 def test_straight_arms_bend_into_an_arc() -> None:
     """Closed form: rigid hubs and an arc between them; the chord shortens, which is no compression."""
     arms = table_arms(pair((0.0, 0.0)))
-    curving = second_order_strains(
-        arms, np.linalg.inv(arms.compliance.sum(axis=1)), np.zeros((1, 2, 3)), np.zeros((1, 3))
-    )
+    curving = second_order_strains(arms, np.linalg.inv(arms.compliance.sum(axis=1)), np.zeros((1, 2, 3)))
     hub = HUB * WIDTH
     for axis in (4, 5):
         assert curving[0, 0, axis, axis] == pytest.approx(hub / 4.0 + (SPACING - 2.0 * hub) / 24.0, rel=0.02)
@@ -144,9 +142,9 @@ def test_bend_points_leave_little_for_turns() -> None:
     """The levers to the bend points are made so that turns alone need hardly any correction."""
     arms, radius = table_arms(pair((3.0, 3.0))), 0.5 * SPACING
     point = radius * np.append(bend_point(np.array([3.0]))[0][0], 0.0)
-    at_joint, none = np.linalg.inv(arms.compliance.sum(axis=1)), np.zeros((1, 3))
+    at_joint = np.linalg.inv(arms.compliance.sum(axis=1))
     levers = (np.zeros((1, 2, 3)), np.array([[point, -point]]))
-    between, bent = (second_order_strains(arms, at_joint, lever, none)[0, :3, 3:, 3:] for lever in levers)
+    between, bent = (second_order_strains(arms, at_joint, lever)[0, :3, 3:, 3:] for lever in levers)
     assert np.abs(bent).max() < 0.4 * np.abs(between).max()
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.materials import MATERIALS, Material
 from flexmaps.engine.mechanics.arms import cut
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.spiral import Arms, centre_line, width_at
 
-VERO, THICKNESS = MATERIALS["vero"], 0.002
+VERO, BIRCH, THICKNESS = MATERIALS["vero"], MATERIALS["birch"], 0.002
 
 
 def joints(count: int, *, clockwise: bool = False, seed: int = 0) -> Assembly:
@@ -75,6 +75,26 @@ def test_derivatives_are_differences(clockwise: bool) -> None:
             for arm, number in ((side, numbers[0]), (1 - side, numbers[1])):
                 exact = share * (wrench @ by[:, arm, number] @ wrench) if number is not None else np.zeros(30)
                 np.testing.assert_allclose(found[:, arm], exact, rtol=0, atol=1e-6 * np.abs(exact).max() + 1e-12)
+
+
+@pytest.mark.parametrize("material", [VERO, BIRCH], ids=lambda one: one.name)
+def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
+    known, wrench = joints(30), pulls(1)[0]
+    shape = cut.shapes(known, material)
+
+    def stored(moved: np.ndarray) -> np.ndarray:
+        return wrench @ more_compliant(CutArms.of(known, moved), THICKNESS, material, slopes=False)[0] @ wrench
+
+    yields = arm_compliances(known, material).table.reshape(-1, 6, 6)
+    by = wrench @ cut.by_shapes(known, yields, material) @ wrench
+    assert by.shape == shape.shape
+    # of stubs less is believed, which counts as given
+    whole = cut.believable(CutArms.of(known, shape), yields, more_compliant(CutArms.of(known), THICKNESS, material)[0])
+    assert (whole == 1.0).mean() > 0.9
+    for k, size in enumerate((1e-7, 1e-5, 1e-5, 1e-5)[: shape.shape[1]]):
+        step = size * np.eye(shape.shape[1])[k]
+        found = (stored(shape + step) - stored(shape - step)) / (2.0 * size)
+        assert by[whole == 1.0, k] == pytest.approx(found[whole == 1.0], rel=1e-5, abs=1e-6 * np.abs(found).max())
 
 
 def test_arms_alike_without_cut_are_those_of_the_table() -> None:

@@ -35,8 +35,10 @@ class Blocks:
 
 
 @lru_cache
-def _gauss(points: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.polynomial.legendre.leggauss(points)
+def gauss(points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights of the Gauss quadrature on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    return 0.5 * (x + 1.0), 0.5 * w
 
 
 def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float[np.ndarray, " 24"]:
@@ -46,8 +48,8 @@ def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float
     moments (-Y, X, 1); the three of t; the three of n; the six of the torques (Y tx - X ty, tx, ty); the six of the
     out-of-plane bending moments (-Y ty - X tx, -ty, tx). Products in the order 00, 10, 11, 20, 21, 22.
     """
-    x, w = _gauss(points)
-    u, w = start + (1.0 - start) * 0.5 * (x + 1.0), (1.0 - start) * 0.5 * w
+    x, w = gauss(points)
+    u, w = start + (1.0 - start) * x, (1.0 - start) * w
     turn = np.exp(1j * twist * (1.0 - u))
     velocity = turn * (1.0 - 1j * twist * u)
     speed = np.abs(velocity)

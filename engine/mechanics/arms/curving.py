@@ -32,7 +32,7 @@ from .cut import CutArms
 from .grain import Yielding
 
 POINTS = 10  # of the Gauss quadrature: within 2e-8 of 20 points, on a dome, a saddle and a torus
-BATCH = 512  # joints at a time, so that they stay in the processor's cache
+BATCH = 128  # joints at a time, so that they stay in the processor's cache
 _EYE = np.eye(3)  # without units
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 _NODES, _WEIGHTS = 0.5 * (_X + 1.0), 0.5 * _W  # on [0, 1]
@@ -176,25 +176,20 @@ def second_order_strains(
     arms: Arms,
     at_joint: Float[np.ndarray, "joints 6 6"],
     lever: Float[np.ndarray, "joints 2 3"],
-    offset: Float[np.ndarray, "joints 3"],
     progress: Progress = SILENT,
 ) -> Float[np.ndarray, "joints 6 6 6"]:
-    """(m, 6, 6, 6) D, symmetric in its last two places: the strains' second order, e' = e + e.D.e, of every joint.
+    """(m, 6, 6, 6) D, symmetric in its last two places: the second order, e' = e + e.D.e, of the joints' own motion.
 
     at_joint : (m, 6, 6) stiffness at the joint; lever : (m, 2, 3) m from the hubs to the points between which the shift is
-    measured, in the joint's axes; offset : (m, 3) m from the joint to the middle between them. Strains as in ``ArmModel``.
+    measured, in the joint's axes. Strains as in ``ArmModel``.
     """
-    out = np.empty((len(offset), 6, 6, 6))
+    out = np.empty((len(at_joint), 6, 6, 6))
     for start in range(0, len(out), BATCH):
         progress(start / len(out), "Second order of the strains")
         part = slice(start, start + BATCH)
         some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
-        to_joint = np.broadcast_to(np.eye(6), some.to_joint.shape).copy()
-        to_joint[:, :3, 3:] = skew(offset[part])
-        both = _both(some, at_joint[part]) @ to_joint
-        back = np.linalg.inv(to_joint) @ some.to_joint
-        found = Stations.of(some).bilinear(both).reshape(-1, 6, 36)
-        out[part] = (back @ found).reshape(-1, 6, 6, 6)
+        found = Stations.of(some).bilinear(_both(some, at_joint[part])).reshape(-1, 6, 36)
+        out[part] = (some.to_joint @ found).reshape(-1, 6, 6, 6)
         for k in range(3):
             out[part, :3, 3 + k, 3:] -= _twice(np.broadcast_to(_EYE[k], apart.shape), apart)
     return out

@@ -13,17 +13,17 @@ The levers reach from every place to the tip, which stays where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
 from ...arrays import Complex, Float
 from ...materials import Material
+from ...spirals.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blends
 from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
-from ...spirals.blends import MATE_WIND, OWN_WIDTH, OWN_WIND, blends
 from ...spirals.known import SCALE_RANGE
 from ..assembly import Assembly
-from .beams import SHEAR_FACTOR, torsion_constant
+from .beams import SHEAR_FACTOR, gauss, torsion_constant
 from .grain import Yielding, line_compliance
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
@@ -35,7 +35,10 @@ NUMBERS = 5  # how many these are
 _BLENDED = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 # the same of the root
 _ROOTED = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
-_IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND]  # the same in ``blends``
+# the numbers of ``blends`` by which an arm's end has derivatives: those of the design, and behind them those of ``shapes``
+_IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of these
+_GRAIN = 3  # column of the grain in ``shapes``
 
 # rows and columns of a compliance that are not 0, of the lower triangle
 _PLACES = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
@@ -56,14 +59,7 @@ FILLET_REACH = 0.55
 # cut among them
 POINTS = 8
 ROOT_POINTS = 3  # over the way between both roots: within 4e-6 of 8 in all of them
-STEP = 3e-5  # of the differences by the shapes, in radii and radians: what cutting off and rounding cost is alike
 BATCH = 500  # arms at a time, so that they stay in the processor's cache
-
-
-@lru_cache
-def _nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
-    x, w = np.polynomial.legendre.leggauss(count)
-    return 0.5 * (x + 1.0), 0.5 * w
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +70,8 @@ class CutArms:
     fillet : metres, by how much the fillets at its root are larger than those of the table's arm, and its derivative by the
     width, fillet_by; slope, joint, share : as in ``Blends``, in these axes
     grain : radians from the radius to the grain, of sheets that have one
-    slope_by, joint_by, share_by : (N, 4) by their own width and twist and by those of the arm beyond the joint
+    slope_by, joint_by, share_by : (N, 7) by their own width and twist, by those of the arm beyond the joint, and by the first three
+        of their ``shapes``
     """
 
     radius: Float[np.ndarray, " n"]
@@ -86,9 +83,9 @@ class CutArms:
     slope: Complex[np.ndarray, " n"]
     joint: Float[np.ndarray, " n"]
     share: Float[np.ndarray, " n"]
-    slope_by: Complex[np.ndarray, "n 4"]
-    joint_by: Float[np.ndarray, "n 4"]
-    share_by: Float[np.ndarray, "n 4"]
+    slope_by: Complex[np.ndarray, "n 7"]
+    joint_by: Float[np.ndarray, "n 7"]
+    share_by: Float[np.ndarray, "n 7"]
     grain: Float[np.ndarray, " n"]
 
     @classmethod
@@ -102,7 +99,7 @@ class CutArms:
         grain = shape[:, 3] if shape.shape[1] > 3 else np.zeros(len(radius))
         known = (radius, width.ravel(), twist.ravel(), beside.ravel())
         if cut is None:
-            n, none = len(radius), np.zeros((len(radius), 4))
+            n, none = len(radius), np.zeros((len(radius), 7))
             pure = (np.zeros(n, dtype=complex), known[1], np.ones(n), none.astype(complex), none, none)
             return cls(*known, np.zeros(n), np.zeros(n), *pure, grain)
         if assembly.nodes:
@@ -148,19 +145,30 @@ def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2
 def by_shapes(
     assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
 ) -> Float[np.ndarray, "n _ 6 6"]:
-    """Central differences of what both arms of every joint are more compliant than the table's, by their ``shapes``."""
-    shape, parts = shapes(assembly, material), []
-    for k in range(shape.shape[1]):
-        step = STEP * shape[:, 0] if k == 0 else np.full(len(shape), STEP)
-        found = []
-        for sign in (1.0, -1.0):
-            moved = shape.copy()
-            moved[:, k] += sign * step
-            arms = CutArms.of(assembly, moved)
-            more = more_compliant(arms, assembly.thickness, material, slopes=False)[0]
-            found.append(more * believable(arms, table, more)[:, None, None])
-        parts.append((found[0] - found[1]) / (2.0 * step[:, None, None]))
-    return np.stack(parts, axis=1)
+    """Derivatives of what both arms of every joint are more compliant than the table's, by their ``shapes``.
+
+    The share that is believed of it (see ``believable``) counts as given.
+    """
+    shape = shapes(assembly, material)
+    n, count = len(shape), shape.shape[1]
+    value, by = np.zeros((n, 6, 6)), np.zeros((n, count, 6, 6))
+    arms = CutArms.of(assembly, shape)
+    rows = list(range(1 + count))
+    for start in range(0, n, BATCH):
+        part = slice(start, start + BATCH)
+        some = arms.part(part)
+        lines: list[tuple[float, list[int], _Line]] = [(-1.0, [0, 1, *rows[1 + _GRAIN :]], _between_roots(some, False))]
+        if _unlike(some):
+            lines += zip((1.0, -1.0), (rows, rows), _blended(some, _BY_SHAPE), strict=True)
+        found = _added(some, lines, 1 + count, assembly.thickness, material)
+        fade, _, fade_by = _fade(some)
+        found[:, 1] = found[:, 1] * fade + found[:, 0] * fade_by
+        found[:, 2:] *= fade
+        found[:, 0] *= fade
+        for (i, j), entry in zip(_PLACES, found, strict=True):
+            value[part, i, j] = value[part, j, i] = entry[0]
+            by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
+    return by * believable(arms, table, value)[:, None, None, None]
 
 
 def more_compliant(
@@ -177,18 +185,11 @@ def more_compliant(
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
-        lines = [(-1.0, _ROOTED, _between_roots(some))]
-        if some.slope.any() or (some.joint != some.width).any():
-            lines += zip((1.0, -1.0), (_BLENDED, _BLENDED), _blended(some), strict=True)
-        found = np.zeros((len(_PLACES), NUMBERS + 1, len(some.radius)))
-        for sign, rows, line in lines:
-            place, pace, width, weight = (part[kept] for part in line)
-            if material.orthotropy is None:
-                found[:, rows[kept]] += sign * _beam(place, pace, width, weight, thickness, material)
-            else:
-                grain, of = _dual(some.grain[None], {}, len(place) - 1), partial(Yielding.of, material.orthotropy)
-                found[:, rows[kept]] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
-        fade, fade_by = _fade(some)
+        lines = [(-1.0, _ROOTED[kept], _between_roots(some))]
+        if _unlike(some):
+            lines += zip((1.0, -1.0), (_BLENDED[kept], _BLENDED[kept]), _blended(some), strict=True)
+        found = _added(some, lines, NUMBERS + 1, thickness, material)
+        fade, fade_by, _ = _fade(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by
             found[:, 2 + WIDTH :] *= fade
@@ -198,6 +199,27 @@ def more_compliant(
             if slopes:
                 by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
     return value, by
+
+
+def _unlike(arms: CutArms) -> bool:
+    """Whether any of the arms is blended with another one than its like."""
+    return bool(arms.slope.any() or (arms.joint != arms.width).any())
+
+
+def _added(
+    arms: CutArms, lines: list[tuple[float, list[int], _Line]], count: int, thickness: float, material: Material
+) -> Float[np.ndarray, "12 count n"]:
+    """Sum of the compliances of lines at ``_PLACES``, each with a sign and with the rows to which its value and derivatives go."""
+    out = np.zeros((len(_PLACES), count, len(arms.radius)))
+    for sign, rows, line in lines:
+        place, pace, width, weight = (part[: len(rows)] for part in line)
+        if material.orthotropy is None:
+            out[:, rows] += sign * _beam(place, pace, width, weight, thickness, material)
+            continue
+        turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + _GRAIN and count == 2 + _GRAIN}
+        grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.of, material.orthotropy)
+        out[:, rows] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
+    return out
 
 
 def believable(
@@ -235,30 +257,39 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-def _spiral(arms: CutArms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, S, N); the second number is the twist."""
-    radius, twist = arms.radius, arms.twist
-    wind = twist * t
-    wind[1 + TWIST] += t[0]
-    turn = radius * np.exp(1j * wind[0])
-    place, pace = (1.0 - t[0]) * turn, (1j * twist * (1.0 - t[0]) - 1.0) * turn
+def _spiral(
+    arms: CutArms, t: np.ndarray, *, twist: int | None = None, radius: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, S, N); which of the P numbers are twist and radius."""
+    wind = arms.twist * t
+    if twist is not None:
+        wind[1 + twist] += t[0]
+    turn = arms.radius * np.exp(1j * wind[0])
+    place, pace = (1.0 - t[0]) * turn, (1j * arms.twist * (1.0 - t[0]) - 1.0) * turn
     places = np.concatenate([place[None], 1j * place * wind[1:] - turn * t[1:]])
-    paces = np.concatenate([pace[None], 1j * pace * wind[1:] - 1j * twist * turn * t[1:]])
-    paces[1 + TWIST] += 1j * (1.0 - t[0]) * turn
-    places[0] -= radius
+    paces = np.concatenate([pace[None], 1j * pace * wind[1:] - 1j * arms.twist * turn * t[1:]])
+    if twist is not None:
+        paces[1 + twist] += 1j * (1.0 - t[0]) * turn
+    if radius is not None:
+        places[1 + radius] += place / arms.radius - 1.0
+        paces[1 + radius] += pace / arms.radius
+    places[0] -= arms.radius
     return places, paces
 
 
-def _blended(arms: CutArms) -> tuple[_Line, _Line]:
-    """The blended ends, and the pure spirals in their place."""
-    x, w = _nodes(POINTS)
-    share, joint = (
-        np.concatenate([v[None], by.T])[:, None] for v, by in ((arms.share, arms.share_by), (arms.joint, arms.joint_by))
+def _blended(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
+    """The blended ends, and the pure spirals in their place, with derivatives by the design or by shape and grain."""
+    x, w = gauss(POINTS)
+    of_design, n = by == _BY_DESIGN, len(arms.radius)
+    behind = np.zeros((0 if of_design else 1, n))  # no end follows the grain
+    share, joint, slope = (
+        np.concatenate([v[None], change[:, by].T, behind])[:, None]
+        for v, change in ((arms.share, arms.share_by), (arms.joint, arms.joint_by), (arms.slope, arms.slope_by))
     )
-    slope, x, w = np.concatenate([arms.slope[None], arms.slope_by.T])[:, None], x[:, None], w[:, None]
+    x, w = x[:, None], w[:, None]
     t, weight = share * x, share * w
-    place, pace = _spiral(arms, t)
-    width = _dual(arms.width[None], {WIDTH: 1.0}, 4)
+    place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
+    width = _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, 4)
     xx = x * x
     # the quintics of ``spirals.spiral``
     bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
@@ -267,28 +298,33 @@ def _blended(arms: CutArms) -> tuple[_Line, _Line]:
     return (bent, speed, wide, weight), (place, pace, width, weight)
 
 
-def _between_roots(arms: CutArms) -> _Line:
-    """Pure spirals from where the table's arms begin to where these do."""
-    x, w = _nodes(ROOT_POINTS)
+def _between_roots(arms: CutArms, of_design: bool = True) -> _Line:
+    """Pure spirals from where the table's arms begin to where these do, with derivatives by the design or by radius and grain."""
+    x, w = gauss(ROOT_POINTS)
     radius = arms.radius
     first, last = arms.roots
-    free = last < LAST_ROOT
-    own = _dual(first, {WIDTH: np.where(first < LAST_ROOT, HUB / radius, 0.0)}, 3)
-    moved = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
-    true = _dual(last, {k: np.where(free, v, 0.0) for k, v in moved.items()}, 3)
+    by_first, by_last = {0: -first / radius}, {0: -last / radius}
+    if of_design:
+        by_first = {WIDTH: HUB / radius}
+        by_last = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
+    count = 3 if of_design else 2
+    own, true = (
+        _dual(root, {k: np.where(root < LAST_ROOT, v, 0.0) for k, v in by.items()}, count)
+        for root, by in ((first, by_first), (last, by_last))
+    )
     way = (true - own)[:, None]
     t = -(own[:, None] + way * x[:, None])
     t[0] += 1.0
-    place, pace = _spiral(arms, t)
-    return place, pace, _dual(arms.width[None], {WIDTH: 1.0}, 3), way * w[:, None]
+    place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
+    return place, pace, _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, count), way * w[:, None]
 
 
-def _fade(arms: CutArms) -> tuple[np.ndarray, np.ndarray]:
-    """(N,): 1 for arms in the table's range, 0 for stubs, and the derivative by the width."""
+def _fade(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,): 1 for arms in the table's range, 0 for stubs, and the derivatives by the width and by the radius."""
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
-    slope = 6.0 * s * (1.0 - s) / span * -ratio / arms.width
-    return s * s * (3.0 - 2.0 * s), slope
+    slope = 6.0 * s * (1.0 - s) / span * ratio
+    return s * s * (3.0 - 2.0 * s), -slope / arms.width, slope / arms.radius
 
 
 def _beam(

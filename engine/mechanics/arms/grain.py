@@ -24,7 +24,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...materials import Orthotropy
-from .beams import SHEAR_FACTOR, Blocks, torsion_constant
+from .beams import SHEAR_FACTOR, Blocks, gauss, torsion_constant
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
 # Gauss points along an arm: compliances of 300 random arms with moduli of 16 to 1 are within 1e-6 of those of 96 points up to
@@ -259,13 +259,13 @@ class GrainBeams:
         self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray, grain: np.ndarray
     ) -> Float[np.ndarray, "12 5 n"]:
         """Of some arms, by the numbers above; 1/Pa, lengths in arm widths."""
-        x, w = np.polynomial.legendre.leggauss(POINTS)
+        x, w = gauss(POINTS)
         radius, n = 0.5 * scale, len(scale)
         width, angle, weight = np.zeros((5, 1, n)), np.zeros((5, 1, n)), np.zeros((5, POINTS, 1))
-        width[0], width[1 + _WIDTH], weight[0] = 1.0, 1.0, 0.5 * w[:, None]
+        width[0], width[1 + _WIDTH], weight[0] = 1.0, 1.0, w[:, None]
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
-        t[0] = 0.5 * (x[:, None] + 1.0)
+        t[0] = x[:, None]
         # how far the hub holds the stations' sections, by their distance from the centre in widths
         away = radius * (1.0 - t[0])
         share = np.zeros((5, POINTS, n))
@@ -275,7 +275,7 @@ class GrainBeams:
         lines, free = _spiral(radius, twist, t), partial(Yielding.of, self.known)
         along = line_compliance(*lines, width, weight, angle, height, free)
         weight = weight * share[:1] + weight[:1] * share
-        weight[0] = 0.5 * w[:, None] * share[0]
+        weight[0] = w[:, None] * share[0]
         along += line_compliance(*lines, width, weight, angle, height, partial(Yielding.of_held, self.known))
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius

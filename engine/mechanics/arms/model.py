@@ -53,7 +53,7 @@ class ArmModel:
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
     stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
     offset : (m, 3) metres, from the joint to the middle between both bend points at rest, in the joint's axes
-    curving : (m, 6, 6, 6) the strains' second order; None leaves it out
+    curving_at_joint : (m, 6, 6, 6) the second order of the joints' own motion; None leaves it out
     """
 
     assembly: Assembly
@@ -64,7 +64,7 @@ class ArmModel:
     rest: Float[np.ndarray, "joints 3"]
     stiffness: Float[np.ndarray, "joints 6 6"]
     offset: Float[np.ndarray, "joints 3"]
-    curving: Float[np.ndarray, "joints 6 6 6"] | None = None
+    curving_at_joint: Float[np.ndarray, "joints 6 6 6"] | None = None
     name: str = "arm"
 
     @classmethod
@@ -93,7 +93,7 @@ class ArmModel:
         change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
         compliance = self.compliance.varied(change, self._by_shapes) if change.any() else self.compliance
         found = self._with(assembly, compliance, self.assembly.bend[0], self.material, False)
-        return found if self.curving is None else found.with_curving(self.curving_at_joint)
+        return found.with_curving(self.curving_at_joint)
 
     def with_compliance(self, compliance: ArmCompliances) -> ArmModel:
         """The model of the same spirals, whose arms have these compliances; without the strains' second order."""
@@ -118,9 +118,9 @@ class ArmModel:
         return known.by
 
     @cached_property
-    def curving_at_joint(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
-        """(m, 6, 6, 6) the second order of the joints' own motion, instead of that of the bend points."""
-        return None if self.curving is None else moved_curving(self.curving, self.offset)
+    def curving(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
+        """(m, 6, 6, 6) the strains' second order, that of the bend points' motion."""
+        return None if self.curving_at_joint is None else moved_curving(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
         """The model with the second order of its own strains."""
@@ -128,7 +128,7 @@ class ArmModel:
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
         """The model with this second order of the joints' own motion (m, 6, 6, 6)."""
-        return replace(self, curving=None if at_joint is None else moved_curving(at_joint, -self.offset))
+        return replace(self, curving_at_joint=at_joint)
 
     @classmethod
     def _with(
@@ -152,7 +152,7 @@ class ArmModel:
         if curving:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
             arms = Arms.of(assembly, material, compliance.values)
-            second = second_order_strains(arms, at_joint, held, offset, progress)
+            second = second_order_strains(arms, at_joint, held, progress)
         rest = beyond[:, 0] - beyond[:, 1]
         return cls(assembly, compliance, material, at_joint, lever, rest, stiffness, offset, second)
 
@@ -185,7 +185,7 @@ class ArmModel:
             self,
             assembly=assembly,
             compliance=self.compliance.part(joints),
-            curving=None if self.curving is None else self.curving[joints],
+            curving_at_joint=None if self.curving_at_joint is None else self.curving_at_joint[joints],
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
 
@@ -231,15 +231,15 @@ class ArmModel:
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
-        e, slope = _curved(state.motion.vector, self.curving)
-        wrench = times(np.swapaxes(slope, -1, -2), times(self.stiffness, e))
-        wrench[:, 3:] += np.cross(self.offset, wrench[:, :3])
-        return wrench
+        motion = state.motion.vector
+        motion[:, :3] += np.cross(self.offset, motion[:, 3:])
+        e, slope = _curved(motion, self.curving_at_joint)
+        return times(np.swapaxes(slope, -1, -2), times(self.at_joint, e))
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
         """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
-        strains, slope = _curved(state.motion.vector, self.curving)
-        inner = times(np.swapaxes(slope, 1, 2), times(self.stiffness, strains))
+        inner = self.wrenches(state)
+        inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
         return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
