@@ -188,7 +188,7 @@ def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.nda
 
     # a live piece needs no derivatives by the design
     compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
-    names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving")
+    names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving_at_joint")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
 

@@ -12,6 +12,7 @@ The levers reach from every place to the tip, which stays where it is.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -242,7 +243,7 @@ def believable(
 _Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def _dual(value: np.ndarray, by: dict[int, np.ndarray | float], count: int) -> np.ndarray:
+def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -> np.ndarray:
     out = np.zeros((1 + count, *value.shape), dtype=value.dtype)
     out[0] = value
     for k, change in by.items():
