@@ -232,7 +232,9 @@ def _from_blender(source: Any) -> Piece:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
     # what somebody has chosen, or has cut already, stays
-    settled = obj.flexmaps.spiral.is_property_set("border") or found.result is None or found.result.flat is not None
+    own = getattr(obj, "flexmaps", None)  # none where the extension is not registered
+    chosen = own is not None and own.spiral.is_property_set("border")
+    settled = chosen or found.result is None or found.result.flat is not None
     return Piece(
         name,
         found.source,
