@@ -25,7 +25,7 @@ def eased(simulation: Simulation) -> Eased | None:
 
     def strain(times: float, thickness: float) -> float:
         changed = replace(given, lever=times * given.lever, thickness=thickness)
-        model = ArmModel.of(changed, material, curving=old.curving is not None, slopes=False)
+        model = ArmModel.of(changed, material, curving=old.curving_at_joint is not None, slopes=False)
         there = replace(pose, centres=times * pose.centres)
         if thickness != given.thickness:
             there = solve(model, there, simulation.loads, SimulateParams(restarts=0)).pose
