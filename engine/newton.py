@@ -301,7 +301,7 @@ class Damped:
     """Damped steps (Levenberg 1944, Marquardt 1963): more damping where the model predicts badly, less where it does well.
 
     stop : relative fall below which, twice in a row, the search ends; goal : energy below which nothing is left to gain
-    damping : of the last search, if there was one, which the first step takes where it is below that of a step along the gradient
+    damping : with which an earlier search has ended, or None; the first step takes no more than a step along the gradient needs
     """
 
     iterations: int

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
+from ...engine.simulation.visible import FAR
 from . import cures, equilibrium, failures, flat_target, notes, origin, states
 from .cures import Cure
 from .i18n import interface, translate
@@ -331,8 +332,6 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
 
 def _far(block: dict[str, Any]) -> bool:
     """Whether a piece as a whole lies far from its target, and not only one of its small bodies."""
-    from ...engine.simulation.shortfall import FAR
-
     return 0.01 * block.get("rms_percent", 100.0) > FAR
 
 

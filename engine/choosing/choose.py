@@ -76,8 +76,8 @@ def choose(
             _cut_there(search, progress.part(0.1, 1.0))
         else:
             _sought(search, first, progress.part(0.1, 0.8))
-        if params.goal == "match" and not params.near and search.judged and not search.holds(search.judged[0]):
-            _alike(search, first, progress.part(0.8, 1.0))
+            if params.goal == "match" and search.judged and not search.holds(search.judged[0]):
+                _alike(search, first, progress.part(0.8, 1.0))
     except Cancelled:
         if not search.judged:
             raise

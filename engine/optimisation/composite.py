@@ -1,4 +1,4 @@
-"""Steps of a composite model: the terms of the objective are evaluated where slots, strains and centres follow a step to first order.
+"""Steps of a composite model: slots, strains and centres follow a step to first order, and the objective is evaluated exactly of them.
 
 A quadratic model at the start of a step knows nothing of arms and slots that come near their limits along it. Here the terms
 are expanded again where the last part of the step has led, without another equilibrium (Lewis and Wright 2016, A Proximal Method for

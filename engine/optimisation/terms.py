@@ -25,8 +25,8 @@ STIFF = 1.0
 # so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. On a
 # surface of 986 quads the error ended at 0.33 mm with 400, 0.28 with 100 and with 30, where the limit was not kept any more
 WEIGHT = 100.0
-# Excess below the limit from which on arms are followed along a step, which would else strain many of them beyond it at once: on a shell
-# of 1296 quads three of the first steps with the flat shapes were refused with 0.3, none with 0.5
+# Relative distance below the limit within which arms belong to the model of a step; without them a step may strain many beyond it at
+# once. On a shell of 1296 quads three of the first steps with the flat shapes were refused with 0.3, none with 0.5
 NEAR = 0.5
 # How the weight grows where the largest excess is more than this share of what it was before. On that surface strains ended at
 # 1.00 of their limit with 2 and 4, at 1.02 without
@@ -58,7 +58,7 @@ class Term(Protocol):
         """Of its Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates."""
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
-        """Return the term after moves and a change to which the quantities in it, but not the term, respond to first order."""
+        """Return the term after a step: its strains, gaps and distances follow to first order, their penalty is evaluated anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,26 +187,33 @@ class Excess(Term):
     def _by_strain(self) -> float:
         return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
 
+    def value_at(self, push: Float[np.ndarray, " k"]) -> float:
+        """Return the value where the arms are pushed back by so much."""
+        return self._unit / STIFF * _huber(push)
+
+    def gradient_at(self, push: Float[np.ndarray, " k"]) -> Change:
+        """Return the gradient where the arms are pushed back by so much."""
+        return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, HOPELESS))
+
+    def curvature_at(self, push: Float[np.ndarray, " k"], below: Float[np.ndarray, " k"] | float) -> np.ndarray:
+        """Return (k,) second derivatives by the strains: of the parabola with the same slope, so that Gauss-Newton steps go down.
+
+        below : their share of the full one for arms that are not pushed back
+        """
+        share = np.where(push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(push, HOPELESS)), below)
+        return self._unit * STIFF * self._by_strain**2 * share
+
     @property
     def value(self) -> float:
-        return self._unit / STIFF * _huber(self._push)
-
-    @cached_property
-    def _force(self) -> Float[np.ndarray, " k"]:
-        """Of the objective by the strains."""
-        return self._unit * self._by_strain * np.clip(self._push, 0.0, HOPELESS)
+        return self.value_at(self._push)
 
     @property
     def gradient(self) -> Change:
-        return self._rows.backward(self._force)
+        return self.gradient_at(self._push)
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
-        """By the strains: that of the parabola with the same slope, so that Gauss-Newton steps go down."""
-        share = np.where(
-            self._push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(self._push, HOPELESS)), 1.0 + self._push / NEAR
-        )
-        return self._unit * STIFF * self._by_strain**2 * share
+        return self.curvature_at(self._push, 1.0 + self._push / NEAR)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         return self._rows.backward(self._curvature * self._rows.forward(moves, change))
@@ -217,7 +224,10 @@ class Excess(Term):
 
 @dataclass(frozen=True, eq=False)
 class ExcessAhead(Term):
-    """``Excess`` of the arms that are near their limit, after a change of what pushes them back (k,)."""
+    """``Excess`` after a step.
+
+    change : (k,) how much more the arms in the model are pushed back than at its start
+    """
 
     start: Excess
     change: Float[np.ndarray, " k"]
@@ -228,18 +238,15 @@ class ExcessAhead(Term):
 
     @property
     def value(self) -> float:
-        return self.start._unit / STIFF * _huber(self._push)
+        return self.start.value_at(self._push)
 
     @property
     def gradient(self) -> Change:
-        force = self.start._unit * self.start._by_strain * np.clip(self._push, 0.0, HOPELESS)
-        return self.start._rows.backward(force)
+        return self.start.gradient_at(self._push)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        push, rows = self._push, self.start._rows
-        share = np.where(push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(push, HOPELESS)), 0.0)
-        curvature = self.start._unit * STIFF * self.start._by_strain**2 * share
-        return rows.backward(curvature * rows.forward(moves, change))
+        rows = self.start._rows
+        return rows.backward(self.start.curvature_at(self._push, 0.0) * rows.forward(moves, change))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
         return self.start.ahead(moves, change)

@@ -16,8 +16,8 @@ from ..arrays import Bool, Float, Int
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
+from .visible import FAR
 
-FAR = 0.02  # RMS distance as a share of the piece's diagonal that anybody sees at once: 8 mm on 400 mm
 MISSED = 0.5  # RMS distance as a share of the target's relief: more than half of what should stand up does not
 FLAT = 0.25  # share of the target's relief below which a piece has stayed flat
 LOW = 0.005  # relief as a share of the diagonal below which the target itself is as good as flat

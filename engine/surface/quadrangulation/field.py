@@ -14,7 +14,8 @@ from ...errors import FlexMapsError
 # alignment to curvature beside smoothness, both free of units: over 18 meshes of many kinds 4 lowers the angle to the
 # principal curvatures in 15 against 0 and hardly adds irregular points; 16 adds a third on smooth shells
 ALIGNMENT = 4.0
-# Of the crosses' equations, relative. Ten times as much turns crosses by up to 1e-3 rad and moves no irregular point of an ellipsoid
+# Relative residual at which the solution for the crosses is accepted. Ten times as much turns crosses by up to 1e-3 rad and moves no
+# irregular point of an ellipsoid
 TOLERANCE = 1e-6
 ROUNDS = 20  # of smoothing, over three decades of distance squared; a sphere has its eight irregular points after these
 
@@ -171,8 +172,9 @@ def cross_field(
     cross = np.where(fixed, value, wanted)
     if not len(free):
         return CrossField(mesh, np.angle(cross) / 4)
-    inner = smooth[free][:, free]
-    pulled = (pull * wanted)[free] - smooth[free][:, np.flatnonzero(fixed)] @ value[fixed]
+    rows = smooth[free]
+    inner = rows[:, free]
+    pulled = (pull * wanted)[free] - rows[:, np.flatnonzero(fixed)] @ value[fixed]
     pull, areas, solver = pull[free], mesh.areas[free], None
     solved = cross[free]
     # first nearly without memory, which finds the field's large features wherever it began, then ever more local
@@ -188,7 +190,7 @@ def cross_field(
 class _Solver:
     """Conjugate gradients for Hermitian matrices that differ by their diagonals, preconditioned by the factors of the first.
 
-    Factors of every matrix would take four times as long.
+    Factors of every matrix take two to eight times as long, on six of Blender's own objects with 192 to 15,744 triangles.
     """
 
     def __init__(self, first: csr_array):
