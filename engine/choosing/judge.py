@@ -14,6 +14,7 @@ from ..optimisation.reach import reach
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches, flatten, overlapping
 from ..patches.layout import PatchLayout
+from ..patches.merging.dissolve import without_crumbs
 from ..patches.splitting.split import split
 from ..patches.tracing.trace import make_disks
 from ..progress import SILENT, Progress
@@ -118,8 +119,8 @@ class Judged:
 
 
 def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
-    """An idea laid flat: what is no disk is opened, what is larger than a sheet is cut. None where that cannot be, or
-    where it would be no other than one that is not ``even``.
+    """An idea laid flat: what is no disk is opened, crumbs are joined, what is larger than a sheet is cut. None where that
+    cannot be, or where it would be no other than one that is not ``even``.
 
     most : radians of curvature that a panel may take up; what has more is not tried
     """
@@ -132,6 +133,7 @@ def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SIL
         disks = make_disks(PatchLayout(piece.mesh, cut))
         if taken_up(disks) > most:
             return None
+        disks = without_crumbs(disks, layout, piece.symmetries, progress)
         flat = split(flatten(disks, layout, progress), layout, sheet, progress)
     except FlexMapsError:
         return None

@@ -131,8 +131,9 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
             assert even is None  # there is no need for another
         else:
             lost += 1
-            assert even is not None and even.symmetric > 1
-            assert (even.cut >= cut).all() and PatchLayout(mesh, even.cut).planar.all()
+            assert even is not None and even.symmetric > 1 and PatchLayout(mesh, even.cut).planar.all()
+            opened = lines.evenly(cut, mesh, found)  # before crumbs are joined
+            assert opened is not None and (opened >= cut).all()
     assert lost
     lopsided = np.zeros(len(mesh.edges), dtype=bool)
     lopsided[:3] = True
@@ -155,6 +156,36 @@ def test_what_cannot_be_laid_flat_is_no_layout() -> None:
     opened = lay(piece, Idea(nothing, "no cut at all"))
     assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
     assert lay(piece, Idea(nothing, "too curved"), most=0.1) is None
+
+
+@pytest.mark.parametrize("corner", [(1, 1), (1, 2), (2, 2)])
+def test_panels_below_the_smallest_size_are_joined_to_their_neighbours(corner: tuple[int, int]) -> None:
+    """A corner of a few quads is cut off a dome, and its mirror images: both a panel and a neck are too small."""
+    mesh = grid(8, 6)
+    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    column, row = np.divmod(np.arange(len(mesh.quads)), 6)
+    parts = (np.minimum(column, 7 - column) < corner[0]) & (np.minimum(row, 5 - row) < corner[1])
+    for kept in (parts, parts & (column < 4) & (row < 3)):
+        one, two = mesh.edge_quads.T
+        cut = (kept[one] != kept[two]) & ~mesh.border
+        assert min(len(quads) for quads in PatchLayout(mesh, cut).patches) < 6
+        laid = lay(piece, Idea(cut, "corners"))
+        assert laid is not None
+        assert min(len(quads) for quads in laid.flat.layout.patches) >= 6
+        assert (laid.flat.layout.isthmus_widths(own=False) >= 2).all()
+        assert float(laid.flat.energy.max()) <= piece.settings.layout.distortion_limit
+        assert len(keeping(piece.symmetries, laid.cut)) >= len(keeping(piece.symmetries, cut))
+
+
+def test_small_panels_stay_where_no_neighbour_can_take_them() -> None:
+    """Two bodies, one of them of four quads: nothing is beside it."""
+    large, small = grid(6, 6), grid(2, 2)
+    mesh = QuadMesh(
+        np.concatenate([large.vertices, small.vertices + np.array([1.0, 0.0, 0.0])]),
+        np.concatenate([large.quads, small.quads + len(large.vertices)]),
+    )
+    laid = lay(Piece(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
+    assert laid is not None and sorted(len(quads) for quads in laid.flat.layout.patches) == [4, 36]
 
 
 def judged_of(laid: Laid, blame: np.ndarray) -> Judged:

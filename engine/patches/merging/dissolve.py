@@ -6,16 +6,47 @@ among several, or keep part of a cut as a dart, even if what comes of it has a n
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ...arrays import Int
-from .board import NOTHING, Board, Change
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...surface.symmetry import Symmetry, keeping
+from ..layout import PatchLayout
+from .board import NOTHING, Board, Change, Effort
 from .sketch import Piece
-from .straighten import badness, gain_of
+from .straighten import badness, gain_of, widen
 
+# quads times solves for every quad: a bound that is the same on every machine. Layouts with many crumbs take 180 to 230
+WORK = 500.0
 DRAWN = 1e-3  # what an edge of cut counts beside a patch: it only decides between equals
+
+
+def without_crumbs(
+    layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
+) -> PatchLayout:
+    """Return a layout whose panels below the smallest size and necks were joined to neighbours that can take them.
+
+    Parameters
+    ----------
+    layout : panels that are disks
+    params : the limits that the joined panels keep; its symmetries stay kept
+
+    Returns
+    -------
+    The layout itself where it has no such panel or neck, or no neighbour can take one.
+    """
+    small = min(len(quads) for quads in layout.patches) < params.patch_min
+    if len(layout.patches) < 2 or not (small or (layout.isthmus_widths(own=False) < params.neck_min).any()):
+        return layout
+    effort = Effort(WORK * len(layout.mesh.quads))
+    board = Board(layout, params, keeping(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
+    board.distortion_share = 1.0
+    changed = widen(board)
+    changed |= dissolve(board)
+    return PatchLayout(layout.mesh, board.cut, dict(layout.notes)) if changed else layout
 
 
 def dissolve(board: Board) -> bool:
