@@ -37,6 +37,27 @@ class PolygonMesh:
             return self
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
+    def in_order(self) -> PolygonMesh:
+        """The same polygons with vertices and faces numbered by where they lie, so that one shape has one numbering.
+
+        Blender's own primitives are numbered otherwise every time that they are made.
+        """
+        order = np.lexsort(self.vertices.T[::-1])
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order))
+        corners, sizes = rank[self.corners], self.sizes.astype(np.int64)
+        starts = np.cumsum(sizes) - sizes
+        low = np.minimum.reduceat(corners, starts)
+        at = np.arange(len(corners)) - np.repeat(starts, sizes)
+        lowest = np.where(corners == np.repeat(low, sizes), at, len(corners))
+        shift = np.minimum.reduceat(lowest, starts)
+        turned = corners[np.repeat(starts, sizes) + (at + np.repeat(shift, sizes)) % np.repeat(sizes, sizes)]
+        faces = np.lexsort((turned[starts + 2], turned[starts + 1], turned[starts]))
+        sizes = sizes[faces]
+        begins = np.cumsum(sizes) - sizes
+        places = np.repeat(starts[faces] - begins, sizes) + np.arange(len(turned))
+        return replace(self, vertices=self.vertices[order], corners=turned[places], sizes=sizes)
+
     @classmethod
     def of(cls, mesh: QuadMesh) -> PolygonMesh:
         """A quad mesh as polygons."""

@@ -396,3 +396,24 @@ def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monk
     assert not found.findings and requad.is_closed(found.polygons)
     judged = requad.Judged(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
     assert requad._Search(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
+
+
+def test_one_shape_gives_one_numbering() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(9, 3))
+    faces = [[0, 1, 2], [2, 1, 3, 4], [4, 5, 6, 7, 8], [8, 0, 2]]
+
+    def mesh(points: np.ndarray, faces: list[list[int]]) -> PolygonMesh:
+        return PolygonMesh(points, np.concatenate(faces), np.array([len(face) for face in faces]))
+
+    once = mesh(points, faces).in_order()
+    same = {frozenset(tuple(points[v]) for v in face) for face in faces}
+    begins = np.cumsum(once.sizes)[:-1]
+    assert {frozenset(tuple(once.vertices[v]) for v in face) for face in np.split(once.corners, begins)} == same
+    for _ in range(10):
+        new = rng.permutation(len(points))  # vertex k of the other numbering was vertex new[k]
+        place = np.argsort(new)
+        turned = [np.roll(place[face], rng.integers(len(face))).tolist() for face in faces]
+        again = mesh(points[new], [turned[k] for k in rng.permutation(len(faces))]).in_order()
+        assert (again.vertices == once.vertices).all() and (again.sizes == once.sizes).all()
+        assert (again.corners == once.corners).all()

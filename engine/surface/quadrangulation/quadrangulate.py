@@ -7,6 +7,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
+from ...threads import one_thread
 from ..mesh import PolygonMesh
 from .even import evened, smoothed
 from .extraction import extracted
@@ -33,6 +34,7 @@ WHOLE = 1000
 SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
 
 
+@one_thread  # with more, sums differ from run to run, and with them whole numbers of the map
 def quadrangulate(
     mesh: PolygonMesh,
     edge: float,

@@ -99,7 +99,7 @@ def requad(mesh: PolygonMesh, count: int, tool: Tool, progress: Progress = SILEN
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         raise FlexMapsError("The mesh has no faces, or corners without a place; give it some, or delete those")
-    mesh = welded(mesh)
+    mesh = welded(mesh).in_order()
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
     triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
