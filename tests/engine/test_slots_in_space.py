@@ -130,3 +130,14 @@ def test_a_squeezed_shape_names_the_spirals_whose_slots_close(dome):
     assert block["slots_closed"] == len(slots.closed) > 0 and block["slot_min_mm"] == 1e3 * slots.width.min() < 0.0
     assert len(dome.slots().closed) < 0.2 * len(slots.closed)
     assert replace(dome, equilibrium=replace(squeezed, converged=False)).slots() is None
+
+
+def test_arms_of_different_bodies_are_no_slot(flat_grid):
+    made = design.SpiralDesign(flat_grid(2, 1), PARAMS, np.full((2, 4), 0.002), np.zeros(2))
+    arms = bent(made, flat_pose(made))
+    place = arms.place.copy()
+    place[6] += np.array([0.0012 - 0.02, 0.0, 0.0])  # one arm through the other
+    through = replace(arms, place=place)
+    assert (slots_in_space(made, through).arms // 4 == [0, 1]).all(axis=1).any()
+    made.flat.layout.mesh.__dict__["body_of"] = np.array([0, 1])
+    assert not (slots_in_space(made, through).arms // 4 == [0, 1]).all(axis=1).any()

@@ -107,7 +107,7 @@ def _within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Arms (n,) of different spirals that come near each other, and places t and s (n, M) about the nearest ones.
 
-    Arms that meet at a joint are no such pair.
+    Arms that meet at a joint are no such pair, nor those of different bodies, which are pieces of their own.
     """
     bent = bent.first(4 * len(design.width))
     count, stations = bent.place.shape[:2]
@@ -120,7 +120,8 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
     mesh = design.flat.layout.mesh
     joint = (4 * mesh.edge_quads + mesh.edge_sides)[~mesh.border]
     mate[joint] = joint[:, ::-1]
-    keep = (arm[:, 0] // 4 != arm[:, 1] // 4) & (mate[arm[:, 0]] != arm[:, 1])
+    body = mesh.body_of[arm // 4]
+    keep = (arm[:, 0] // 4 != arm[:, 1] // 4) & (mate[arm[:, 0]] != arm[:, 1]) & (body[:, 0] == body[:, 1])
     keep &= ~design.absent.ravel()[arm].any(axis=1)
     pair, arm = pair[keep], arm[keep]
     apart = np.linalg.norm(np.diff(bent.place.reshape(-1, 3)[pair], axis=1)[:, 0], axis=1)

@@ -1,0 +1,59 @@
+"""Spirals are wound less where their slots close in space, at the end of a search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flexmaps.engine.materials import material
+from flexmaps.engine.optimisation.optimise import Found, _opened, unwound
+from flexmaps.engine.optimisation.optimisers import Trace
+from flexmaps.engine.optimisation.search import Search, Task
+from flexmaps.engine.optimisation.work import Work
+from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
+from flexmaps.engine.patches.flattening import flatten
+from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.progress import SILENT
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
+
+
+@pytest.fixture(scope="module")
+def wound() -> tuple[Task, Found]:
+    """A dome of spirals wound so far that slots close, as a search would have left it."""
+    mesh, pom = shapes.make("dome"), material("pom")
+    flat, count = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
+    params = SpiralParams(width_min=0.0006)
+    made = design.fitted(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
+    task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
+    at_rest = simulate(made, mesh, pom, SimulateParams())
+    problem = task.problem(made)
+    point = problem.at(problem.space.coordinates(made.width, made.twist), at_rest.equilibrium.pose)
+    return task, Found(at_rest, point, np.inf)
+
+
+def test_slots_open_and_the_shape_hardly_changes(wound):
+    task, found = wound
+    before = found.simulation
+    after = _opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
+    assert len(before.slots().closed) > 20  # or this shows nothing
+    assert len(after.slots().closed) < 0.25 * len(before.slots().closed)
+    assert (after.design.twist <= before.design.twist).all()
+    assert after.match["laplacian_rmse_mm"] <= 1.05 * before.match["laplacian_rmse_mm"]
+    again = simulate(after.design, after.target, after.material, SimulateParams())
+    assert again.match["rms_percent"] == pytest.approx(after.match["rms_percent"], rel=1e-2)
+
+
+def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
+    found = wound[1]
+    made, slots = found.simulation.design, found.simulation.slots()
+    free = np.arange(len(made.twist)) % 2 == 0
+    beside = np.isin(np.arange(len(free)), slots.arms[slots.width < 0.0] // 4)
+    twist = unwound(made, slots, free)
+    assert (twist[beside & free] < made.twist[beside & free]).all()
+    assert (twist[~(beside & free)] == made.twist[~(beside & free)]).all()
+    nearly = replace(made, twist=np.full(len(free), 0.05))
+    assert (unwound(nearly, slots, free)[beside & free] == 0.0).all()
+    assert unwound(nearly, slots, np.zeros(len(free), bool)) is nearly.twist
