@@ -160,9 +160,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     from ..bridge.hosts import remesh as remeshing
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
-    found = remeshing.quads_of(
-        piece.source, wanted.remesh.quads, wanted.remesh.smooth, progress_of(progress), wanted.remesh.crumbs
-    )
+    found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
     made = begun(
         Piece(piece.name, replace(found.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
         piece.edge,

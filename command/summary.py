@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..engine.surface.checking.finding import counted
+
 FAULTS = 5  # kinds of faults that are told, so that the rest stays in sight; by eye
 
 
@@ -12,29 +14,29 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     """What every stage that ran has made, and where it is."""
     if "input" in described:
         given = described["input"]
-        print(f"{given['file']}: {given['quads']} quads, edge {given['edge_mm']:.1f} mm, "
+        print(f"{given['file']}: {counted(given['quads'], 'quad', 'quads')}, edge {given['edge_mm']:.1f} mm, "
               f"{' x '.join(f'{x:.0f}' for x in given['size_mm'])} mm")  # fmt: skip
     for finding in described["checks"]:
         print(f"  {finding['severity']}: {finding['message']}")
     if "layout" in described:
         layout = described["layout"]
-        print(f"  {layout['patches']} panels, worst distortion {layout['energy_max']:.4f}")
+        print(f"  {counted(layout['patches'], 'panel', 'panels')}, worst distortion {layout['energy_max']:.4f}")
         for text in layout.get("remarks", ()):
             print(f"  warning: {text}")
     if "choose" in described:
         choice = described["choose"]
-        print(f"  {choice['note']} {choice['layouts_judged']} layouts were judged:")
+        print(f"  {choice['note']} {counted(choice['layouts_judged'], 'layout was', 'layouts were')} judged:")
         for number, one in enumerate(choice["proposals"]):
             mark, most = "*" if number == choice["taken"] else " ", "" if one["proved"] else "at most "
-            print(f"  {mark} {one['panels']} panels, {one['joints']} joints, RMS {most}{one['rms_percent']:.2g} %, "
-                  f"strain {100 * one['strain_share_max']:.0f} % of the limit, {one['sheets']} sheets, "
+            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {most}{one['rms_percent']:.2g} %, "
+                  f"strain {100 * one['strain_share_max']:.0f} % of the limit, {counted(one['sheets'], 'sheet', 'sheets')}, "
                   f"{one['join_minutes']} min to join: {one['origin']}")  # fmt: skip
     if "spirals" in described:
         spirals = described["spirals"]
-        print(f"  {spirals['count']} spirals, narrowest slot {spirals['slot_min_mm']:.2f} mm")
+        print(f"  {counted(spirals['count'], 'spiral', 'spirals')}, narrowest slot {spirals['slot_min_mm']:.2f} mm")
     if "optimise" in described:
         better = described["optimise"]
-        print(f"  optimised in {better['iterations']} steps: RMSE {better['laplacian_rmse_mm_before']:.3g} "
+        print(f"  optimised in {counted(better['iterations'], 'step', 'steps')}: RMSE {better['laplacian_rmse_mm_before']:.3g} "
               f"to {better['laplacian_rmse_mm']:.3g} mm. {better['end']}")  # fmt: skip
     if "equilibrium" in described:
         from ..bridge.store import equilibrium
@@ -49,7 +51,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         _structure(described["structure"])
     if "sheets" in described:
         sheets = described["sheets"]
-        print(f"  {sheets['sheets']} sheets, {sheets['cut_length_m']:.1f} m of cuts")
+        print(f"  {counted(sheets['sheets'], 'sheet', 'sheets')}, {sheets['cut_length_m']:.1f} m of cuts")
         if "base" in sheets:
             print(f"  {_held(sheets['base'])}")
         for warning in sheets["warnings"]:
@@ -75,7 +77,7 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
     """The candidates of the front, a line each, and what was found."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
     print(
-        ("1 candidate" if len(rows) == 1 else f"{len(rows)} candidates")
+        counted(len(rows), "candidate", "candidates")
         + ("" if described["finished"] else ", then stopped; call it again to go on")
     )
     for number in described["front"]:
@@ -109,6 +111,10 @@ def _held(base: dict[str, Any]) -> str:
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
         bears = "" if most is None else f"; they bear up to {most:.3g} N"
-        return f"{base['eyelets']} eyelets of {base['eyelet_mm']:g} mm to hang it by{bears}"
-    under = f"a frame of {base['planks']} planks" if "planks" in base else f"a base of {base['plates']} plates"
-    return f"{under} with slots for {base['feet']} feet"
+        return f"{counted(base['eyelets'], 'eyelet', 'eyelets')} of {base['eyelet_mm']:g} mm to hang it by{bears}"
+    under = (
+        f"a frame of {counted(base['planks'], 'plank', 'planks')}"
+        if "planks" in base
+        else f"a base of {counted(base['plates'], 'plate', 'plates')}"
+    )
+    return f"{under} with slots for {counted(base['feet'], 'foot', 'feet')}"

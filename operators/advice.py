@@ -194,9 +194,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         from ..engine.surface.mesh import PolygonMesh
 
         settings, polygons = snapshot.settings, snapshot.surface.polygons
-        found = remesh.quads_of(
-            polygons, round(self._amount), settings.remesh.smooth, progress.part(0.0, 0.5), settings.remesh.crumbs
-        )
+        found = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(found.polygons)
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return replace(made, findings=[*check.findings(PolygonMesh.of(made.mesh)), *found.findings])

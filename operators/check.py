@@ -35,11 +35,9 @@ class Check(StageOperator, bpy.types.Operator):
         if errors:
             raise FlexMapsError(errors[0].message, faces=errors[0].faces, edges=errors[0].edges)
         count = len(surface.polygons.sizes)
-        return (
-            translate("{} quads, {} warnings", count, len(result))
-            if result
-            else translate("{} quads, nothing to complain about", count)
-        )
+        if not result:
+            return translate("{} quads, nothing to complain about", count)
+        return translate("{} quads, {} warning" if len(result) == 1 else "{} quads, {} warnings", count, len(result))
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
         """Nothing: what it found is a notice already."""

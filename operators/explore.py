@@ -44,7 +44,8 @@ class Explore(ContinuedStage, bpy.types.Operator):
         explored.write(obj, result.report())
         held = result.best is not None and not result.space.missed(result.candidates[result.best].measures)
         self.level = "INFO" if held else "WARNING"
-        return translate("{} candidates were tried. {}", len(result.candidates), result.note)
+        many = "{} candidate was tried. {}" if len(result.candidates) == 1 else "{} candidates were tried. {}"
+        return translate(many, len(result.candidates), result.note)
 
 
 class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):

@@ -82,7 +82,10 @@ class SearchStage(ContinuedStage):
         better = report["laplacian_rmse_mm_before"], report["laplacian_rmse_mm"], report["iterations"]
         lines = [
             *([] if report["finished"] else [translate("Stopped; the best so far is kept")]),
-            translate("RMSE {:.3g} to {:.3g} mm in {} steps", *better),
+            translate(
+                "RMSE {:.3g} to {:.3g} mm in {} step" if better[2] == 1 else "RMSE {:.3g} to {:.3g} mm in {} steps",
+                *better,
+            ),
             *([text] if warning else []),
         ]
         return ". ".join(lines)

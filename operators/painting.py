@@ -166,8 +166,9 @@ class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
         changed = int(on.changed.sum())
         on.write(context.scene)
         if self.what == "protect":
-            return translate("{} spirals are protected", int(on.protected.sum()))
-        return translate("{} spirals painted", changed)
+            kept = int(on.protected.sum())
+            return translate("{} spiral is protected" if kept == 1 else "{} spirals are protected", kept)
+        return translate("{} spiral painted" if changed == 1 else "{} spirals painted", changed)
 
 
 class Unprotect(AtOnce, OnObject, bpy.types.Operator):

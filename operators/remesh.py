@@ -46,9 +46,9 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
 
         self._source = context.object.session_uid
         replacing.leave_edit_mode(context)
-        wanted = settings.read(context.object.flexmaps, ObjectSettings).remesh
-        polygons, count = remesh.seen(context.object, context), self.quads or wanted.quads
-        return lambda progress: remesh.quads_of(polygons, count, wanted.smooth, progress, wanted.crumbs)
+        wanted = settings.read(context.object.flexmaps, ObjectSettings)
+        polygons, count = remesh.seen(context.object, context), self.quads or wanted.remesh.quads
+        return lambda progress: remesh.quads_of(polygons, count, wanted, progress)
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         from ..bridge.hosts import remesh

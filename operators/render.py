@@ -67,7 +67,10 @@ class Render(Writes, StageOperator, bpy.types.Operator):
         if self._path in [self._path.with_name(one.name) for one in result] and self._path.suffix == ".png":
             self._told(self._path)
         else:
-            self.report({"INFO"}, translate("{} files in {}", len(result), self._path.parent))
+            self.report(
+                {"INFO"},
+                translate("{} file in {}" if len(result) == 1 else "{} files in {}", len(result), self._path.parent),
+            )
         yield
 
     def _clear(self, context: bpy.types.Context) -> None:

@@ -41,7 +41,8 @@ class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
         if not chosen.any():
             raise FlexMapsError(translate("Select in Edit Mode where the piece is held"))
         decided.hold(obj, np.flatnonzero(chosen).tolist())
-        return translate("Held at {} vertices", int(chosen.sum()))
+        count = int(chosen.sum())
+        return translate("Held at {} vertex" if count == 1 else "Held at {} vertices", count)
 
 
 CLASSES = (Stop, HoldSelection)

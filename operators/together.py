@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import preload
+from ..bridge.store.i18n import sheets as counted_sheets
 from ..bridge.store.i18n import translate
 from ..bridge.store.objects import unusable
 from ..bridge.store.paths import file_name, folder_of
@@ -63,7 +64,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         written, sheets, pieces, folder = result
-        said = translate("{} pieces on {} sheets: {} files in {}", pieces, sheets, len(written), folder)
+        said = translate("{} pieces on {}: {} files in {}", pieces, counted_sheets(sheets), len(written), folder)
         self.report({"INFO"}, said)
         yield
 

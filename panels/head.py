@@ -63,7 +63,7 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
 
 def _faces(mesh: bpy.types.Mesh) -> str:
     count = len(mesh.polygons)
-    return quads(count) if len(mesh.loops) == 4 * count else tr("{} faces", count)
+    return quads(count) if len(mesh.loops) == 4 * count else tr("{} face" if count == 1 else "{} faces", count)
 
 
 def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:

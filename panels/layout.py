@@ -85,7 +85,7 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
 def _tip(row: dict[str, Any]) -> str:
     """The other figures of a layout, for the button's tooltip."""
     said = [
-        tr("{} joints", row["joints"]),
+        tr("{} joint" if row["joints"] == 1 else "{} joints", row["joints"]),
         tr("strain {} of its limit", f"{100 * row['strain_share_max']:.0f} %"),
         *([tr("{} to cut", duration(row["cut_minutes"]))] if "cut_minutes" in row else []),
         *([tr("symmetric")] if row["symmetries_kept"] > 1 else []),

@@ -22,7 +22,7 @@ import numpy as np
 import zoo
 from flexmaps.bridge.hosts import remesh
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import Settings
+from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
 from flexmaps.engine.surface.files import meshio
@@ -82,7 +82,7 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
         requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE = tries
         begun = _seconds()
         try:
-            mesh = as_quad_mesh(remesh.quads_of(triangles, count, True).polygons)
+            mesh = as_quad_mesh(remesh.quads_of(triangles, count, ObjectSettings()).polygons)
             judged = quality.quality(PolygonMesh.of(mesh), target)
             found[way] = (judged, off_principal(mesh, target), mesh, _seconds() - begun)
         except FlexMapsError as error:

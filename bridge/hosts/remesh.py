@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import FlexMapsError
+from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
@@ -36,11 +37,11 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
 
 
 def quads_of(
-    polygons: PolygonMesh, count: int, smooth: bool, progress: Progress = SILENT, crumbs: float = requad.CRUMBS
+    polygons: PolygonMesh, count: int, settings: ObjectSettings, progress: Progress = SILENT
 ) -> requad.Requadded:
     """About ``count`` quads in the shape of polygons; callable from any thread. Raises ``FlexMapsError`` where nothing works."""
-    with SecondBlender(smooth) as tool:
-        return requad.requad(polygons, count, tool, progress, crumbs)
+    with SecondBlender(settings.remesh.smooth) as tool:
+        return requad.requad(polygons, count, tool, progress, settings.remesh.crumbs, settings.layout.symmetric)
 
 
 def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:

@@ -17,7 +17,7 @@ import bpy
 from ...engine.materials import STRAIN_MARGIN
 from . import next_button, notes, notices, objects, states
 from .flat_target import passed_over
-from .i18n import interface
+from .i18n import interface, panels
 from .next_button import Act, quad_edge
 from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
 
@@ -95,11 +95,12 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
     mesh = obj.data
     if known["spirals"].kind == states.DONE:
         return (
-            interface("Ready to cut: it is flat") if passed_over(obj) else interface("{} spirals", len(mesh.polygons))
+            interface("Ready to cut: it is flat")
+            if passed_over(obj)
+            else interface("{} spiral" if len(mesh.polygons) == 1 else "{} spirals", len(mesh.polygons))
         )
     if known["layout"].kind == states.DONE:
-        panels = notes.read(mesh)["layout"].get("patches", 1)
-        return interface("1 panel") if panels == 1 else interface("{} panels", panels)
+        return panels(notes.read(mesh)["layout"].get("patches", 1))
     count, size = len(mesh.polygons), 1e3 * max(obj.dimensions) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
     if objects.changed_by_modifiers(obj):

@@ -82,7 +82,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
         bpy.data.meshes.remove(old)
         made.name = name
     notes.write_checks(made, after)
-    done = translate("Mended; {} findings are left", len(after))
+    done = translate("Mended; {} finding is left" if len(after) == 1 else "Mended; {} findings are left", len(after))
     return f"{done}. {translate('The mesh was copied first: {} use the old one', shared)}" if shared else done
 
 

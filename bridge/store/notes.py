@@ -24,6 +24,12 @@ MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage 
 SUM = "_sum"  # behind the name of a text: where its own checksum stands
 PROGRAM = "program"  # beside the checksums of a stage: the version that made it
 TRACED = "traced"  # in the layout's block: Trace made these patches, and Merge has not run yet
+OF_REMESH = {
+    "surface-missed",
+    "bodies-left-out",
+    "bodies-joined",
+    "bodies-cut",
+}  # findings about what quads were made from
 FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
 
 
@@ -139,8 +145,16 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
 
 
 def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
-    """Put the findings of the check, with their edges; they make nothing out of date."""
-    blocks = [finding.as_dict() | {"edges": list(finding.edges)} for finding in findings]
+    """Put the findings of the check, with their edges; they make nothing out of date.
+
+    What the remesh has said of as many quads stays: no check of the quads alone can find it.
+    """
+    count = len(mesh.polygons)
+    blocks = [finding.as_dict() | {"edges": list(finding.edges), "quads": count} for finding in findings]
+    codes = OF_REMESH - {block["code"] for block in blocks}
+    blocks += [
+        block for block in read(mesh).get("checks", ()) if block["code"] in codes and block.get("quads") == count
+    ]
     _begin(mesh)
     _put(mesh, NAME, read(mesh) | {"checks": blocks})
     _note_fresh(mesh, "checks")

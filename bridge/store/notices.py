@@ -17,7 +17,7 @@ from ...engine.optimisation import remedies
 from ...engine.simulation.visible import FAR
 from . import cures, equilibrium, failures, flat_target, notes, origin, states
 from .cures import Cure
-from .i18n import interface, translate
+from .i18n import interface, quads, translate
 
 STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 ORDER = (STOPS, BREAKS, WORSE, INFORMATION)
@@ -111,7 +111,6 @@ HELPED = {
     "other-rest": (remedies.CUT,),
 }
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
-MISSED = 2  # times as many quads, where they miss parts of the surface, as its warning says
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
@@ -174,15 +173,10 @@ def _failed(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[No
     found = []
     for idname, said in failed.items():
         faces, edges = tuple(said["faces"]), tuple(said["edges"])
-        words = interface(FAILED.get(idname, "Stopped"), counted_quads(len(faces)))
+        words = interface(FAILED.get(idname, "Stopped"), quads(len(faces)))
         ways = tuple(_ways(obj, idname, said.get("quads")))
         found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, ways))
     return found
-
-
-def counted_quads(count: int) -> str:
-    """For example "1 quad" or "4 quads"."""
-    return interface("1 quad") if count == 1 else interface("{} quads", count)
 
 
 def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
@@ -226,7 +220,9 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
         if code in REMESHED or code in MADE_SQUARER:
             ways.append(cures.remesh(obj.flexmaps.remesh.quads))
         if code == "surface-missed":
-            ways.append(cures.remesh(round(MISSED * len(obj.data.polygons), -1)))
+            from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
+
+            ways.append(cures.remesh(finer(len(obj.data.polygons))))
         if kind != STOPS:
             ways.append(cures.let_go(f"checks/{code}"))
         told = interface(words, len(faces))

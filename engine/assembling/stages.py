@@ -30,6 +30,7 @@ from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
+from ..surface.checking.finding import counted
 
 # about so many stages, one after the other, in which an arriving panel is joined; every seam has one at least; by eye
 PARTS = 3
@@ -92,7 +93,10 @@ def find_stages(
         panel = panel_name(number + 1)
         # many joints are many hubs: the first stages that are sought are the longest
         share = 1.0 - (1.0 - done / len(plan)) ** 2
-        progress(share, f"Taking the piece apart: panel {panel}, {len(plan) - done} half-finished pieces to go")
+        progress(
+            share,
+            f"Taking the piece apart: panel {panel}, {counted(len(plan) - done, 'half-finished piece', 'half-finished pieces')} to go",
+        )
         made = search.stage(number, k, progress)
         if made is not None:
             found.append(made)

@@ -23,6 +23,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.merging.merge import merge
 from ..patches.tracing.trace import trace
 from ..progress import SILENT, Progress
+from ..surface.checking.finding import counted
 from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
@@ -375,7 +376,7 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
     if search.params.near and search.params.goal == "match":
         asked = "a nearer match by other cuts"
     elif search.params.goal == "panels":
-        asked = f"no more than {search.params.panels} panels"
+        asked = f"no more than {counted(search.params.panels, 'panel', 'panels')}"
     elif search.params.goal == "match":
         asked = f"a match of {search.params.match:g} %"
     else:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..params import ChooseParams
 from ..progress import Progress
+from ..surface.checking.finding import counted
 from .judge import LONG, Judged, Laid, Piece, judge
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
@@ -123,5 +124,5 @@ def key(laid: Laid) -> bytes:
 
 def short(laid: Laid, rms: float) -> str:
     """Panels and distance in a few words."""
-    panels = "1 panel" if laid.panels == 1 else f"{laid.panels} panels"
+    panels = counted(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {100.0 * rms:.2g} %"

@@ -16,6 +16,7 @@ from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
 from ..spirals.touching import touching
+from ..surface.checking.finding import counted
 from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
@@ -122,7 +123,7 @@ def make_sheets(
     where = touching(drawn, progress.part(0.3, 0.5))
     if len(where):
         raise FlexMapsError(
-            f"The spirals of {len(np.unique(where[:, 0]))} panels touch each other; make the twist or the width smaller there",
+            f"The spirals of {counted(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",
             faces=nearest_quads(design.flat, where),
         )
     progress(0.5, "labels")

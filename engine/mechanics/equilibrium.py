@@ -30,6 +30,7 @@ from ..newton import (
 )
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
+from ..surface.checking.finding import counted
 from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
@@ -217,10 +218,10 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, ROUNDED), 0
-    sentence = STATUS.get(run.ended, "").format("1 iteration" if steps == 1 else f"{steps} iterations")
+    sentence = STATUS.get(run.ended, "").format(counted(steps, "iteration", "iterations"))
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
-        sentence += f" {negative} ways lead downhill from there." if negative else ""
+        sentence += f" {counted(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
     elif torsion > LOCKED:
         sentence = (
             f"Converged, but two neighbours are twisted by {np.degrees(torsion):.0f} degrees against each other: "

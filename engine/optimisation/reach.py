@@ -16,6 +16,7 @@ from ..progress import SILENT, Progress
 from ..simulation.rests import snapping
 from ..simulation.shortfall import Shortfall
 from ..simulation.simulate import Simulation
+from ..surface.checking.finding import counted
 from .eased import eased
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
@@ -149,7 +150,7 @@ def _strained(simulation: Simulation) -> str:
     if not over:
         return ""
     return (
-        f" The arms of {over} spirals are strained beyond what the material bears: a larger object, a thinner sheet or a tougher "
+        f" The arms of {counted(over, 'spiral', 'spirals')} are strained beyond what the material bears: a larger object, a thinner sheet or a tougher "
         "material would help."
     )
 
@@ -159,7 +160,9 @@ def _where(kind: np.ndarray, share: np.ndarray) -> str:
     if worst is None:
         return "Every spiral bends as the target asks."
     count = int((kind == worst).sum())
-    return f"{100 * share[worst]:.0f} % of the mismatch sits in {count} spirals: {KINDS[worst][1]}."
+    return (
+        f"{100 * share[worst]:.0f} % of the mismatch sits in {counted(count, 'spiral', 'spirals')}: {KINDS[worst][1]}."
+    )
 
 
 def _worst(share: np.ndarray) -> int | None:

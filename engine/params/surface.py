@@ -49,7 +49,9 @@ class LayoutParams(Params):
     )
     neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a panel", low=1, high=10)
     patch_min: int = setting(6, "Smallest panel", "Fewest quads in a panel, where the surface allows", low=1, high=1000)
-    symmetric: bool = setting(True, "Keep symmetry", "Give a symmetric surface a symmetric layout where possible")
+    symmetric: bool = setting(
+        True, "Keep symmetry", "Give a symmetric surface symmetric quads and a symmetric layout where possible"
+    )
     seamless: bool = setting(
         False,
         "One panel without a cut",

@@ -16,6 +16,7 @@ from typing import Any
 from .. import MARK
 from ..display.drawing import FONT, Drawing, svg
 from ..fabrication.estimates import duration
+from ..surface.checking.finding import counted
 
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
@@ -103,7 +104,7 @@ def facts(described: Mapping[str, Any]) -> list[str]:
         found.append(" \N{MULTIPLICATION SIGN} ".join(f"{x:.0f}" for x in source["size_mm"]) + " mm")
     panels, count = described.get("layout", {}).get("patches"), described.get("spirals", {}).get("count")
     if panels and count:
-        found.append(f"{panels} panel{'s' * (panels != 1)}, {count} spirals")
+        found.append(f"{counted(panels, 'panel', 'panels')}, {counted(count, 'spiral', 'spirals')}")
     settings = described.get("settings", {})
     if settings:
         found.append(", ".join([*([shape["material"]] if shape else []), f"{settings['spiral']['thickness']:g} mm"]))

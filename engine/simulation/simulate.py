@@ -27,6 +27,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
+from ..surface.checking.finding import counted
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import Band
@@ -136,19 +137,19 @@ class Simulation:
             found.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
-            text = f"{len(alone)} quads are joined to no other quad: they bend nothing; remove them or join them"
+            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad: such quads bend nothing; remove them or join them"
             found.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
-                f"{len(part.spirals)} spirals lie outside of what the elastic model knows ({part}): they count as their nearest "
-                "neighbours in it, so the shape is less sure there; change width, twist or quad size to be sure"
+                f"{counted(len(part.spirals), 'spiral lies', 'spirals lie')} outside of what the elastic model knows ({part}): the nearest "
+                "that it knows stand in, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
         strain = np.zeros(0) if self.strain is None else self.strain
         strained = np.flatnonzero(strain > STRAINED)
         if len(strained):
             text = (
-                f"The arms of {len(strained)} spirals are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
+                f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
                 f"{self._meant}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
             )
             found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
@@ -157,7 +158,7 @@ class Simulation:
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
             text = (
-                f"{len(slots.closed)} slots close in this shape: arms of {len(beside)} spirals would run through each other by up "
+                f"{counted(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {counted(len(beside), 'spiral', 'spirals')} would run through each other by up "
                 f"to {-1e3 * slots.width.min():.2g} mm, which the model allows and the piece does not; wind these spirals less, "
                 "make their arms narrower, or optimise again"
             )
@@ -178,7 +179,7 @@ class Simulation:
             return []
         spirals = np.unique(known.pairs[doubtful])
         text = (
-            f"At {int(doubtful.sum())} joints unlike arms meet in a kink, where strains are less sure: up to {100.0 * share[doubtful].max():.0f} % "
+            f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: up to {100.0 * share[doubtful].max():.0f} % "
             f"of {self.material.bears} are told, up to {KINKED_STRAIN:g} times as much was measured; make neighbours more alike to be sure"
         )
         return [Finding("kinked", "warning", text, tuple(spirals[spirals < known.spirals].tolist()))]

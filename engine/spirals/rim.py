@@ -19,6 +19,7 @@ from ..arrays import Complex, Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
+from ..surface.checking.finding import counted
 from .arcs import Curve
 from .slots import slot_needed
 from .spiral import opposite_sides
@@ -124,7 +125,7 @@ class Rim:
         tight = (bends & (radius < 0.5 * self.width + slot_needed(params))) | (room <= 0.0)
         if tight.any():
             raise FlexMapsError(
-                f"The border turns so sharply at {int(tight.sum())} places that a rim of {1e3 * self.width:g} mm has no room there; make it "
+                f"The border turns so sharply at {counted(int(tight.sum()), 'place', 'places')} that a rim of {1e3 * self.width:g} mm has no room there; make it "
                 "narrower or the object larger, smooth the border, or choose Stubs or Left out for it",
                 faces=np.unique(self.quad[np.concatenate([i[tight], j[tight]])]),
             )

@@ -26,6 +26,7 @@ from ..params import SimulateParams, StructureParams
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, carried
 from ..surface.checking.check import Finding
+from ..surface.checking.finding import counted
 from ..threads import one_thread
 from . import joints
 from .actions import Action, Ground, actions, lasting
@@ -191,7 +192,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
     if one.borne.arms is not None and one.borne.arms.max() > STRAINED:
         worst = tuple(np.flatnonzero(one.borne.arms > STRAINED).tolist())
         text = (
-            f"{what} the arms of {len(worst)} spirals are strained to {100.0 * one.borne.arms.max():.0f} % of "
+            f"{what} the arms of {counted(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
             f"{structure.simulation.material.bears}, give or take 15 %"
         )
         found.append(Finding("overstrained", "warning", text, worst))
@@ -200,7 +201,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         weak = np.flatnonzero(share > FULL)
         if len(weak):
             quads = np.unique(structure.simulation.assembly.pairs[weak])
-            text = f"{what} {len(weak)} connectors are loaded to {100.0 * share.max():.0f} % of what their necks bear"
+            text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears"
             found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
     return found
 

@@ -157,7 +157,7 @@ def test_results_to_standard_output_and_progress_to_standard_error(
         "sheet-assembly.pdf",
         "sheet-parts.csv",
     ]
-    assert "1 sheets" in capfd.readouterr().out
+    assert "1 sheet," in capfd.readouterr().out
 
 
 def test_the_settings_of_an_object_are_used(add: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

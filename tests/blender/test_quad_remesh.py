@@ -101,7 +101,28 @@ def test_bodies_that_cut_each_other_become_one() -> None:
     bpy.context.object.flexmaps.remesh.quads = 200
     press("quad_remesh")
     assert bodies_of(bpy.context.object) == 1
-    assert bpy.context.object.dimensions.x == pytest.approx(3.2, rel=0.1)
+    made = bpy.context.object
+    assert made.dimensions.x == pytest.approx(3.2, rel=0.1)
+    for name in ("regularise", "check"):
+        press(name)
+        assert "bodies-joined" in {row["code"] for row in report(made)["checks"]}
+
+
+def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
+    """Half of a ball's quads miss the other half."""
+    from flexmaps.bridge.store import guidance, notes
+    from flexmaps.engine.surface.mesh import PolygonMesh
+    from flexmaps.engine.surface.remeshing.bodies import target_of
+    from flexmaps.engine.surface.remeshing.coverage import uncovered
+
+    ball = shapes.make("cubesphere")
+    half = PolygonMesh.of(ball).kept(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
+    obj = add((half.vertices, half.corners.reshape(-1, 4)))
+    (found,) = uncovered(half, target_of(half), target_of(PolygonMesh.of(ball)), len(half.sizes), 0)
+    notes.write_checks(obj.data, [found])
+    (notice,) = (one for one in guidance.of(obj, bpy.context.scene).notices if one.key == "checks/surface-missed")
+    wanted = [cure.properties["quads"] for cure in notice.cures if cure.idname == "flexmaps.quad_remesh"]
+    assert f"remesh with {wanted[-1]} quads" in notice.sentence
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])

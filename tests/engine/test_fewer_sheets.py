@@ -31,7 +31,7 @@ def test_one_cut_saves_a_sheet(squares):
     shapes = fewer.outlines(made, SpiralParams(border="stubs"))
     assert sum(shapely.Polygon(s).area for s in shapes) == pytest.approx(3 * 0.36**2)
     assert len(pack(shapes, (0.6, 0.4), 0.005, 0.003).sizes) == 2
-    assert "1 cuts more, with 8 joints" in layout.notes["split"]
+    assert "1 more cut, with 8 joints" in layout.notes["split"]
     # the grid has two mirrors, and they are kept: the square in the middle was halved
     middle = mesh.vertices[mesh.edges[layout.cut]].mean(axis=1)
     for turn in ((-1, 1, 1), (1, -1, 1)):

@@ -383,7 +383,7 @@ def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     rows = quads.corners.reshape(-1, 4)
     half = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > 0])
     (found,) = coverage.uncovered(half, requad.target_of(half), whole, 216, 1000)
-    assert found.code == "surface-missed" and "432 quads" in found.message
+    assert found.code == "surface-missed" and "430 quads" in found.message
     lowest = half.vertices[half.corners.reshape(-1, 4)[np.array(found.faces) - 1000]][:, :, 2].min(axis=1)
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"
 

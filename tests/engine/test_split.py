@@ -42,7 +42,7 @@ def test_a_plate_is_cut_straight_into_as_few_pieces_as_fit(flat_grid):
     ends = plate.layout.mesh.vertices[plate.layout.mesh.edges[made.layout.cut]]
     assert np.ptp(ends[..., 0]) < 1e-12
     assert all(_fits(p, SheetParams()) for p in _pieces(made))
-    assert "1 cuts more" in made.layout.notes["split"]
+    assert "1 more cut," in made.layout.notes["split"]
 
 
 def test_what_fits_is_left_alone(flat_grid):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import STRAINED
-from flexmaps.engine.params import RemeshParams, Settings
+from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
 from flexmaps.engine.surface.checking import check
@@ -113,7 +113,7 @@ def remeshed(polygons: PolygonMesh, count: int) -> PolygonMesh:
     from flexmaps.bridge.hosts import job_folder, remesh
 
     with job_folder.quiet_blender():
-        return remesh.quads_of(polygons, count, RemeshParams().smooth).polygons
+        return remesh.quads_of(polygons, count, ObjectSettings()).polygons
 
 
 def described(result: job.Result, settings: Settings) -> dict[str, Any]:

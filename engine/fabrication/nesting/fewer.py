@@ -28,6 +28,7 @@ from ...patches.splitting.runs import chord_areas, straight_runs
 from ...patches.splitting.split import Piece, allowed
 from ...progress import SILENT, Progress
 from ...spirals.rim import rim_depth
+from ...surface.checking.finding import counted
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from .nest import nest
 from .outlines import HULLS, hull_area
@@ -151,7 +152,7 @@ def _noted(made: FlatPatches, flat: FlatPatches, params: LayoutParams, before: f
     """The same with what was done in the notes of its report."""
     notes = {k: v for k, v in flat.layout.notes.items() if k != "forced"} | forced_notes(made, params)
     added, more = len(made.layout.patches) - len(flat.layout.patches), joints(made.layout) - joints(flat.layout)
-    text = f"{added} cuts more, with {more} joints, so that about {after:.1f} instead of {before:.1f} sheets are needed"
+    text = f"{counted(added, 'more cut', 'more cuts')}, with {counted(more, 'joint', 'joints')}, so that about {after:.1f} instead of {before:.1f} sheets are needed"
     notes["split"] = f"{notes['split']}; {text}" if "split" in notes else text
     if params.symmetric and (found := symmetries(made.layout.mesh)):
         kept, said = symmetry_kept(found, keeping(found, made.layout.cut))

@@ -18,6 +18,7 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
+from ...surface.checking.finding import counted
 from .outlines import HULLS, SPREAD, hull_area
 from .packing import Packing, pack
 from .process import Strip
@@ -64,7 +65,7 @@ class Search:
 
     def tell(self, panels: int) -> None:
         """Say what is going on; raises ``Cancelled`` when the user wants to stop."""
-        self.progress(min(self.spent(), 1.0), f"nesting {panels} panels")
+        self.progress(min(self.spent(), 1.0), f"nesting {counted(panels, 'panel', 'panels')}")
 
     def spent(self) -> float:
         """The share of the time limit that has passed."""

@@ -18,6 +18,7 @@ from ...mechanics.assembly import Pose
 from ...params import CutParams
 from ...spirals.arcs import Curve
 from ...spirals.design import SpiralDesign
+from ...surface.checking.finding import counted
 from ..panels.labels import hub_circles
 
 EDGE = (
@@ -94,7 +95,7 @@ def make_eyelets(
     narrow = room < (1.0 - ROUNDED) * needed
     if narrow.any():
         raise FlexMapsError(
-            f"The hubs of {int(narrow.sum())} supported spirals are too small for eyelets of {1e3 * diameter:g} mm with as much "
+            f"The hubs of {counted(int(narrow.sum()), 'supported spiral', 'supported spirals')} are too small for eyelets of {1e3 * diameter:g} mm with as much "
             f"material round them: they have room for {1e3 * room.min() / (0.5 + EDGE):.2g} mm; make the eyelets smaller or the "
             "largest width larger, and press Spirals again while they are chosen, which makes these spirals as wide as may be",
             faces=supports[narrow],
@@ -131,6 +132,6 @@ def overloaded(eyelets: tuple[Eyelet, ...], thickness: float, material: Material
         return []
     one = eyelets[worst]
     return [
-        f"{sum(share > 1.0 for share in found)} eyelets bear more than {material.name}: {one.name} {one.force:.3g} N, "
+        f"{counted(sum(share > 1.0 for share in found), 'eyelet bears', 'eyelets bear')} more than {material.name}: {one.name} {one.force:.3g} N, "
         f"{100.0 * found[worst]:.0f} % of what it can; hang the piece by more spirals, or make the eyelets larger"
     ]

@@ -20,6 +20,7 @@ from ...spirals.caps import Cap, caps, stumps
 from ...spirals.design import SpiralDesign
 from ...spirals.slots import slot_needed
 from ...spirals.spiral import LEFT, RIGHT, edge
+from ...surface.checking.finding import counted
 from ...surface.mesh import QuadMesh
 from .corners import rounded
 
@@ -91,8 +92,8 @@ def make_feet(
     wound = supports[design.twist[supports] > UNWOUND]
     if len(wound):
         raise FlexMapsError(
-            f"{len(wound)} supported spirals are wound, and their arms would cross their feet; press Spirals again while a "
-            "base is chosen, which leaves them straight",
+            f"{counted(len(wound), 'supported spiral is', 'supported spirals are')} wound, so that arms would cross feet; press Spirals again while a "
+            "base is chosen, which leaves their arms straight",
             faces=wound,
         )
     rotations, height = pose.rotations[supports], pose.centres[supports, 2] - (lowest - params.base_height)
@@ -132,8 +133,8 @@ def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
     """Raise ``FlexMapsError`` with supports away from the open border, if there are any."""
     if len(faces):
         raise FlexMapsError(
-            f"{len(faces)} supports do not lie at an open border, so that no foot can leave the piece there; take them out "
-            "of the supports, or choose no base",
+            f"{counted(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
+            "choose supports at the border, or no base",
             faces=faces,
         )
 
@@ -142,8 +143,8 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
     """The same with supports that lie too flat."""
     if len(faces):
         raise FlexMapsError(
-            f"{len(faces)} supported spirals lie too flat for their feet to reach the ground: they have to stand at "
-            f"{np.degrees(FLATTEST):.0f} degrees or more; support the piece elsewhere, turn it, or choose no base",
+            f"{counted(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
+            f"{np.degrees(FLATTEST):.0f} degrees at least are needed; support the piece elsewhere, turn it, or choose no base",
             faces=faces,
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from ... import MARK
 from ...materials import Material
 from ...spirals.design import SpiralDesign
+from ...surface.checking.finding import counted
 from ..panels.labels import panel_name
 from ..sheets import CutSheets
 
@@ -43,7 +44,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
         table = csv.writer(stream)
         table.writerow(COLUMNS)
         table.writerows([*row[: numbers.start], *map(_said, row[numbers.start :]), ""] for row in rows)
-        table.writerow([f"{len(rows)} parts", "", sheets.count, *sums, MARK])
+        table.writerow([f"{counted(len(rows), 'part', 'parts')}", "", sheets.count, *sums, MARK])
     return path
 
 

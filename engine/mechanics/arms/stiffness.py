@@ -27,6 +27,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...spirals.known import SCALE_RANGE, limit_and_slope, twist_limit
+from ...surface.checking.finding import counted
 from ..beyond import Beyond
 from . import beams
 
@@ -330,7 +331,7 @@ def lengths_and_twists(
     known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
     if not known.all():
         raise FlexMapsError(
-            f"{int((~known).sum())} arms have a length, a width or a twist that is no number; make the spirals again",
+            f"{counted(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is no number; make the spirals again",
             faces=np.flatnonzero(~known),
         )
     return scale, width, twist

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...params import LayoutParams
+from ...surface.checking.finding import counted
 from ...surface.curvature import is_flat
 from ...surface.symmetry import Symmetry
 from ..joining import panel_numbers
@@ -51,7 +52,9 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
     if isinstance(forced, list):
         said += forced[:REMARKS]
         if len(forced) > REMARKS:
-            said.append(f"{len(forced) - REMARKS} panels more go beyond a limit in such a way; the report names them")
+            said.append(
+                f"{counted(len(forced) - REMARKS, 'more panel goes', 'more panels go')} beyond a limit in such a way; the report names them"
+            )
     return {"remarks": said} if said else {}
 
 

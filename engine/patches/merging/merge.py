@@ -10,6 +10,7 @@ import numpy as np
 
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
+from ...surface.checking.finding import counted
 from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
@@ -208,7 +209,7 @@ LAST = Strategy(again=True)  # for layouts that were merged before
 
 def run(board: Board, strategy: Strategy, progress: Progress) -> None:
     """Merge and straighten in turns until neither changes anything."""
-    board.tick = lambda: progress(0.0, f"Merging: {len(board.pieces)} panels")
+    board.tick = lambda: progress(0.0, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
     merged = greedy(board, strategy, progress.part(0.0, 0.5))
     if strategy.again:
         merged |= open_parts(board, strategy, progress.part(0.5, 0.6))
@@ -298,7 +299,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
         best = tried[key]
         assert best is not None
         changed |= board.apply(best)
-        progress(1.0 - len(board.pieces) / first, f"Merging: {len(board.pieces)} panels")
+        progress(1.0 - len(board.pieces) / first, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
 
 
 def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
@@ -322,7 +323,7 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
             score = _score(board, change.opens, worst, strategy)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
-    progress(0.5, f"Merging: {len(board.pieces)} panels")
+    progress(0.5, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
     return best is not None and board.apply(best[2])
 
 

@@ -77,7 +77,7 @@ def _apart(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
     if len(on):
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
-        text = f"{len(on)} vertices lie doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
+        text = f"{counted(len(on), 'vertex lies', 'vertices lie')} doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
         found.append(finding("doubled-vertices", text, faces))
     at = t_junctions(mesh, sides)
     if len(at.vertex):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
+from ...surface.checking.finding import counted
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of text in UTF-16
@@ -84,7 +85,7 @@ def bytes_left(data: bytes) -> tuple[str, ...]:
     """What is said of the bytes after the last element of a binary file."""
     if not data.strip(b"\0 \r\n\t"):
         return ()
-    return (f"{len(data)} bytes after the last element of the file are left out",)
+    return (f"{counted(len(data), 'byte', 'bytes')} after the last element of the file left out",)
 
 
 def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:

@@ -19,10 +19,15 @@ USUAL, WORST = (
 MORE = 2.0  # times the count with which the quads follow what they have missed; not measured
 
 
+def finer(count: int) -> int:
+    """How many quads to ask for where so many have missed something, in tens."""
+    return round(MORE * count / 10.0) * 10
+
+
 def uncovered(quads: PolygonMesh, made: Target, whole: Target, count: int, first: int) -> list[Finding]:
     """The warning that names the quads beside parts of the surface that they miss, if there are any.
 
-    made : the surface of the quads; count : of quads that were asked for; first : the number of the first quad among all bodies
+    made : the surface of the quads; count : of quads of all bodies; first : the number of the first quad among all bodies
     """
     edge = (made.area / len(quads.sizes)) ** 0.5
     away = made.distances(whole.samples) / edge
@@ -36,6 +41,6 @@ def uncovered(quads: PolygonMesh, made: Target, whole: Target, count: int, first
     faces = np.unique(cKDTree(middles).query(far)[1]) + first
     text = (
         f"The quads miss the surface by up to {away.max():.2g} of their edges and have {ratio:.0%} of its area, "
-        f"beside {counted(len(faces), 'face', 'faces')}: remesh with {round(MORE * count)} quads"
+        f"beside {counted(len(faces), 'face', 'faces')}: remesh with {finer(count)} quads"
     )
     return [finding("surface-missed", text, faces, severity="warning")]
