@@ -119,17 +119,15 @@ def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list
         told = sum("nozzle" in text for text in made.warnings)
         found.append(at_least(name, "warnings of arms under two lines", 1, told))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
-    paths = [path for path in written(made, folder, thorough) if path.suffix in {".svg", ".dxf"}]
-    found.append(
-        at_most(name, "faults that ezdxf and svgelements find", 0, sum(_drawing_faults(p, made) for p in paths))
-    )
+    faults = sum(_drawing_faults(path, made) for path in written(made, folder, thorough))
+    found.append(at_most(name, "faults that ezdxf and svgelements find", 0, faults))
     return found
 
 
 def written(made: CutSheets, folder: Path, thorough: bool) -> list[Path]:
-    """The files of the first sheet, which the writers make as all others, or of all sheets."""
+    """The drawings of the first sheet, which the writers make as all others, or of all sheets."""
     paths = []
-    for key in ("svg", "dxf", "dxf-r12", "3mf"):
+    for key in ("svg", "dxf", "dxf-r12"):
         for index in range(made.count if thorough else 1):
             ending = export.TABLE[key].ending
             paths.append(folder / f"sheet{ending.replace('.', f'-{index + 1:02d}.')}")
@@ -164,9 +162,11 @@ def _drawing_faults(path: Path, made: CutSheets) -> int:
 
 
 def solid_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
-    """Size of the solids of the first sheet, or of its first panel, beside that with the former tolerance, and a slicer's seconds with both."""
+    """Size of the solids of the first sheet, or of its smallest panel, beside that with the former tolerance, and a slicer's seconds with both."""
     new, old = folder / "new.stl", folder / "old.stl"
-    panels = made.on_sheet(0) if thorough else made.on_sheet(0)[:1]
+    panels = made.on_sheet(0)
+    if not thorough:
+        panels = [min(panels, key=lambda panel: panel.area)]
     for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
         solids.stl([solids.extruded(p, made.thickness, tolerance) for p in panels], path)
     found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
@@ -222,7 +222,9 @@ def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]
         found.append(at_most("all", "sheet's size in Inkscape off, mm", 0.06, _inkscape_off(inkscape, written)))
     slicer = shutil.which("prusa-slicer")
     if slicer:
-        paths = [p for _, folder in written[:SLICED] for p in sorted(folder.glob("sheet-01.3mf"))]
+        paths = [folder / "sheet-01.3mf" for _, folder in written[:SLICED]]
+        for (made, _), path in zip(written, paths, strict=False):
+            export.TABLE["3mf"].write(made, 0, path, SILENT)
         sound = sum("manifold = no" not in _ran(slicer, "--info", p) for p in paths)
         found.append(at_least("all", f"3MF files of {len(paths)} that the slicer finds sound", len(paths), sound))
     missing = [

@@ -11,7 +11,7 @@ from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.remeshing import coverage, requad
+from flexmaps.engine.surface.remeshing import coverage, requad, soundness
 from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
 
 RADIUS = 0.5
@@ -240,7 +240,7 @@ def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, own, filling = filled
     target = requad.target_of(halved(of_rows(points, own)))
-    opened = requad._opened(of_rows(points, np.concatenate([own, filling])), target)
+    opened = soundness.opened(of_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import Cancelled, FlexMapsError
 from ...params import RemeshParams
 from ...progress import SILENT, Progress
-from ..checking.check import Finding, findings
+from ..checking.check import Finding
 from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
 from ..quadrangulation.even import simplified
@@ -24,9 +24,9 @@ from ..welding import welded
 from .bodies import is_clean, is_closed, joined, parts_of, target_of, without_crumbs
 from .coverage import uncovered
 from .halves import Plane, doubled, euler, half, own_planes, planes_of
-from .mend import FOLDED, POOR, SHARP, USELESS, Target, mended, of_rows
-from .quality import quality
-from .refine import refined, split
+from .mend import SHARP, Target, of_rows
+from .refine import split
+from .soundness import Judged, judge, judge_raw
 from .tool import Tool
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
@@ -61,7 +61,6 @@ MAPPED = 3000
 # triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on about so many, and
 # QuadriFlow takes time in proportion to them: 4 s of the processor for a scan of 69,000
 DENSE = 20.0
-WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 OF_VOXELS = 3  # how many of them a skin of voxels is worth
 # voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
 VOXELS = (0.35, 0.5, 0.72, 1.0)
@@ -75,14 +74,6 @@ MANY = 3  # times the wanted count: so many quads are the small faces of the bod
 # quads they came to .69 to 1.2, but for a cone that had to be cut finer, at 2.2 and with 24 times the irregular vertices
 MIRRORED = 1.5
 COVERED = 0.8  # times the surface's area: less leaves parts out, which is taken only where nothing else is found
-LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
-# times the surface's area: more has a second skin. A voxel remesh gives an open surface two sides, and of few quads
-# QuadriFlow closes it: an open half ball came back with 1.47 to 1.66, all that kept their border with 0.92 to 0.97
-DOUBLED = 1.2
-# quad edges: a quad fills a hole where all its corners are so near the border, and its middle is off the surface or shows
-# its back
-AT_BORDER = 0.6
-FILLING = 0.1  # quad edges between the middle of a quad and the surface from which on it fills a hole
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +267,7 @@ class _Search:
         for quads in search.ranked:
             made = doubled(quads, first, edge)
             if is_clean(made) and euler(made) == euler(self._small):
-                yield _sound(made, self._whole, self._count)
+                yield judge(made, self._whole, self._count)
                 return
         yield "its halves do not meet"
 
@@ -294,7 +285,7 @@ class _Search:
         raw = self._tool.quads(surface, asked, seed, sharp, self._tell("QuadriFlow"))
         if raw is None or not len(raw.sizes):
             return "QuadriFlow finds none"
-        return _judged(raw, self._whole, self._count, times, sharp)
+        return judge_raw(raw, self._whole, self._count, times, sharp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,7 +336,7 @@ def _own(
         raw = quadrangulate(given, edge, np.radians(fold), alignment, smoothing, progress)
     except FlexMapsError as error:
         return str(error)
-    return _judged(raw, whole, count, 0, fold < FLAT)
+    return judge_raw(raw, whole, count, 0, fold < FLAT)
 
 
 def _surfaces(body: PolygonMesh, target: Target, count: int, tool: Tool, progress: Progress) -> Iterator[PolygonMesh]:
@@ -391,71 +382,6 @@ def _by_cells(body: PolygonMesh, whole: Target, count: int, tool: Tool, progress
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:
             continue
-        judged = _judged(split(polygons), whole, count)
+        judged = judge_raw(split(polygons), whole, count)
         if isinstance(judged, Judged):
             yield judged
-
-
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """Sound quads.
-
-    faults : in how many no spiral has room, by how many whole quad edges parts of the surface are missed, how many are poor
-    cost : of ``quality.Quality``, and more for poor quads and for other than the wanted count
-    """
-
-    quads: PolygonMesh
-    faults: tuple[int, int, int]
-    cost: float
-
-
-def _judged(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: bool = False) -> Judged | str:
-    """The quads cut into four ``times`` times, mended and judged, or why they are no use."""
-    if not (raw.sizes == 4).all():
-        return "QuadriFlow left faces that are no quads"
-    if not is_clean(raw):
-        return "its quads are no clean surface"
-    opened = _opened(raw, whole)
-    return _sound(mended(refined(opened, whole, times) if times or sharp else opened, whole), whole, count)
-
-
-def _sound(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
-    """The quads judged as they are, or why they are no use."""
-    found = findings(quads)
-    errors = [f for f in found if f.is_error]
-    if errors:
-        folded = sum(len(f.faces) for f in errors if f.code in FOLDED)
-        return f"{folded} of {len(quads.sizes)} quads are folded" if folded else "its quads differ too much in size"
-    made = target_of(quads)
-    edge = (whole.area / count) ** 0.5
-    if made.area > DOUBLED * whole.area:
-        return "its open side was closed, or both of its sides were covered"
-    missed = int(
-        max(np.percentile(made.distances(whole.samples), 95), np.percentile(whole.distances(made.samples), 95)) / edge
-    )
-    if missed >= LOST:
-        return "parts of the surface are lost"
-    useless, poor = (sum(len(f.faces) for f in found if f.code in codes) for codes in (USELESS, POOR))
-    cost = (
-        quality(quads, whole).cost
-        * (1.0 + WORTH * poor / len(quads.sizes))
-        * (1.0 + abs(len(quads.sizes) / count - 1.0))
-    )
-    return Judged(quads, (useless, missed, poor), cost)
-
-
-def _opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
-    """Without the quads that fill holes: QuadriFlow fills every one that has no more than 25 of its edges round it."""
-    rows = raw.corners.reshape(-1, 4)
-    size = (target_of(raw).area / len(rows)) ** 0.5
-    at_border = whole.to_border(raw.vertices) < AT_BORDER * size
-    corners = raw.vertices[rows]
-    middles = corners.mean(axis=1)
-    there, normals = whole.nearest(middles)
-    across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    back = np.einsum("fi,fi->f", across, normals) < 0  # over a flat part the filling is its other side
-    filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILLING * size))
-    if not filling.any() or filling.all():
-        return raw
-    opened = of_rows(raw.vertices, rows[~filling])
-    return opened if is_clean(opened) else raw
