@@ -30,14 +30,20 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
     """Press and save; ``undone`` where something speaks against cutting, ``stuck`` where only a person can go on."""
     import bpy
 
+    from ..bridge.store.objects import CONVERTIBLE
     from ..bridge.view import scene
 
     active = scene.open_blend(Path(args.mesh))
     objects = [active]
     if args.object:
-        objects = [obj for obj in bpy.data.objects if obj.name == args.object and obj.type == "MESH"]
-        if not objects:
-            raise FlexMapsError(f"{args.mesh} holds no mesh object '{args.object}'; look at the names in the outliner")
+        named = bpy.context.scene.objects.get(args.object)
+        if named is not None and named.type in CONVERTIBLE:
+            named = scene.converted(named, bpy.context)
+        if named is None or named.type != "MESH":
+            raise FlexMapsError(
+                f"{args.mesh} holds no object '{args.object}' with faces; look at the names in the outliner"
+            )
+        objects = [named]
     elif args.all:
         seen = bpy.context.view_layer.objects
         objects = [

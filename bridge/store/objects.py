@@ -21,6 +21,8 @@ HARMLESS = {
     "WEIGHTED_NORMAL",
 }
 
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects of which Blender makes meshes
+
 # modifiers that move points and leave the faces what they are
 DEFORMING = {
     "ARMATURE",

@@ -13,15 +13,13 @@ from ..store.cures import Cure
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
 from ..store.notices import INFORMATION, Notice
-from ..store.objects import shared, unusable
+from ..store.objects import CONVERTIBLE, shared, unusable
 from . import collection
 
 SIGNS = {NEUTRAL: "INFO", TICK: "CHECKMARK", LOOK: "ERROR", STOPPED: "CANCEL", REDO: "FILE_REFRESH"}
 REMOVE = "flexmaps.remove_left_over"
 WELCOME = "Welcome to FlexMaps"
 ABOUT = "It turns a surface into flat panels that spring into its shape. Select a mesh, or press Next for an example."
-# what Next does where there is no mesh to work on: the object's type -> operator, words, its properties
-CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}
 
 
 @dataclass(frozen=True)

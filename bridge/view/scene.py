@@ -17,6 +17,7 @@ from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
 from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
+from ..store.objects import CONVERTIBLE
 from ..store.surface import Surface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
 
@@ -30,7 +31,8 @@ def read_blend(path: str | Path) -> PolygonMesh:
 def open_blend(path: str | Path) -> bpy.types.Object:
     """The active mesh object of a .blend file, or else its first one, out of edit mode. The file that is open is left.
 
-    Raises ``FlexMapsError`` where the file cannot be read or holds no mesh.
+    A text, curve or metaball is taken where there is no mesh: as a mesh beside it.
+    Raises ``FlexMapsError`` where the file cannot be read or holds nothing with faces.
     """
     path = Path(path)
     if not path.is_file():
@@ -44,11 +46,27 @@ def open_blend(path: str | Path) -> bpy.types.Object:
     active = context.view_layer.objects.active
     found = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
     obj = next((o for o in found if o.type == "MESH" and len(o.data.polygons)), None)
+    obj = obj or next(filter(None, (converted(o, context) for o in found if o.type in CONVERTIBLE)), None)
     if obj is None:
-        raise FlexMapsError(f"{path.name} holds no mesh object with faces; add one, or give another file")
+        raise FlexMapsError(f"{path.name} holds no object with faces; add a mesh, or give another file")
     if obj.mode != "OBJECT":
         obj.update_from_editmode()
     return obj
+
+
+def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
+    """A mesh object in the place of a text, curve, surface or metaball, which stays, hidden; None where it has no faces."""
+    data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
+    if not len(data.polygons):
+        bpy.data.meshes.remove(data)
+        return None
+    made = bpy.data.objects.new(f"{obj.name} mesh", data)
+    made.matrix_world = obj.matrix_world
+    for one in obj.users_collection:
+        one.objects.link(made)
+    obj.hide_render = obj.hide_viewport = True
+    context.view_layer.update()
+    return made
 
 
 def show(

@@ -80,8 +80,35 @@ def test_read_blend_refuses_what_is_no_mesh(tmp_path: Path) -> None:
         scene.read_blend(broken)
     empty = tmp_path / "empty.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(empty))
-    with pytest.raises(FlexMapsError, match="no mesh object"):
+    with pytest.raises(FlexMapsError, match="no object with faces"):
         scene.read_blend(empty)
+
+
+@pytest.mark.parametrize("kind", ["text", "surface", "metaball", "curve"])
+def test_what_is_no_mesh_yet_is_read_as_one_and_stays(kind: str, tmp_path: Path) -> None:
+    """A text, a NURBS ball, a metaball and a curve with a bevel; the curve without one has no faces."""
+    add = {
+        "text": bpy.ops.object.text_add,
+        "surface": bpy.ops.surface.primitive_nurbs_surface_sphere_add,
+        "metaball": bpy.ops.object.metaball_add,
+        "curve": bpy.ops.curve.primitive_bezier_circle_add,
+    }[kind]
+    add(location=(0.0, 0.0, 3.0))
+    path = tmp_path / "piece.blend"
+    if kind == "curve":
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+        with pytest.raises(FlexMapsError, match="no object with faces"):
+            scene.open_blend(path)
+        bpy.context.scene.objects[0].data.bevel_depth = 0.2
+    given = bpy.context.scene.objects[0]
+    bpy.context.view_layer.update()
+    size = tuple(given.dimensions)
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    found = scene.open_blend(path)
+    assert found.type == "MESH" and tuple(found.dimensions) == pytest.approx(size, rel=1e-5)
+    assert found.matrix_world.translation.z == 3.0
+    (kept,) = (one for one in bpy.context.scene.objects if one != found)
+    assert kept.type != "MESH" and kept.hide_viewport
 
 
 @pytest.mark.parametrize("clockwise", [False, True])

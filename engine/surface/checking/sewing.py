@@ -159,7 +159,10 @@ def _inserted(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
 
 
 def _carried(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
-    """Quads whose T-junctions are carried on across strips of quads to the border; None where that cannot be, or takes too many."""
+    """Quads whose T-junctions are carried on across strips of quads to the border; None where that cannot be, or takes too many.
+
+    No cut can end at an irregular vertex before: the face there would keep an odd number of sides, and no quads fill that.
+    """
     if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
         return None
     strips = _strips(mesh, sides)
