@@ -33,7 +33,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row.label(text=tr("spirals of {} mm", f"{edge:.3g}" if edge < 100 else f"{edge:.0f}"), translate=False)
     value(column, wanted.layout, "symmetric", tr("Symmetry"))
 
-    row = choice(body, tr("Border"), wanted.spiral, "border")
+    row = choice(body, tr("Border"), obj, "flexmaps_border")
     row.enabled = decided.has_border(obj.data)
     rare(row, "border")
 
@@ -53,7 +53,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 def key(context: bpy.types.Context) -> str:
     """What was decided, beside the heading."""
     obj = context.object
-    border = [(obj.flexmaps.spiral, "border")] if decided.has_border(obj.data) else []
+    border = [(obj, "flexmaps_border")] if decided.has_border(obj.data) else []
     chosen = *border, (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
     names = [owner.bl_rna.properties[name].enum_items[getattr(owner, name)].name for owner, name in chosen]
     return ", ".join(map(tr, names))

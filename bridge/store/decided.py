@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 
+from ...engine.params import SpiralParams
 from . import next_button
 from .i18n import CONTEXT
 
@@ -18,6 +19,7 @@ RESTS = (
     ("STANDS", "Stands", "It stands on the quads that are held, at first the lowest"),
     ("HANGS", "Hangs", "It hangs by holes in the hubs of the quads that are held, at first the highest"),
 )
+BORDERS = SpiralParams.__dataclass_fields__["border"].metadata["choices"]
 LEVEL = 0.25  # edges: vertices at most so far from the lowest one are held too, at first; by eye
 
 
@@ -60,16 +62,27 @@ def has_border(mesh: bpy.types.Mesh) -> bool:
     return 2 * len(mesh.edges) > len(mesh.loops)
 
 
-def settle_border(obj: bpy.types.Object) -> None:
-    """Leave out the arms at an open border, which would end in the air, where nobody has chosen what becomes of them.
+def border_of(obj: bpy.types.Object) -> str:
+    """What becomes of the arms at an open border: left out, as they would end in the air, where nobody has chosen and nothing is cut yet."""
+    spiral, cut = obj.flexmaps.spiral, "flexmaps_flat" in obj.data.attributes
+    return "left_out" if has_border(obj.data) and not cut and not spiral.is_property_set("border") else spiral.border
 
-    Objects that share the mesh share its panels, so it holds for them too.
-    """
+
+def settle_border(obj: bpy.types.Object) -> None:
+    """Keep what becomes of the arms at an open border with all objects that share the mesh, as they share its panels."""
     if not has_border(obj.data):
         return
     for other in bpy.data.objects:
         if other.data == obj.data and not other.flexmaps.spiral.is_property_set("border"):
-            other.flexmaps.spiral.border = "left_out"
+            other.flexmaps.spiral.border = border_of(other)
+
+
+def _border(obj: Any) -> int:
+    return [name for name, *_ in BORDERS].index(border_of(obj))
+
+
+def _set_border(obj: Any, number: int) -> None:
+    obj.flexmaps.spiral.border = BORDERS[number][0]
 
 
 def _rests(obj: Any) -> int:
@@ -143,5 +156,10 @@ def register() -> None:
     )
 
 
+    bpy.types.Object.flexmaps_border = EnumProperty(
+        name="Border", items=BORDERS, get=_border, set=_set_border, translation_context=CONTEXT
+    )
+
+
 def unregister() -> None:
-    del bpy.types.Object.flexmaps_size, bpy.types.Object.flexmaps_rests
+    del bpy.types.Object.flexmaps_size, bpy.types.Object.flexmaps_rests, bpy.types.Object.flexmaps_border

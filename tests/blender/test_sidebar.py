@@ -21,8 +21,8 @@ from support.drawing import Drawn, draw, everything
 
 FRAME, MARGIN = 56, 6  # pixels, read off pictures: of the tab beside its rows; beside words in their part of a row
 ROOM = widths.UNKNOWN - widths.FRAMES
-# settings that stand nowhere in the tab: for the command line, and what the size in the head says better
-OUT = {("ChooseParams", "near"), ("RemeshParams", "edge")}
+# settings that stand nowhere in the tab: for the command line, and what the size in the head and the object's border say better
+OUT = {("ChooseParams", "near"), ("RemeshParams", "edge"), ("SpiralParams", "border")}
 TODAY = {  # operators that a person finds in the tab
     "quad_remesh", "regularise", "choose", "trace", "merge", "update_from_seams", "flatten", "spirals", "simulate",
     "optimise", "live", "pick_brush", "paint_from", "use_handles", "add_load", "remove_load", "structure", "compare_file",
@@ -237,8 +237,11 @@ def test_nothing_ends_in_the_air_unless_somebody_wants_it(add: Any) -> None:
     chosen.flexmaps.spiral.border = "stubs"
     for obj, wanted in ((remeshed, "left_out"), (plain, "left_out"), (chosen, "stubs"), (closed, "stubs")):
         bpy.context.view_layer.objects.active = obj
+        assert obj.flexmaps_border == wanted, "as it will be cut, before anything is"
         press("trace")
-        assert obj.flexmaps.spiral.border == wanted
+        assert obj.flexmaps.spiral.border == obj.flexmaps_border == wanted
+    closed.flexmaps_border = "rim"
+    assert closed.flexmaps.spiral.border == "rim"
 
 
 def test_the_end_is_said_with_the_way_to_the_files(dome: Any, tmp_path: Path) -> None:
