@@ -59,9 +59,8 @@ class Animate(ContinuedStage, bpy.types.Operator):
         rgb = None if colour == "MATERIAL" else preview.quad_colours(obj, colour)
         place = preview.shift(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
         collection.clear(obj, (preview.KIND, preview.BASE))
-        _, last = animation.show(
-            obj, scene, film, settings.film.seconds, rgb, place * (settings.preview.place == "BESIDE")
-        )
+        place *= settings.preview.place == "BESIDE"
+        _, last = animation.show(obj, scene, film, settings.film.seconds, rgb, place)
         scene.frame_end = max(scene.frame_end, last)
         frames, skipped = last - scene.frame_start + 1, film.stages.skipped
         text = translate("{} panels in {} frames; play them with the space bar", len(film.tracks), frames)

@@ -102,9 +102,8 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
         def ask(menu: Any, context: bpy.types.Context) -> None:
             menu.layout.operator_context = "INVOKE_DEFAULT"
-            taking = menu.layout.operator(
-                self.bl_idname, text=translate("Take it: spirals, shape and sheets go"), translate=False
-            )
+            said = translate("Take it: spirals, shape and sheets go")
+            taking = menu.layout.operator(self.bl_idname, text=said, translate=False)
             taking.number, taking.sure = number, True
 
         context.window_manager.popup_menu(ask, title=translate("Take this layout?"), icon="QUESTION")

@@ -11,6 +11,7 @@ from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
+from .writes import FromDialog
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
@@ -84,7 +85,7 @@ class Compare(Asked, ContinuedStage, bpy.types.Operator):
     shows = "SCAN"
 
 
-class CompareFile(Asked, bpy.types.Operator):
+class CompareFile(Asked, FromDialog, bpy.types.Operator):
     """Choose the file of a scan of the built piece, and compare it with the simulated shape"""
 
     bl_idname = "flexmaps.compare_file"
@@ -93,10 +94,6 @@ class CompareFile(Asked, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return Compare.poll(context)
-
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         if not Path(bpy.path.abspath(self.filepath)).is_file():

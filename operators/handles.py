@@ -66,7 +66,6 @@ class HoldSpiral(_OnSpiral, bpy.types.Operator):
 
     bl_idname = "flexmaps.hold_spiral"
     bl_label = "Hold or let go"
-    bl_options = {"REGISTER", "UNDO"}
 
     quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
@@ -197,9 +196,8 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         obj, name = context.object, _name(self.kind)
         values, by = handles.read(obj, name), np.array(self.by, dtype=float)
         if self.kind == "WISH":
-            by = np.linalg.inv(np.array(obj.matrix_world)[:3, :3]) @ (
-                1e-3 * by / context.scene.unit_settings.scale_length
-            )
+            scale = 1e-3 / context.scene.unit_settings.scale_length
+            by = np.linalg.inv(np.array(obj.matrix_world)[:3, :3]) @ (scale * by)
         values[quads] = by
         handles.write(obj, name, values)
         redraw(context)

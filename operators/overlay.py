@@ -28,9 +28,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
     bl_label = "Overlay"
 
     kind: bpy.props.EnumProperty(  # type: ignore[valid-type]
-        name="Kind",
-        items=colouring.ITEMS,
-        default="ENERGY",
+        name="Kind", items=colouring.ITEMS, default="ENERGY"
     )
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:

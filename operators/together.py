@@ -16,7 +16,7 @@ from ..bridge.store.paths import file_name, folder_of
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
 from .stage import AnyMesh, AtOnce, OnObject, StageOperator, Work
-from .writes import IntoFolder
+from .writes import FromDialog, IntoFolder
 
 ENDING = "together"  # of the files' name, which begins with the active object's
 
@@ -72,17 +72,12 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
 def _chosen(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected objects that FlexMaps can work on, the active one first."""
     active = context.object
-    others = [
-        obj
-        for obj in context.selected_objects
-        if obj is not active
-        and unusable(obj) is None
-        and "flexmaps_kind" not in obj  # not what is drawn beside a model
-    ]
+    # not what is drawn beside a model
+    others = [o for o in context.selected_objects if o != active and not unusable(o) and "flexmaps_kind" not in o]
     return [active, *sorted(others, key=lambda obj: obj.name)]
 
 
-class AddRemnant(AtOnce, OnObject, bpy.types.Operator):
+class AddRemnant(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
 
     bl_idname = "flexmaps.add_remnant"
@@ -90,10 +85,6 @@ class AddRemnant(AtOnce, OnObject, bpy.types.Operator):
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def act(self, context: bpy.types.Context) -> str:
         from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file

@@ -61,6 +61,14 @@ class IntoFolder(Writes):
         return {"CANCELLED"}
 
 
+class FromDialog:
+    """Of the operators that ask for a file or folder first."""
+
+    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        context.window_manager.fileselect_add(self)  # type: ignore[arg-type]
+        return {"RUNNING_MODAL"}
+
+
 class ReplaceFiles(AtOnce, bpy.types.Operator):
     """Write over files that FlexMaps did not write, or that were changed since"""
 
@@ -73,20 +81,14 @@ class ReplaceFiles(AtOnce, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         manager: Any = context.window_manager
-        return manager.invoke_confirm(
-            self,
-            event,
-            title=translate(self.bl_label),
-            message=self.text,
-            confirm_text=translate("Replace"),
-            icon="WARNING",
-        )
+        title, yes = translate(self.bl_label), translate("Replace")
+        return manager.invoke_confirm(self, event, title=title, message=self.text, confirm_text=yes, icon="WARNING")
 
     def act(self, context: bpy.types.Context) -> None:
         begin(self.stage, overwrite=True)
 
 
-class ChooseFolder(AtOnce, OnObject, bpy.types.Operator):
+class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     """Choose where the files go, and write them there; it is the folder in Make from now on"""
 
     bl_idname = "flexmaps.choose_folder"
@@ -95,10 +97,6 @@ class ChooseFolder(AtOnce, OnObject, bpy.types.Operator):
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     filter_folder: bpy.props.BoolProperty(default=True, options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
     stage: bpy.props.StringProperty(default="flexmaps.export", options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
     def act(self, context: bpy.types.Context) -> None:
         context.object.flexmaps.export.folder = str(folder_of(self.directory))

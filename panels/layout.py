@@ -8,17 +8,7 @@ import bpy
 
 from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import choices
-from .rows import (
-    LOW,
-    button,
-    duration,
-    figures,
-    menu,
-    percent,
-    settings_popover,
-    tr,
-    value,
-)
+from .rows import LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
 
 PICTURE = 3.2  # size of a card's picture, in rows: three beside each other

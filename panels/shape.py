@@ -50,11 +50,8 @@ def _brush(column: Any, context: bpy.types.Context) -> None:
     """Its settings while it is in hand."""
     brush = context.window_manager.flexmaps_brush
     value(column, brush, "brush", tr("Paints"))
-    for name, pressure, label in (
-        ("size", "pressure_size", tr("Size")),
-        ("strength", "pressure_strength", tr("Strength")),
-    ):
-        value(column, brush, name, label).prop(brush, pressure, text="", icon="STYLUS_PRESSURE")
+    for name, label in (("size", tr("Size")), ("strength", tr("Strength"))):
+        value(column, brush, name, label).prop(brush, f"pressure_{name}", text="", icon="STYLUS_PRESSURE")
     row = line(column, "")
     row.prop(brush, "mirror", text=tr("Mirror X"), toggle=True, translate=False)
     row.popover("FLEXMAPS_PT_paint_from", text=tr("From"), translate=False)
@@ -84,17 +81,11 @@ def _results(body: Any, context: bpy.types.Context) -> None:
         layout, block = found
         for key in equilibrium.keys_of(context.object.data):
             name = tr("result") if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
-            text = tr("Target to {}", name)
-            layout.prop(key, "value", text=text, slider=True, translate=False)
-        size = "{} %, {} mm"
-        rows = [
-            (
-                tr("Distance, mean"),
-                size.format(*(figure(block[name]) for name in ("rms_percent", "rms_mm"))),
-                not equilibrium.sound(block),
-            ),
-            (tr("Distance, largest"), size.format(*(figure(block[name]) for name in ("max_percent", "max_mm")))),
-        ]
+            layout.prop(key, "value", text=tr("Target to {}", name), slider=True, translate=False)
+        mean, most = (
+            f"{figure(block[f'{kind}_percent'])} %, {figure(block[f'{kind}_mm'])} mm" for kind in ("rms", "max")
+        )
+        rows = [(tr("Distance, mean"), mean, not equilibrium.sound(block)), (tr("Distance, largest"), most)]
         if block.get("strain_share_max") is not None:
             share = tr("{} % of limit", f"{100 * block['strain_share_max']:.0f}")
             rows.append((tr("Strain, largest"), share, equilibrium.strained(block)))

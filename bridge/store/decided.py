@@ -155,7 +155,6 @@ def register() -> None:
         name="Rests", items=RESTS, get=_rests, set=_set_rests, translation_context=CONTEXT
     )
 
-
     bpy.types.Object.flexmaps_border = EnumProperty(
         name="Border", items=BORDERS, get=_border, set=_set_border, translation_context=CONTEXT
     )
