@@ -211,7 +211,7 @@ def test_the_size_is_that_of_the_target(dome: Any) -> None:
 def test_stands_and_hangs(dome: Any) -> None:
     assert dome.flexmaps_rests == "FREE"
     dome.flexmaps_rests = "STANDS"
-    assert "Stubs, Stands, For days" in draw()
+    assert "Plain, Stands, For days" in draw()
     group = dome.vertex_groups[dome.flexmaps.loads.supports]
     held = [v.co.z for v in dome.data.vertices if any(g.group == group.index for g in v.groups)]
     heights = sorted(v.co.z for v in dome.data.vertices)

@@ -343,7 +343,7 @@ class Needles(Balls):
 
 
 def test_quads_without_needles_are_taken_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(requad, "mended", lambda quads, target: quads)
+    monkeypatch.setattr(soundness, "mended", lambda quads, target: quads)
     assert sharpest(flattened(ball(4), 20)).min() < 5
     assert sharpest(requad.requad(ball(6), 96, Needles()).polygons).min() > 45
 
