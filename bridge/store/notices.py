@@ -217,12 +217,12 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
         ways = [] if cure is None else [cure]
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
-        if code in REMESHED or code in MADE_SQUARER:
-            ways.append(cures.remesh(obj.flexmaps.remesh.quads))
-        if code == "surface-missed":
+        if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
 
-            ways.append(cures.remesh(finer(len(obj.data.polygons))))
+            # as many quads again would be the same quads
+            again = code == "surface-missed" or origin.SOURCE in obj
+            ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
         if kind != STOPS:
             ways.append(cures.let_go(f"checks/{code}"))
         told = interface(words, len(faces))
