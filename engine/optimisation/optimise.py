@@ -50,7 +50,7 @@ ALIKE = 0.01  # of the range of widths and twists by which starts differ at the 
 # Share of its twist that a spiral keeps whose slots close in space, how often at the most, and by how many times the mismatch, and a strain
 # beyond the limit, may grow for it. On two surfaces 27 and 30 closed slots were open after two or three times; the RMSE grew by .3 and .1 %.
 # Unwinding before the last steps of the search left arms that these had no time to ease
-UNWOUND, UNWINDINGS, OPENED = 0.8, 6, 1.1
+UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
 STRAIGHT = 0.1  # radians of twist, less of which is none
 SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
 
@@ -284,8 +284,14 @@ class Found:
             return False
         target = self.point.problem.target
         values = [target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other)]
-        strains = [0.0 if one.simulation.strain is None else one.simulation.strain.max() for one in (self, other)]
-        return bool(values[0] <= OPENED * values[1] and strains[0] <= max(STRAINED, OPENED * strains[1]))
+        return bool(values[0] <= OPENED * values[1] and not self.strained_by(other).any())
+
+    def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
+        """Which spirals are strained beyond what the material bears, and by more than a tenth beyond any of the other result."""
+        before, strain = other.simulation.strain, self.simulation.strain
+        if before is None or strain is None:
+            return np.zeros(len(self.simulation.design.twist), bool)
+        return strain > max(STRAINED, OPENED * float(before.max()))
 
 
 def _proved(search: Search, progress: Progress) -> Found | None:
@@ -307,23 +313,27 @@ def _proved(search: Search, progress: Progress) -> Found | None:
 
 
 def _opened(search: Search, found: Found, progress: Progress) -> Found:
-    """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none."""
-    free, here = found.point.problem.space.free, found
+    """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
+
+    Spirals whose arms would be strained too much for it, and those beside them, keep their twists.
+    """
+    free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
     least, best = _closed(found), found
     for _ in range(UNWINDINGS):
         design, slots = here.simulation.design, here.simulation.slots(progress)
-        twist = design.twist if slots is None else unwound(design, slots, free)
-        if twist is design.twist:
+        strained = here.strained_by(found)
+        pairs = search.task.target.dual
+        free[pairs[strained[pairs].any(axis=1)]] = False
+        twist = design.twist if slots is None else np.where(free, unwound(design, slots, free), given)
+        if (twist == design.twist).all():
             break
         here = _redesigned(search, here, replace(design, twist=twist), progress)
-        if not here.bears(found):
-            break
-        if _closed(here) < least:
+        if _closed(here) < least and here.bears(found):
             least, best = _closed(here), here
     if best is found:
         return found
     try:
-        design = proved(best.simulation.design, progress, free=free)
+        design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
     except FlexMapsError:
         return found
     best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
