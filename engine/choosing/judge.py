@@ -186,7 +186,7 @@ def judge(
 
 
 def _judged(laid: Laid, found: Optimisation, share: float, thorough: bool) -> Judged:
-    after, limits = found.after, reach(found)
+    after, limits = found.after, reach(found, remedies=False)
     bends = laplacian_difference(after.assembly.pairs, after.equilibrium.pose.centres, after.target.centroids)
     match, measured = after.match, after.slots() if thorough else None
     curves = [curve for panel in after.design.outlines() for curve in (panel.outer, *panel.holes)]

@@ -66,10 +66,11 @@ class Reach:
         }
 
 
-def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
+def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> Reach:
     """What limits the match of a simulated design; of an optimised one also where its bounds hold it back.
 
-    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``.
+    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``. Without ``remedies`` nothing is computed
+    for buttons, which takes an equilibrium for every sheet.
     """
     simulation = of.after if isinstance(of, Optimisation) else of
     within = progress.at(0.0, "Looking for what limits the match")
@@ -91,7 +92,7 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT) -> Reach:
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
     advice = _advice(kind, share, simulation.shortfalls) + _strained(simulation)
-    return Reach(kind, share, advice, _remedies(share, simulation))
+    return Reach(kind, share, advice, _remedies(share, simulation) if remedies else {})
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
