@@ -211,7 +211,7 @@ def optimise(
     if found is None or not found.merit(strictness) < was.merit(strictness):
         found, ended = was, ended if ended == "stopped" else "nothing"
     after = (
-        _with_other_rests(found.simulation, physics, progress.part(0.98, 1.0))
+        _with_other_rests(found.simulation, physics, progress.part(0.99, 1.0))
         if prove and ended != "stopped"
         else found.simulation
     )
@@ -305,11 +305,11 @@ def _proved(search: Search, progress: Progress) -> Found | None:
             design = proved(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
         except FlexMapsError:
             continue
-        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 1.0)), held.point, search.farthest))
+        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 0.9)), held.point, search.farthest))
         if found[-1].merit(strictness) <= (1.0 + SAME) * held.merit(strictness):
             break
     best = min(found, key=lambda one: one.merit(strictness), default=None)
-    return None if best is None else _opened(search, best, progress.at(1.0, OPENING_SLOTS))
+    return None if best is None else _opened(search, best, progress.at(0.9, OPENING_SLOTS))
 
 
 def _opened(search: Search, found: Found, progress: Progress) -> Found:
