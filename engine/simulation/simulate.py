@@ -27,7 +27,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import counted, joined_alike
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import Band
@@ -130,11 +130,13 @@ class Simulation:
         found = []
         if not self.equilibrium.converged or self.equilibrium.locked:
             found.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
+        far = []
         for piece in self.shortfalls:
             beside = np.unique(self.target.edge_quads[piece.line])
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
-            found.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
+            far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
+        found += joined_alike(far)  # both eyes of a head stay flat
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
             text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad: such quads bend nothing; remove them or join them"

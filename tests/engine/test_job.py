@@ -142,6 +142,19 @@ def test_a_seamless_dome_that_nothing_holds_is_said_to_stay_flat() -> None:
         assert "stays flat" not in other.limits.advice
 
 
+def test_bodies_that_stay_flat_alike_are_told_of_once() -> None:
+    """Two domes beside each other: one finding that names places of both."""
+    one = hill(8, height=0.4)
+    count = len(one.vertices)
+    points = np.concatenate([one.vertices, one.vertices + np.array([1.0, 0.0, 0.0])])
+    corners = np.concatenate([one.corners, one.corners + count])
+    made = laid_out(PolygonMesh(points, corners, np.concatenate([one.sizes, one.sizes])))
+    assert made.simulation is not None
+    (found,) = made.simulation.findings
+    assert found.code == "stays-flat" and {made.mesh.body_of[face] for face in found.faces} == {0, 1}
+    assert set(made.mesh.body_of[made.mesh.edge_quads[list(found.edges)]].ravel()) == {0, 1}
+
+
 def test_no_cut_is_offered_where_none_would_help() -> None:
     """A vault that is curved one way only: seams leave it flat, supports bend it."""
     vault = hill(10)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,21 @@ def finding(code: str, message: str, faces: Any = (), edges: Any = (), severity:
     return Finding(
         code, severity, message, tuple(np.asarray(faces, int).tolist()), tuple(np.asarray(edges, int).tolist())
     )
+
+
+def joined_alike(findings: Iterable[Finding]) -> list[Finding]:
+    """The findings, those of the same words as one that names the places of all."""
+    by_words: dict[tuple[str, str], list[Finding]] = {}
+    for one in findings:
+        by_words.setdefault((one.code, one.message), []).append(one)
+    return [
+        replace(
+            alike[0],
+            faces=tuple(face for one in alike for face in one.faces),
+            edges=tuple(edge for one in alike for edge in one.edges),
+        )
+        for alike in by_words.values()
+    ]
 
 
 def counted(n: int, one: str, many: str) -> str:
