@@ -90,10 +90,12 @@ def main(arguments: list[str]) -> int:
             table.add(
                 *travel_rows(name, sheets, folder),
                 *sheet_rows(name, sheets, folder, options.thorough),
-                *solid_rows(name, sheets, folder, options.thorough),
             )
             if options.thorough:
+                table.add(*solid_rows(name, sheets, folder, thorough=True))
                 kept.append((sheets, folder))
+        if not options.thorough:  # triangles of a large sheet take seconds
+            table.add(*solid_rows(next(iter(KINDS)), *kept[0], thorough=False))
         table.add(*printed_rows(Path(place)))
         table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
     table.finish(options.json)
@@ -161,12 +163,10 @@ def _drawing_faults(path: Path, made: CutSheets) -> int:
     return 0
 
 
-def solid_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
-    """Size of the solids of the first sheet, or of its smallest panel, beside that with the former tolerance, and a slicer's seconds with both."""
+def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> list[Row]:
+    """Size of the solids of the first sheet beside that with the former tolerance, and a slicer's seconds with both."""
     new, old = folder / "new.stl", folder / "old.stl"
     panels = made.on_sheet(0)
-    if not thorough:
-        panels = [min(panels, key=lambda panel: panel.area)]
     for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
         solids.stl([solids.extruded(p, made.thickness, tolerance) for p in panels], path)
     found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
