@@ -96,6 +96,14 @@ def test_quads_of_a_symmetric_surface_are_symmetric_and_whole(name: str, count: 
     assert max(image_distance(lopsided, plane) for plane in planes) > 1e-3 * extent
 
 
+def test_corners_in_a_plane_are_kept() -> None:
+    """A square cut along its diagonal has sharp corners there, which quads cut off."""
+    square = of_rows(np.array([(-1, 0, 0), (0, -1, 0), (1, 0, 0), (0, 1, 0)], float), np.array([(0, 1, 2), (0, 2, 3)]))
+    made = requad.requad(square, 80, NoTool(), symmetric=True).polygons
+    assert requad.target_of(made).area == pytest.approx(2.0, rel=0.01)
+    assert max(image_distance(made, halves.Plane(np.zeros(3), normal)) for normal in (X, Y)) < 1e-9
+
+
 def test_bodies_beside_a_plane_get_mirrored_quads() -> None:
     one = triangles("vault")
     one = replace(one, vertices=one.vertices @ TURN.T + (2.0, 0.0, 0.0))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...arrays import Float
 from ..checking.topology import sides_of
@@ -107,15 +108,26 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
     return of_rows(np.array(points), np.array(made))
 
 
-def doubled(quads: PolygonMesh, plane: Plane, edge: float) -> PolygonMesh:
-    """The quads of a half and their images, joined along the plane; ``edge`` is about that of a quad, in metres."""
+def doubled(
+    quads: PolygonMesh, plane: Plane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
+) -> PolygonMesh:
+    """The quads of a half and their images, joined along the plane.
+
+    edge : metres, about that of a quad
+    ends : metres, where the border meets the plane: the half has corners there, maybe sharp ones, that quads have cut off
+    """
     sides = sides_of(quads)
     border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
     heights = plane.heights(quads.vertices)
     on_plane = np.zeros(len(heights), bool)
     on_plane[border] = True
     on_plane &= np.abs(heights) < AT_PLANE * edge
-    moved = replace(quads, vertices=quads.vertices - np.where(on_plane, heights, 0.0)[:, None] * plane.normal)
+    points = quads.vertices - np.where(on_plane, heights, 0.0)[:, None] * plane.normal
+    if ends is not None and len(ends) and on_plane.any():
+        away, nearest = cKDTree(points[on_plane]).query(ends)
+        near = away < edge
+        points[np.flatnonzero(on_plane)[nearest[near]]] = ends[near]
+    moved = replace(quads, vertices=points)
     both = joined([moved, plane.mirrored(moved)])
     count = len(heights)
     index = np.arange(2 * count)

@@ -264,8 +264,10 @@ class _Search:
             yield str(error)
             return
         edge = (self._whole.area / self._count) ** 0.5
+        ends = side.vertices[np.abs(first.heights(side.vertices)) < JOINED]
+        ends = ends[self._whole.to_border(ends) < JOINED]
         for quads in search.ranked:
-            made = doubled(quads, first, edge)
+            made = doubled(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
                 yield judge(made, self._whole, self._count)
                 return
