@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
+from ..arrays import Float, Int
 from ..errors import Cancelled, FlexMapsError
-from ..materials import STRAINED, Material
-from ..mechanics.arms.slots_in_space import SpaceSlots
+from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
@@ -24,6 +23,7 @@ from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
+from .found import Found, opened
 from .inverse import Point, Problem
 from .optimisers import Trace
 from .search import FARTHER, NEAR, Held, Search, Task
@@ -47,11 +47,6 @@ TRIES = 3  # designs that are proved, the best first, until one keeps its shape
 # results of two other surfaces worse by a third
 NEARBY = 1.5
 ALIKE = 0.01  # of the range of widths and twists by which starts differ at the most that count as one; not measured
-# Share of its twist that a spiral keeps whose slots close in space, how often at the most, and by how many times the mismatch, and a strain
-# beyond the limit, may grow for it. On two surfaces 27 and 30 closed slots were open after two or three times; the RMSE grew by .3 and .1 %.
-# Unwinding before the last steps of the search left arms that these had no time to ease
-UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
-STRAIGHT = 0.1  # radians of twist, less of which is none
 SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
 
 
@@ -260,40 +255,6 @@ def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A simulated design, the point of the search that it was, and its largest RMS distance as in ``Search``."""
-
-    simulation: Simulation
-    point: Point
-    farthest: float
-
-    def merit(self, strictness: float) -> float:
-        """Return ``Point.merit`` of the simulated shape; infinite without an equilibrium, or too far from the target."""
-        target, pose = self.point.problem.target, self.simulation.equilibrium.pose
-        if not self.simulation.equilibrium.converged or target.distance(pose) > self.farthest:
-            return np.inf
-        mismatch = target.compare(pose.centres)
-        strains = self.simulation.strain
-        largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
-        return self.point.merit(strictness, mismatch, largest)
-
-    def bears(self, other: Found) -> bool:
-        """Whether open slots are worth what they cost: it lies hardly farther from the target, and arms are hardly strained more."""
-        if self.merit(LOOSE) == np.inf:
-            return False
-        target = self.point.problem.target
-        values = [target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other)]
-        return bool(values[0] <= OPENED * values[1] and not self.strained_by(other).any())
-
-    def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
-        """Which spirals are strained beyond what the material bears, and by more than a tenth beyond any of the other result."""
-        before, strain = other.simulation.strain, self.simulation.strain
-        if before is None or strain is None:
-            return np.zeros(len(self.simulation.design.twist), bool)
-        return strain > max(STRAINED, OPENED * float(before.max()))
-
-
 def _proved(search: Search, progress: Progress) -> Found | None:
     """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
     found: list[Found] = []
@@ -309,57 +270,7 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         if found[-1].merit(strictness) <= (1.0 + SAME) * held.merit(strictness):
             break
     best = min(found, key=lambda one: one.merit(strictness), default=None)
-    return None if best is None else _opened(search, best, progress.at(0.9, OPENING_SLOTS))
-
-
-def _opened(search: Search, found: Found, progress: Progress) -> Found:
-    """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
-
-    Spirals whose arms would be strained too much for it, and those beside them, keep their twists.
-    """
-    free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
-    least, best = _closed(found), found
-    for _ in range(UNWINDINGS):
-        design, slots = here.simulation.design, here.simulation.slots(progress)
-        strained = here.strained_by(found)
-        pairs = search.task.target.dual
-        free[pairs[strained[pairs].any(axis=1)]] = False
-        twist = design.twist if slots is None else np.where(free, unwound(design, slots, free), given)
-        if (twist == design.twist).all():
-            break
-        here = _redesigned(search, here, replace(design, twist=twist), progress)
-        if _closed(here) < least and here.bears(found):
-            least, best = _closed(here), here
-    if best is found:
-        return found
-    try:
-        design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
-    except FlexMapsError:
-        return found
-    best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
-    return best if best.bears(found) and _closed(best) <= least else found
-
-
-def unwound(
-    design: SpiralDesign, slots: SpaceSlots, free: Bool[np.ndarray, " spirals"]
-) -> Float[np.ndarray, " spirals"]:
-    """Return the design's twists, one step less where slots close in space and spirals are ``free``; its own where none can be less."""
-    culprits = np.zeros(len(free), dtype=bool)
-    culprits[np.unique(slots.arms[slots.closed] // 4)] = True
-    culprits &= free & (design.twist > 0.0)
-    less = np.where(UNWOUND * design.twist < STRAIGHT, 0.0, UNWOUND * design.twist)
-    return np.where(culprits, less, design.twist) if culprits.any() else design.twist
-
-
-def _redesigned(search: Search, found: Found, design: SpiralDesign, progress: Progress) -> Found:
-    """Return what was found with another design, simulated from where it rests."""
-    return replace(found, simulation=search.task.simulated(design, found.simulation.equilibrium.pose, progress))
-
-
-def _closed(found: Found) -> float:
-    """Return how many slots are closed in space; infinite without an equilibrium."""
-    slots = found.simulation.slots()
-    return np.inf if slots is None else float(len(slots.closed))
+    return None if best is None else opened(search, best, progress.at(0.9, OPENING_SLOTS))
 
 
 def _held(search: Search) -> Found | None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import material
-from flexmaps.engine.optimisation.optimise import Found, _opened, unwound
+from flexmaps.engine.optimisation.found import Found, opened, unwound
 from flexmaps.engine.optimisation.optimisers import Trace
 from flexmaps.engine.optimisation.search import Search, Task
 from flexmaps.engine.optimisation.work import Work
@@ -37,7 +37,7 @@ def wound() -> tuple[Task, Found]:
 def test_slots_open_and_the_shape_hardly_changes(wound):
     task, found = wound
     before = found.simulation
-    after = _opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
+    after = opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
     assert len(before.slots().closed) > 20  # or this shows nothing
     assert len(after.slots().closed) < 0.25 * len(before.slots().closed)
     assert (after.design.twist <= before.design.twist).all()
