@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.params import ObjectSettings, Settings, changed
 from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.together import together
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -30,11 +32,19 @@ def arch(columns: int = 5, rows: int = 6) -> PolygonMesh:
     return PolygonMesh(points, quads.ravel(), np.full(len(quads), 4))
 
 
+SMALL = {"sheet.nesting": "FAST", "sheet.sheet_width": 90.0, "sheet.sheet_height": 70.0}
+
+
+@cache
+def _spirals() -> Result:
+    """The arch with the usual spirals, for all kinds that differ in their sheets alone."""
+    return job.run(arch(), changed(Settings(), SMALL), stop_after="spirals")
+
+
 def _run(values: dict[str, Any], **options: Any) -> CutSheets:
-    settings = changed(
-        Settings(), {"sheet.nesting": "FAST", "sheet.sheet_width": 90.0, "sheet.sheet_height": 70.0, **values}
-    )
-    made = job.run(arch(), settings, **options).sheets
+    settings = changed(Settings(), SMALL | values)
+    usual = options == {"stop_after": "sheets"} and not any(name.startswith("spiral.") for name in values)
+    made = (job.go_on(_spirals(), settings, ("sheets",)) if usual else job.run(arch(), settings, **options)).sheets
     assert made is not None
     return made
 
@@ -48,9 +58,7 @@ def _remnant(folder: Path) -> CutSheets:
 
 
 def _together(folder: Path) -> CutSheets:
-    settings = changed(
-        ObjectSettings(), {"sheet.nesting": "FAST", "sheet.sheet_width": 90.0, "sheet.sheet_height": 70.0}
-    )
+    settings = changed(ObjectSettings(), SMALL)
     pieces = [job.run(arch(*size), settings, stop_after="spirals") for size in ((5, 6), (4, 5))]
     return together(["one", "two"], pieces, [changed(settings, {"export.copies": n}) for n in (2, 1)]).sheets
 
