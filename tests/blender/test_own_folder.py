@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -104,6 +105,14 @@ def piece() -> Any:
     return api.simulate(api.spirals(api.load("shape:strip", edge=20, settings=FAST)))
 
 
+@pytest.fixture
+def open_folder() -> Iterator[Path]:
+    """A folder that another user may enter: pytest shuts its own whenever another run of it begins."""
+    with tempfile.TemporaryDirectory(prefix="flexmaps-") as place:
+        Path(place).chmod(0o755)
+        yield Path(place)
+
+
 @pytest.mark.thorough
 def test_an_exploration_loses_nothing(piece: Any, tmp_path: Path) -> None:
     """One that is stopped keeps what it has found, so that its own files may change."""
@@ -131,11 +140,8 @@ def test_an_exploration_loses_nothing(piece: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", OUTPUTS, ids=lambda one: one.__name__)
-def test_nothing_is_lost(piece: Any, tmp_path_factory: pytest.TempPathFactory, write: Callable) -> None:
-    out = tmp_path_factory.getbasetemp() / f"own-{write.__name__}"
-    out.mkdir(mode=0o755)
-    for parent in out.parents[:3]:
-        parent.chmod(0o755)
+def test_nothing_is_lost(piece: Any, open_folder: Path, write: Callable) -> None:
+    out = open_folder
     for name in INPUTS:
         (out / name).write_bytes(f"the user's {name}".encode())
     told: list[float] = []
