@@ -32,6 +32,7 @@ def arch(columns: int = 5, rows: int = 6) -> PolygonMesh:
     return PolygonMesh(points, quads.ravel(), np.full(len(quads), 4))
 
 
+# millimetres: sheets so small that there are several
 SMALL = {"sheet.nesting": "FAST", "sheet.sheet_width": 90.0, "sheet.sheet_height": 70.0}
 
 
@@ -63,7 +64,7 @@ def _together(folder: Path) -> CutSheets:
     return together(["one", "two"], pieces, [changed(settings, {"export.copies": n}) for n in (2, 1)]).sheets
 
 
-# millimetres, on sheets so small that there are several
+# millimetres
 KINDS: dict[str, Callable[[Path], CutSheets]] = {
     "dovetails": lambda _: _run({}, stop_after="sheets"),
     "keys": lambda _: _run({"connect.connector": "key"}, stop_after="sheets"),
