@@ -1,11 +1,16 @@
 """Measures tracing, merging and flattening against what was asked, and against libigl and Blender on the same patches.
 
 python3 tools/dev.py bench layout [--meshes DIR] [--json FILE]
+python3 tools/dev.py bench layout --match FILE [--only PATTERNS] [--layouts N] [--patience TIMES] [--meshes DIR]
+
+``--match`` compares the predicted match of layouts with the one that the optimiser reaches, which it keeps in FILE: searches that
+stand there are not run again, predictions are.
 """
 
 from __future__ import annotations
 
 import argparse
+import fnmatch
 import json
 import os
 import subprocess
@@ -15,6 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import layout_matches
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, RegulariseParams
@@ -49,7 +55,21 @@ def main(arguments: list[str]) -> int:
         "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
     )
     parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument(
+        "--match", type=Path, help="compare predicted matches with those of searches, kept in this file"
+    )
+    parser.add_argument("--only", default="*", help="patterns of names of surfaces, with commas, for --match")
+    parser.add_argument("--layouts", type=int, default=4, help="of every surface, for --match")
+    parser.add_argument("--patience", type=float, default=0.6, help="times the usual search, for --match")
     options = parser.parse_args(arguments)
+    if options.match is not None:
+        searched = {
+            name: polygons
+            for name, polygons in surfaces(options.meshes)
+            if any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(","))
+        }
+        layout_matches.compare(searched, options.match, options.layouts, options.patience)
+        return 0
     bench(options.meshes, options.json)
     return 0
 

@@ -16,6 +16,8 @@ from .judge import LONG, Judged
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
+PROPOSALS, LEAST_SHOWN = 6, 3  # that are shown: more are no choice but a list, and fewer are none either
+STRIDE = 1.6  # times the panels of the proposal before that the next one has at most, where there are such layouts
 GIVEN = "as it was"  # the origin of the layout that choosing began with
 
 
@@ -92,7 +94,7 @@ def proposal(judged: Judged, settings: Settings, material: Material) -> Proposal
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The proposals, fewest joints first, and which of them was taken.
+    """The proposals, fewest panels first, and which of them was taken.
 
     reached : whether that holds the goal; note : a sentence on what was chosen, or on what stands in the way
     finished : False where somebody stopped the search; judged : how many layouts were judged
@@ -121,3 +123,37 @@ class Choice:
             "taken": self.taken,
             "proposals": [one.report() for one in self.proposals],
         }
+
+
+def front(judged: list[Judged]) -> list[Judged]:
+    """Return the layouts than which none of as few panels is nearer, fewest panels first."""
+    found: list[Judged] = []
+    for one in sorted(judged, key=lambda one: (one.laid.panels, one.rms, one.laid.joints)):
+        if not found or one.rms < found[-1].rms:
+            found.append(one)
+    return found
+
+
+def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
+    """Return the proposals worth showing, fewest panels first: the taken one, the given one, and the way to the nearest."""
+    given = [one for one in made if one.judged.laid.origin == GIVEN]
+    symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
+    nearest = {id(one) for one in front([one.judged for one in made])}
+    steps = sorted((one for one in made if id(one.judged) in nearest), key=lambda one: one.panels)
+    way = steps[:1]
+    while way and way[-1] is not steps[-1]:
+        following = [one for one in steps if one.panels > way[-1].panels]
+        near = [one for one in following if one.panels <= STRIDE * way[-1].panels]
+        way.append(near[-1] if near else following[0])
+    chosen: list[Proposal] = []
+    # somebody may want the given one back, whatever it looks like
+    for one in dict.fromkeys((best, *given, *way, *symmetric, *made)):
+        wanted = len(chosen) < (PROPOSALS if one in way or one in symmetric else LEAST_SHOWN)
+        if one in given or (wanted and not any(_look(one) == _look(other) for other in chosen)):
+            chosen.append(one)
+    return sorted(chosen, key=lambda one: (one.panels, one.judged.laid.joints, one.rms))
+
+
+def _look(one: Proposal) -> tuple[float | str, ...]:
+    """Return the figures by which somebody tells proposals from each other."""
+    return one.panels, one.judged.laid.joints, f"{100.0 * one.rms:.1g}", one.sheets

@@ -9,12 +9,10 @@ What is done is counted, never timed: the result is the same on every machine an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import islice, zip_longest
-
-import numpy as np
+from itertools import islice, pairwise, zip_longest
 
 from ..errors import Cancelled, FlexMapsError
 from ..optimisation.remedies import WANTED
@@ -27,10 +25,10 @@ from ..surface.checking.finding import counted
 from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
-from .choice import GIVEN, Choice, Proposal, proposal
+from .choice import GIVEN, PROPOSALS, STRIDE, Choice, Proposal, front, proposal, worth_showing
 from .judge import FIRST, FULL, LONG, SHORT, Idea, Judged, Laid, Piece, judge, lay, taken_up
 from .lines import completed, drawn, planes, unlike
-from .moves import IDEAS, moves
+from .moves import IDEAS, joined, moves
 from .search import EXPECTED, Search, Together, key, short
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels. The
@@ -50,7 +48,6 @@ BASES = 2  # layouts that are changed in a turn
 PROVED, ROUNDS = 2, 3
 AGAIN = 1  # the round, from 0 on, in which the best is searched again from another start
 CLOSE = 2.0  # times the distance asked for within which the nearest layouts get a search as long as the optimiser's own
-PROPOSALS, LEAST_SHOWN = 6, 3  # that are shown: more are no choice but a list, and fewer are none either
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 ENOUGH = 1.05
 
@@ -78,7 +75,8 @@ def choose(
         else:
             _sought(search, first, progress.part(0.1, 0.8))
             if params.goal == "match" and search.judged and not search.holds(search.judged[0]):
-                _alike(search, first, progress.part(0.8, 1.0))
+                _alike(search, first, progress.part(0.8, 0.95))
+            _fill_gaps(search, progress.part(0.95, 1.0))
     except Cancelled:
         if not search.judged:
             raise
@@ -314,12 +312,30 @@ def _again(search: Search, first: Laid) -> Laid | None:
     return min(proved, key=lambda one: one.rms).laid if proved else None
 
 
+def _fill_gaps(search: Search, progress: Progress) -> None:
+    """Judge layouts between two proposals of which the next has far more panels: the larger one's panels joined."""
+    for turn in range(PROPOSALS):
+        made = next(_between(search), None)
+        if made is None:
+            break
+        search.judge([made], progress.part(turn / PROPOSALS, (turn + 1) / PROPOSALS), more=True)
+
+
+def _between(search: Search) -> Iterator[Laid]:
+    """Yield layouts that nobody has judged, of more panels than one proposal and far fewer than the next."""
+    for few, many in pairwise(front(search.judged)):
+        most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
+        made = joined(search.piece, many, most) if many.laid.panels > most else None
+        if made is not None and made.panels > few.laid.panels and search.unknown(made):
+            yield made
+
+
 def _choice(search: Search, first: Laid, finished: bool) -> Choice:
     settings, search.expected = search.piece.settings, 1.0
     judged = search.judged
     best = _taken(search, judged, first)
     made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
-    shown = _shown([made[id(one)] for one in judged], made[id(best)])
+    shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
     reached = search.holds(best)
     given = next((one for one in made.values() if one.judged.laid.origin == GIVEN), None)
     return Choice(
@@ -343,29 +359,6 @@ def _taken(search: Search, judged: list[Judged], first: Laid) -> Judged:
     if search.params.goal == "panels":
         alike = [given] if given is not None and search.holds(given) and given in alike else []
     return min([best, *alike], key=lambda one: (one.laid.joints, one.laid.panels))
-
-
-def _shown(made: list[Proposal], best: Proposal) -> list[Proposal]:
-    """The proposals worth showing, fewest joints first: the taken one, the given one, a symmetric one, and the front."""
-    given = [one for one in made if one.judged.laid.origin == GIVEN]
-    symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
-    front = [
-        one
-        for one in made
-        if not any(other.judged.laid.joints <= one.judged.laid.joints and other.rms < one.rms for other in made)
-    ]
-    chosen = list(dict.fromkeys([best, *given, *symmetric]))
-    # as far apart from each other as they can be
-    while len(chosen) < PROPOSALS and (rest := [one for one in front if one not in chosen]):
-        chosen.append(max(rest, key=lambda one: min(_apart(one, other) for other in chosen)))
-    chosen += [one for one in made if one not in chosen][: max(LEAST_SHOWN - len(chosen), 0)]
-    return sorted(chosen, key=lambda one: (one.judged.laid.joints, one.rms))
-
-
-def _apart(one: Proposal, other: Proposal) -> float:
-    """How unlike two proposals are to somebody who chooses, by the ratios of their figures."""
-    joints = np.log((1 + one.judged.laid.joints) / (1 + other.judged.laid.joints))
-    return float(abs(joints) + abs(np.log(max(one.rms, 1e-9) / max(other.rms, 1e-9))))
 
 
 def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:

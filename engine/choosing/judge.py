@@ -180,9 +180,9 @@ def judge(
             prove=not quick,
             progress=progress.quiet(),
         )
+        return _judged(laid, found, share, thorough) if found.after.equilibrium.converged else None
     except FlexMapsError:
         return None
-    return _judged(laid, found, share, thorough) if found.after.equilibrium.converged else None
 
 
 def _judged(laid: Laid, found: Optimisation, share: float, thorough: bool) -> Judged:

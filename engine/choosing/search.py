@@ -91,9 +91,10 @@ class Search:
             taken[-1] = symmetric
         return taken
 
-    def judge(self, laid: Iterable[Laid], progress: Progress) -> None:
-        """Judge layouts that are not known yet by a short search, as many as there still may be."""
-        fresh = list({key(one): one for one in laid if self.unknown(one)}.values())[: max(self.left, 0)]
+    def judge(self, laid: Iterable[Laid], progress: Progress, *, more: bool = False) -> None:
+        """Judge layouts that are not known yet by a short search, as many as there still may be, or ``more``."""
+        fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
+        fresh = fresh if more else fresh[: max(self.left, 0)]
         found = self.together(partial(judge, self.piece), fresh, progress, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 

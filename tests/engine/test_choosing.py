@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from flexmaps.engine.choosing import choice, lines, search
 from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import judge as judging
-from flexmaps.engine.choosing import lines, search
 from flexmaps.engine.choosing.alike import ROWS, alike
 from flexmaps.engine.choosing.choose import choose
 from flexmaps.engine.choosing.judge import Idea, Judged, Laid, Piece, lay
-from flexmaps.engine.choosing.moves import moves
+from flexmaps.engine.choosing.moves import joined, moves
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
@@ -254,6 +255,46 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     assert (np.diff([float((one**2).sum()) for one in within]) >= -1e-6).all()
 
 
+def strips(*parts: int) -> dict[int, Laid]:
+    """A dome of 24 by 4 quads in so many strips across."""
+    mesh = grid(24, 4)
+    piece = Piece(mesh, Settings())
+    column = np.arange(len(mesh.quads)) // 4
+    one, two = mesh.edge_quads.T
+    found = {}
+    for count in parts:
+        strip = column * count // 24
+        laid = lay(piece, Idea((strip[one] != strip[two]) & ~mesh.border, f"{count} strips"))
+        assert laid is not None and laid.panels == count
+        found[count] = laid
+    return found
+
+
+@pytest.mark.parametrize("most", [2, 5, 7])
+def test_panels_are_joined_down_to_a_number_within_the_limits(most: int) -> None:
+    laid = strips(8)[8]
+    piece = Piece(laid.flat.layout.mesh, Settings())
+    made = joined(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
+    assert made is not None and 0 < made.panels <= most
+    assert (made.cut <= laid.cut).all()  # nothing is cut anew
+    assert float(made.flat.energy.max()) <= piece.settings.layout.distortion_limit
+
+
+def test_each_proposal_has_few_more_panels_than_the_one_before_and_all_look_different() -> None:
+    """Strips that come the nearer the more there are; some numbers come twice, and the taken one has most."""
+    settings = Settings()
+    made = []
+    for count, laid in strips(1, 2, 3, 4, 6, 8).items():
+        judged = replace(judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), rms=0.02 / count)
+        made += [choice.proposal(judged, settings, settings.material.chosen) for _ in range(2)]
+    shown = choice.worth_showing(made, made[-1])
+    panels = [one.panels for one in shown]
+    assert made[-1] in shown and panels == sorted(set(panels))
+    # from two panels on there is always a number within the stride: 2, 3, 4, 6, 8
+    assert all(b <= choice.STRIDE * a for a, b in pairwise(panels) if a > 1)
+    assert panels[0] == 1 and panels[-1] == 8
+
+
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer layouts than anybody would compare, which is quicker."""
@@ -281,7 +322,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     rows = [one.report() for one in choice.proposals]
     first = next(row for row in rows if row["origin"] == "as it was")
     taken = rows[choice.taken]
-    assert 3 <= len(rows) <= 6 and rows == sorted(rows, key=lambda row: row["joints"])
+    assert 3 <= len(rows) <= 6 and rows == sorted(rows, key=lambda row: (row["panels"], row["joints"]))
     assert choice.best.proved and taken["rms_percent"] < 0.7 * first["rms_percent"]
     assert any(one.symmetric for one in choice.proposals)
     assert choice.reached == (taken["rms_percent"] <= 0.02)

@@ -1,0 +1,71 @@
+"""The match that a layout can reach, predicted by a few linear steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from flexmaps.engine.choosing import lines
+from flexmaps.engine.choosing.judge import Idea, Laid, Piece, lay
+from flexmaps.engine.choosing.predict import Start, predicted
+from flexmaps.engine.params import Settings
+from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.surface.mesh import QuadMesh
+
+
+def sheet(height: float, across: int = 8, along: int = 6) -> QuadMesh:
+    """A rectangle of 20 mm quads; its middle stands ``height`` metres above its border."""
+    u, v = np.meshgrid(np.arange(across + 1), np.arange(along + 1), indexing="ij")
+    z = height * np.sin(np.pi * u / across) * np.sin(np.pi * v / along)
+    points = np.stack([0.02 * u, 0.02 * v, z], axis=2).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(across), np.arange(along), indexing="ij")
+    a = (i * (along + 1) + j).ravel()
+    return QuadMesh(points, np.stack([a, a + along + 1, a + along + 2, a + 1], axis=1))
+
+
+@cache
+def dome() -> tuple[Piece, dict[str, Laid]]:
+    """A dome with three of its layouts: whole and halved both ways."""
+    piece = Piece(sheet(0.03), Settings())
+    ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
+    for name, cut in lines.drawn(piece.mesh, 2, []):
+        ideas[f"{name}, {int(cut.sum())} edges"] = cut
+    laid = {name: lay(piece, Idea(cut, name)) for name, cut in ideas.items()}
+    return piece, {name: one for name, one in laid.items() if one is not None}
+
+
+def test_a_flat_sheet_is_matched() -> None:
+    piece = Piece(sheet(0.0), Settings())
+    laid = lay(piece, Idea(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
+    assert laid is not None and predicted(piece, laid.flat) < 1e-6
+
+
+def test_no_search_begins_nearer_than_is_predicted() -> None:
+    """The design that prediction begins with, simulated by itself, lies no nearer than the prediction."""
+    piece, layouts = dome()
+    for laid in layouts.values():
+        start = Start.from_layout(piece, laid.flat)
+        design = SpiralDesign(laid.flat, piece.settings.spiral, *start.spirals)
+        found = simulate(design, piece.mesh, piece.settings.material.chosen, piece.settings.simulate)
+        near = predicted(piece, laid.flat, start)
+        assert 0.0 < near < 0.01 * found.match["rms_percent"]
+
+
+def test_it_hardly_matters_which_layout_gives_the_start() -> None:
+    piece, layouts = dome()
+    starts = [Start.from_layout(piece, laid.flat) for laid in layouts.values()]
+    for laid in layouts.values():
+        several = [predicted(piece, laid.flat, start) for start in starts]
+        assert max(several) < 1.5 * min(several)
+
+
+@pytest.mark.parametrize("border", ["rim", "stubs"])
+def test_borders_of_all_kinds_and_supports_are_predicted(border: str) -> None:
+    piece, layouts = dome()
+    settings = replace(piece.settings, spiral=replace(piece.settings.spiral, border=border))
+    held = replace(piece, settings=settings, supports=np.arange(6))
+    near = predicted(held, layouts["whole"].flat)
+    assert 0.0 < near < 0.1
