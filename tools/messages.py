@@ -144,6 +144,7 @@ def _of_lines() -> Found:
     for text in (
         *(words for _, words in cures.MENDS.values()),
         *(words for words, _ in notices.WORDS.values()),
+        *(words for _, one, more in notices.SAID.values() for words in (one, more)),
         *guidance.CHANGED.values(),
     ):
         yield "", text, "what there is to look at, and its cure"

@@ -75,6 +75,12 @@ WORDS = {
     "overstrained": ("{} too loaded", BREAKS),
     "joints-overloaded": ("Weak joints: {}", BREAKS),
 }
+# block of the results -> its sentences that warn, and the words of one and of several
+SAID = {
+    "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
+    "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),
+    "sheets": ("warnings", "On the sheets", "On the sheets: {}"),
+}
 MADE_SQUARER = {"concave", "warped", "thin"}  # what Regularise helps with
 REMESHED = {
     "non-quad",
@@ -151,9 +157,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
-        *_sentences("layout", "Panels at a limit", blocks.get("layout", {}).get("remarks", ())),
-        *_sentences("assembly", "Hard to assemble", blocks.get("assembly", {}).get("warnings", ())),
-        *_sentences("sheets", "On the sheets", blocks.get("sheets", {}).get("warnings", ())),
+        *(one for name in SAID for one in _sentences(name, blocks.get(name, {}))),
     ]
     seen = [_seen(obj.data, notice) for notice in found]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
@@ -385,10 +389,11 @@ def _findings(source: str, found: Any) -> list[Notice]:
     return made
 
 
-def _sentences(source: str, words: str, said: Any) -> list[Notice]:
-    """Warnings that are plain sentences, each a notice of its own."""
-    keys = [f"{source}/{number}" for number in range(len(said))]
-    return [
-        Notice(key, interface(words), text, WORSE, cures=(cures.let_go(key),))
-        for key, text in zip(keys, said, strict=True)
-    ]
+def _sentences(source: str, block: dict[str, Any]) -> list[Notice]:
+    """Warnings of a block that are plain sentences, as one notice."""
+    rows, one, more = SAID[source]
+    said, key = block.get(rows, ()), f"{source}/{rows}"
+    if not said:
+        return []
+    words = interface(one) if len(said) == 1 else interface(more, len(said))
+    return [Notice(key, words, "\n".join(said), WORSE, cures=(cures.let_go(key),))]
