@@ -11,6 +11,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
@@ -19,6 +20,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise
+from flexmaps.engine.surface.symmetry import keeping, symmetries
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")
@@ -125,3 +127,20 @@ def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
     assert report["patches"] <= patches
     if name != "amo_quad.off":
         checked(flat)
+
+
+def test_first_cuts_that_break_a_mirror_get_its_images() -> None:
+    flat = shapes.make("dome")
+    x, y, z = flat.vertices.T
+    mesh = QuadMesh(np.stack([x, y, z + 3.0 * x**2 * y + 0.4 * y**2], axis=1), flat.quads)  # one mirror, across x
+    (mirror,) = symmetries(mesh)
+    # lines on one side of the mirror alone
+    middles = mesh.vertices[mesh.edges].mean(axis=1)
+    along_y = np.ptp(mesh.vertices[mesh.edges][..., 1], axis=1) > np.ptp(mesh.vertices[mesh.edges][..., 0], axis=1)
+    sides = np.sort(np.unique(np.round(middles[along_y & (middles[:, 0] > 0.0), 0], 4)))
+    near = np.abs(middles[:, 0] - sides[len(sides) // 2]) < 0.4 * mesh.median_edge
+    cut = along_y & near & ~mesh.border
+    assert cut.any() and not keeping([mirror], cut)
+    made = merge.merge(PatchLayout(mesh, cut, origin="lines"), PARAMS)
+    assert keeping([mirror], made.layout.cut) == [mirror]
+    checked(made)

@@ -17,6 +17,7 @@ from ..flattening.flatten import FlatPatches, flatten
 from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
+from ..tracing.trace import make_disks
 from .board import BOTTLENECK, Board, Change, Effort
 from .dissolve import dissolve
 from .halve import halved, leaves_plane
@@ -31,6 +32,9 @@ WORK_LEAST = 2e6  # work, see ``Effort``, at least: a bound that is the same on 
 WORK_EACH = 2.5e3  # work for every quad
 STOPS = 12  # most places where a part of a seam may begin or end; 6 gives the same on seven surfaces
 ROUNDS = 3  # how often at most what was merged is merged again; 1 and 6 give the same on seven surfaces
+# Most symmetries, one mirror or two and their half turn, whose images the first cuts are given where they keep fewer. Of a ring with hundreds
+# they would be 60 panels for 4
+MIRRORS = 3
 TRIES = 5  # most groups of symmetries that are tried; 2 and 10 give the same on seven surfaces
 
 
@@ -98,6 +102,15 @@ def _merge_body(
     start = Board(layout, params, effort=effort, tick=tick)
     ranked = _merged(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
+    kept = keeping(whole_group, layout.cut)
+    if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
+        own = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
+        mirrored = Board(_with_images(layout, whole_group), params, effort=own, tick=tick)
+        more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
+        more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
+        other = _best(more, ranking, progress.part(0.5, 0.55))
+        if not ranking.better(board, other, progress):
+            board, ranked, kept = other, more, whole_group
     if not layout.origin and not ranking.better(board, start, progress):
         board = start  # it was merged before
     if layout.origin and ranking.poor(board):
@@ -119,7 +132,7 @@ def _merge_body(
             break
         board = again
     if seamless or leaves_plane(board):
-        return board, symmetry_notes(whole_group, keeping(whole_group, layout.cut), ranked, board)
+        return board, symmetry_notes(whole_group, kept, ranked, board)
     board = halved(board, whole_group, progress.part(0.95, 1.0))
     said: dict[str, object] = {"halved": HALVED}
     if whole_group:
@@ -128,6 +141,14 @@ def _merge_body(
         broken = "; the seam that drives the panel broke the others" if len(rest) < len(whole_group) else ""
         said |= counts | {"symmetry": text + broken}
     return board, said
+
+
+def _with_images(layout: PatchLayout, group: list[Symmetry]) -> PatchLayout:
+    """The layout with the images of its cuts under all symmetries of a group."""
+    cut = layout.cut.copy()
+    for symmetry in group:
+        cut[symmetry.edges[layout.cut]] = True
+    return make_disks(PatchLayout(layout.mesh, cut, origin=layout.origin))
 
 
 def _merged(
