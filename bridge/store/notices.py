@@ -344,7 +344,8 @@ def _nearer(reach: dict[str, Any]) -> list[Cure]:
 def _match(block: dict[str, Any], reach: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """A piece that is farther from its target than anybody would miss, where no finding says so yet."""
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    if percent is None or percent <= remedies.WANTED or said & {"far-from-target", "stays-flat", "no-equilibrium"}:
+    told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _far(block) else ())}
+    if percent is None or percent <= remedies.WANTED or said & told:
         return []
     key, nearer = "equilibrium/match", _nearer(reach)
     ways = nearer or [

@@ -23,6 +23,7 @@ from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
 DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
+MOST = 0.5  # share of the quads; by definition
 STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the sheet
 
 # name, what is said of it, and what of that a button can do
@@ -140,9 +141,14 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) ->
     worst = shortfalls[0] if shortfalls else None
     if worst is None:
         return _where(kind, share)
-    if worst.flat:
+    if _stays_flat(shortfalls, len(kind)):
         return worst.wrong + worst.help
     return f"{worst.wrong} {_where(kind, share)}{worst.help}"
+
+
+def _stays_flat(shortfalls: list[Shortfall], quads: int) -> bool:
+    """Whether the body that is worst stays flat and is most of the piece, so that it doesn't matter what its spirals are like."""
+    return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MOST * quads
 
 
 def _strained(simulation: Simulation) -> str:
@@ -179,7 +185,7 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     1.6 and 1.7 times as much.
     """
     short, worst = simulation.shortfalls[:1], _worst(share)
-    if short and short[0].flat:
+    if _stays_flat(short, simulation.assembly.size):
         worst = None  # of a piece that stays flat the kinds are not told
     kind, _, names = KINDS[0] if worst is None else KINDS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())

@@ -250,3 +250,22 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
         if n.key == "equilibrium/stays-flat"
     )
     assert notice.kind == notices.WORSE  # a small body of a piece that is near as a whole
+
+
+def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
+    reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.4}}
+    for percent, told in ((1.5, True), (5.0, False), (0.5, False)):
+        block = {"rms_percent": percent, "converged": True, "findings": [flat]}
+        found = {n.key: n for n in notices._equilibrium(piece, {"equilibrium": block, "reach": reach})}
+        assert ("equilibrium/match" in found) == told
+        if told:
+            assert found["equilibrium/match"].cures[0].idname == "flexmaps.stand_on"
+
+
+def test_sentences_of_one_kind_are_one_row() -> None:
+    (one,) = notices._sentences("layout", {"remarks": ["Panel 1 keeps a neck"]})
+    (more,) = notices._sentences("layout", {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]})
+    assert one.words != more.words and "2" in more.words and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
+    assert not notices._sentences("sheets", {"warnings": []})

@@ -68,8 +68,8 @@ def test_blocks_of_earlier_versions_tell_of_a_cut_in_their_sentence_alone() -> N
     }
 
 
-def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0) -> Any:
-    short = [] if flat is None else [SimpleNamespace(flat=flat, line=np.arange(line))]
+def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0, quads: int = 100) -> Any:
+    short = [] if flat is None else [SimpleNamespace(flat=flat, line=np.arange(line), quads=np.arange(quads))]
     values = None if strain is None else np.array([0.1, strain])
     assembly = SimpleNamespace(thickness=0.002, size=100)
     return SimpleNamespace(strain=values, shortfalls=short, assembly=assembly, model=None)
@@ -107,6 +107,8 @@ def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
     assert advised(kind, stand_in(0.9, flat=True)) == []
     assert advised(kind, stand_in(0.9, flat=True, line=3)) == ["cut"]
     assert set(advised(kind, stand_in(0.9, flat=False, line=3))) == {"cut", *wanted}
+    # of a small body that stays flat beside a large one that does not, the large one's spirals count
+    assert set(advised(kind, stand_in(0.9, flat=True, line=3, quads=10))) == {"cut", *wanted}
 
 
 # -- on a surface ------------------------------------------------------------------------------------------------------
