@@ -21,6 +21,7 @@ USELESS = FOLDED | {"thin"}  # no spiral has room in them
 POOR = USELESS | {"concave", "warped"}
 ROUNDS = 6  # of moving and taking out; not measured
 SMALL = 0.7  # of the median quad's side: the least that a corner is to be drawn to
+SIZELESS = 1e-6  # of the median quad's side: quads that are smaller have no size
 # degrees between two triangles from which their edge is one of the shape: between those of round surfaces of few triangles,
 # 30 and less, and those of boxes and rims, 90
 SHARP = 50.0
@@ -170,7 +171,9 @@ def to_squares(quads: PolygonMesh, links: np.ndarray) -> Wish:
         squares = best_squares(points[corners])
         middle = squares.mean(axis=1, keepdims=True)
         size = np.linalg.norm(squares[:, 0] - middle[:, 0], axis=1)
-        larger = np.maximum(SMALL * np.median(size) / np.maximum(size, 1e-300), 1.0)[:, None, None]
+        usual = np.median(size)
+        # a quad without size has no directions in which it could grow, but for rounding errors
+        larger = np.maximum(SMALL * usual / np.maximum(size, SIZELESS * usual + 1e-300), 1.0)[:, None, None]
         return _summed(corners.ravel(), (middle + larger * (squares - middle)).reshape(-1, 3), count) / degree
 
     return wish

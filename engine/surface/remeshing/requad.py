@@ -26,7 +26,7 @@ from .coverage import uncovered
 from .halves import Plane, doubled, euler, half, own_planes, planes_of
 from .mend import SHARP, Target, of_rows
 from .refine import split
-from .soundness import Judged, judge, judge_raw
+from .soundness import Judged, judge, judge_raw, squarer
 from .tool import Tool
 
 EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
@@ -141,7 +141,7 @@ def requad(
     first = np.cumsum([0, *(len(search.best.sizes) for search in searches)]).tolist()
     made = zip(searches, first, strict=False)
     missed = [one for search, begin in made for one in search.uncovered(first[-1], begin)]
-    return Requadded(together(), found + missed)
+    return Requadded(squarer(together()), found + missed)
 
 
 # -- one body ------------------------------------------------------------------------------------------------------------

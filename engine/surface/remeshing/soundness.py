@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..checking.check import findings
+from ...params import RegulariseParams
+from ..checking.check import Finding, as_quad_mesh, findings
 from ..mesh import PolygonMesh
 from .bodies import is_clean, target_of
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined
+from .regularise import regularise
 
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
@@ -63,7 +65,7 @@ def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
     )
     if missed >= LOST:
         return "parts of the surface are lost"
-    useless, poor = (sum(len(f.faces) for f in found if f.code in codes) for codes in (USELESS, POOR))
+    useless, poor = _faces(found, USELESS), _faces(found, POOR)
     cost = (
         quality(quads, whole).cost
         * (1.0 + WORTH * poor / len(quads.sizes))
@@ -87,3 +89,18 @@ def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
         return raw
     unfilled = of_rows(raw.vertices, rows[~filling])
     return unfilled if is_clean(unfilled) else raw
+
+
+def squarer(quads: PolygonMesh) -> PolygonMesh:
+    """Return quads moved along their surface where that leaves fewer poor ones, else the same."""
+    before = findings(quads)
+    poor = _faces(before, POOR)
+    if not poor or any(one.is_error for one in before):
+        return quads
+    after = PolygonMesh.of(regularise(as_quad_mesh(quads), RegulariseParams()))
+    return after if _faces(findings(after), POOR) < poor else quads
+
+
+def _faces(found: list[Finding], codes: set[str]) -> int:
+    """Return how many faces findings with these codes name."""
+    return sum(len(one.faces) for one in found if one.code in codes)
