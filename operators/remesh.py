@@ -64,6 +64,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         polygons = mesh.read_surface(made, context.scene).polygons
         notes.write_checks(made.data, [*check.findings(polygons), *result.findings])
         states.stamp(made, context.scene)
+        states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has made them as square as they get
         edge = check.median_edge(polygons)
         said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
