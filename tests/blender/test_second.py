@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from flexmaps.bridge.hosts import remesh, second_blender
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import ObjectSettings, RemeshParams
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -62,7 +63,7 @@ def test_a_letter_on_which_quadriflow_comes_apart_is_cut_into_quads() -> None:
     obj = bpy.data.objects.new("M", curve)
     bpy.context.scene.collection.objects.link(obj)
     letter = remesh.seen(obj, bpy.context)
-    made = remesh.quads_of(letter, 300, smooth=True)
+    made = remesh.quads_of(letter, 300, ObjectSettings(remesh=RemeshParams(smooth=True)))
     assert not [f for f in check.findings(made.polygons) if f.is_error]
     assert 150 < len(made.polygons.sizes) < 600
     expected, area = (requad.target_of(mesh).area for mesh in (letter, made.polygons))

@@ -12,8 +12,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import coverage, requad, soundness
-from flexmaps.engine.surface.remeshing.mend import POOR, Target, mended, of_rows, to_squares
-from flexmaps.engine.surface.remeshing.soundness import squarer
+from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
 
 RADIUS = 0.5
 OWN = requad.OWN
@@ -390,23 +389,3 @@ def test_one_shape_gives_one_numbering() -> None:
         again = mesh(points[new], [turned[k] for k in rng.permutation(len(faces))]).in_order()
         assert (again.vertices == once.vertices).all() and (again.sizes == once.sizes).all()
         assert (again.corners == once.corners).all()
-
-
-def test_quads_without_size_do_not_throw_their_corners_away() -> None:
-    whole = ball(6)
-    rows = whole.corners.reshape(-1, 4)
-    points = whole.vertices.copy()
-    points[rows[10]] = points[rows[10]].mean(axis=0) + 1e-18 * np.arange(12.0).reshape(4, 3)
-    wanted = to_squares(PolygonMesh(points, whole.corners, whole.sizes), np.zeros((0, 2), int))(points)
-    assert np.linalg.norm(wanted, axis=1).max() < 2.0 * RADIUS
-
-
-def test_poor_quads_are_made_squarer_where_that_helps() -> None:
-    whole = ball(6)
-    assert squarer(whole) is whole  # none is poor
-    points, rows = whole.vertices.copy(), whole.corners.reshape(-1, 4)
-    middle = points[rows[14]].mean(axis=0)
-    points[rows[14, 0]] = middle + 0.3 * (points[rows[14, 2]] - middle)  # bent in
-    bad = PolygonMesh(points, whole.corners, whole.sizes)
-    poor = [sum(len(f.faces) for f in check.findings(mesh) if f.code in POOR) for mesh in (bad, squarer(bad))]
-    assert poor[1] < poor[0]
