@@ -21,6 +21,7 @@ from .terms import LOOSE
 # beyond the limit, may grow for it. On two surfaces 27 and 30 closed slots were open after two or three times; the RMSE grew by .3 and .1 %.
 # Unwinding before the last steps of the search left arms that these had no time to ease
 UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
+IDLE = 2  # times that this may open no more
 STRAIGHT = 0.1  # radians of twist, less of which is none
 
 
@@ -61,10 +62,12 @@ class Found:
 def opened(search: Search, found: Found, progress: Progress) -> Found:
     """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
 
-    Spirals whose arms would be strained too much for it, and those beside them, keep their twists.
+    Where slots may close, as the settings say, nothing is done. Spirals whose arms would be strained too much for it, and those beside them, keep their twists.
     """
+    if not search.task.params.open_slots:
+        return found
     free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
-    least, best = _closed(found), found
+    least, best, idle = _closed(found), found, 0
     for _ in range(UNWINDINGS):
         design, slots = here.simulation.design, here.simulation.slots(progress)
         strained = here.strained_by(found)
@@ -75,7 +78,9 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
             break
         here = _redesigned(search, here, replace(design, twist=twist), progress)
         if _closed(here) < least and here.bears(found):
-            least, best = _closed(here), here
+            least, best, idle = _closed(here), here, 0
+        elif (idle := idle + 1) > IDLE:
+            break
     if best is found:
         return found
     try:
