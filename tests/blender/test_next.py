@@ -207,6 +207,9 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     assert len(made.data.polygons) < notices.LEAST_QUADS
     act = seen(made).act
     assert act is not None and act.idname != "flexmaps.quad_remesh"
+    assert states.is_current_unnoted(
+        made, bpy.context.scene, "regularise"
+    )  # what a remesh gives is not made squarer once more
 
 
 def test_a_cure_is_pressed_by_its_name(add: Any) -> None:
