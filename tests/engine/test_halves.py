@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -111,3 +112,10 @@ def test_bodies_beside_a_plane_get_mirrored_quads() -> None:
     made = requad.requad(requad.joined([one, plane.mirrored(one)]), 160, NoTool(), symmetric=True).polygons
     assert bodies(sides_of(made), len(made.sizes)).max() == 1
     assert image_distance(made, plane) < 1e-9
+
+
+def test_what_halves_lack_is_not_what_a_body_lacks() -> None:
+    """A ring with fewer quads than anything could have: the message names one reason, the whole body's."""
+    with pytest.raises(FlexMapsError) as refused:
+        requad.requad(triangles("torus"), 12, NoTool(), symmetric=True)
+    assert str(refused.value).count("No sound quads were found") == 1 and "halves" not in str(refused.value)

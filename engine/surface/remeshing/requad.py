@@ -249,8 +249,8 @@ class _Search:
         if not self.found and self._clean and not is_closed(self._small):
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
-    def _by_halves(self) -> Iterator[Judged | str]:
-        """Quads of one side of a plane and their images, so long as a side has room for them."""
+    def _by_halves(self) -> Iterator[Judged]:
+        """Quads of one side of a plane and their images, where these are of use; the whole body is what is told of otherwise."""
         if not self._planes or not self._clean or self._count < 2 * FEWEST:
             return
         first, *others = self._planes
@@ -260,8 +260,7 @@ class _Search:
         search = _Search(side, round(self._count / 2), self._tool, self._name, others)
         try:
             search.go_on(self._tell("One half"), True)
-        except FlexMapsError as error:
-            yield str(error)
+        except FlexMapsError:
             return
         edge = (self._whole.area / self._count) ** 0.5
         ends = side.vertices[np.abs(first.heights(side.vertices)) < JOINED]
@@ -269,9 +268,9 @@ class _Search:
         for quads in search.ranked:
             made = doubled(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
-                yield judge(made, self._whole, self._count)
+                judged = judge(made, self._whole, self._count)
+                yield from [judged] if isinstance(judged, Judged) else []
                 return
-        yield "its halves do not meet"
 
     def _enough(self) -> bool:
         """Whether there are good quads, or as many tries as are worth it."""
