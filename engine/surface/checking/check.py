@@ -221,7 +221,7 @@ def _shape_of_faces(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> li
         if len(others) > triangles:
             kinds.append(counted(len(others) - triangles, "n-gon", "n-gons"))
         parts = f", in a mesh of {body.max() + 1} separate bodies" if body.max() > 0 else ""
-        text = f"{len(others)} of {counted(len(polygons.sizes), 'face is', 'faces are')} not quads ({' and '.join(kinds)}{parts}): {REMESH}"
+        text = f"{len(others)} of {counted(len(polygons.sizes), 'face is not a quad', 'faces are not quads')} ({' and '.join(kinds)}{parts}): {REMESH}"
         found.append(finding("non-quad", text, others))
     order = np.lexsort((polygons.corners, sides.face))
     face, corner = sides.face[order], polygons.corners[order]
