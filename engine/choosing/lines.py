@@ -12,7 +12,7 @@ from ..arrays import Bool, Float, Int
 from ..patches.layout import PatchLayout, groups, straight_on
 from ..patches.tracing.trace import make_disks
 from ..surface.mesh import QuadMesh
-from ..surface.symmetry import Symmetry, keeping
+from ..surface.symmetry import Symmetry, keeping, with_images
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it
@@ -209,19 +209,9 @@ def evenly(
 def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
     """The cuts with their images under a symmetry; what is no disk is opened in images of one cut."""
     for _ in range(OPENINGS):
-        cut = _with_images(cut, symmetry)
+        cut = with_images(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border
         if (opened == cut).all():
             break
         cut = opened
     return cut
-
-
-def _with_images(cut: np.ndarray, symmetry: Symmetry) -> np.ndarray:
-    """The cuts with their images under a symmetry, and the images of those, until there are no more."""
-    while True:
-        more = cut.copy()
-        more[symmetry.edges[cut]] = True
-        if (more == cut).all():
-            return cut
-        cut = more

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Float, Int
 from ..optimisation.reach import NAMES
 from ..patches.layout import PatchLayout, straight_on
-from ..patches.merging.board import Board, Effort
+from ..patches.merging.dissolve import bounded
 from ..patches.tracing.trace import middle_line
 from ..simulation.shortfall import curvature_within
 from ..surface.symmetry import Symmetry, keeping
@@ -17,7 +17,6 @@ from .judge import Idea, Judged, Laid, Piece, lay
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
 IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
-JOINING = 500.0  # quads times solves for every quad, at most, while panels are joined; not measured
 # of what limits a spiral's match, see ``reach``: what another cut mends
 MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 OTHERWISE = (
@@ -131,8 +130,7 @@ def joined(piece: Piece, judged: Judged, most: int) -> Laid | None:
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
     """
     layout, params, blame = judged.laid.flat.layout, piece.settings.layout, blamed(judged)
-    board = Board(layout, params, keeping(piece.symmetries, layout.cut), Effort(JOINING * len(layout.mesh.quads)))
-    board.distortion_share = 1.0
+    board = bounded(layout, params, piece.symmetries)
     while len(board.pieces) > most:
         for seam in weakest(board.layout, blame):
             change = board.attempt(seam) if board.is_first_image(seam) else None

@@ -23,7 +23,7 @@ from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
 MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
 DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
-MOST = 0.5  # share of the quads; by definition
+MOST = 0.5  # share of the quads, beyond which one body is most of a piece
 STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the sheet
 
 # name, what is said of it, and what of that a button can do
@@ -70,8 +70,8 @@ class Reach:
 def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> Reach:
     """What limits the match of a simulated design; of an optimised one also where its bounds hold it back.
 
-    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``. Without ``remedies`` nothing is computed
-    for buttons, which takes an equilibrium for every sheet.
+    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``. Without ``remedies`` there are none: they
+    take an equilibrium for each sheet that is tried.
     """
     simulation = of.after if isinstance(of, Optimisation) else of
     within = progress.at(0.0, "Looking for what limits the match")
@@ -147,7 +147,7 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) ->
 
 
 def _stays_flat(shortfalls: list[Shortfall], quads: int) -> bool:
-    """Whether the body that is worst stays flat and is most of the piece, so that it doesn't matter what its spirals are like."""
+    """Whether the body that is worst stays flat and is most of the piece, so that the kinds of its spirals say nothing."""
     return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MOST * quads
 
 

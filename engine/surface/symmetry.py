@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..progress import SILENT, Progress
 from .mesh import QuadMesh
 
@@ -178,6 +178,17 @@ def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"]
 def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
     """Those symmetries that map the cuts of a layout onto themselves."""
     return [s for s in found if (cut[s.edges] == cut).all()]
+
+
+def with_images(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
+    """Return the cuts with their images under some symmetries, and the images of those, until there are no more."""
+    while True:
+        more = cut.copy()
+        for symmetry in symmetries:
+            more[symmetry.edges[cut]] = True
+        if (more == cut).all():
+            return cut
+        cut = more
 
 
 def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:

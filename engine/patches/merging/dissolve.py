@@ -41,12 +41,20 @@ def without_crumbs(
     small = min(len(quads) for quads in layout.patches) < params.patch_min
     if len(layout.patches) < 2 or not (small or (layout.isthmus_widths(own=False) < params.neck_min).any()):
         return layout
-    effort = Effort(WORK * len(layout.mesh.quads))
-    board = Board(layout, params, keeping(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
-    board.distortion_share = 1.0
+    board = bounded(layout, params, symmetries, progress)
     changed = widen(board)
     changed |= dissolve(board)
     return PatchLayout(layout.mesh, board.cut, dict(layout.notes)) if changed else layout
+
+
+def bounded(
+    layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
+) -> Board:
+    """Return a board whose panels may use the whole distortion limit, with a bound to its work; what symmetry the layout has, it keeps."""
+    effort = Effort(WORK * len(layout.mesh.quads))
+    board = Board(layout, params, keeping(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
+    board.distortion_share = 1.0
+    return board
 
 
 def dissolve(board: Board) -> bool:

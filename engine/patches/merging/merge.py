@@ -11,7 +11,7 @@ import numpy as np
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.checking.finding import counted
-from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries
+from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries, with_images
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
 from ..flattening.report import forced_notes, symmetry_kept
@@ -32,8 +32,8 @@ WORK_LEAST = 2e6  # work, see ``Effort``, at least: a bound that is the same on 
 WORK_EACH = 2.5e3  # work for every quad
 STOPS = 12  # most places where a part of a seam may begin or end; 6 gives the same on seven surfaces
 ROUNDS = 3  # how often at most what was merged is merged again; 1 and 6 give the same on seven surfaces
-# Most symmetries, one mirror or two and their half turn, whose images the first cuts are given where they keep fewer. Of a ring with hundreds
-# they would be 60 panels for 4
+# First cuts that break a symmetry get their images where the surface has so many symmetries at most: one mirror, or two and their half
+# turn. On a ring, which has hundreds, 60 panels came of it instead of 4
 MIRRORS = 3
 TRIES = 5  # most groups of symmetries that are tried; 2 and 10 give the same on seven surfaces
 
@@ -96,7 +96,7 @@ def _merge_body(
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
-    effort = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
+    effort = _effort(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
     ranking = Ranking(whole_group)
     start = Board(layout, params, effort=effort, tick=tick)
@@ -104,8 +104,9 @@ def _merge_body(
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
     kept = keeping(whole_group, layout.cut)
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
-        own = Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
-        mirrored = Board(_with_images(layout, whole_group), params, effort=own, tick=tick)
+        images = with_images(layout.cut, whole_group)
+        disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
+        mirrored = Board(disks, params, effort=_effort(layout), tick=tick)
         more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
         more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
         other = _best(more, ranking, progress.part(0.5, 0.55))
@@ -143,12 +144,9 @@ def _merge_body(
     return board, said
 
 
-def _with_images(layout: PatchLayout, group: list[Symmetry]) -> PatchLayout:
-    """The layout with the images of its cuts under all symmetries of a group."""
-    cut = layout.cut.copy()
-    for symmetry in group:
-        cut[symmetry.edges[layout.cut]] = True
-    return make_disks(PatchLayout(layout.mesh, cut, origin=layout.origin))
+def _effort(layout: PatchLayout) -> Effort:
+    """Return how much work one way of merging may take."""
+    return Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
 
 
 def _merged(

@@ -250,7 +250,7 @@ class _Search:
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _by_halves(self) -> Iterator[Judged]:
-        """Quads of one side of a plane and their images, where these are of use; the whole body is what is told of otherwise."""
+        """Yield the quads of one side of a plane with their images, if they are sound; no reason is told, as the whole body is tried next."""
         if not self._planes or not self._clean or self._count < 2 * FEWEST:
             return
         first, *others = self._planes
@@ -269,7 +269,8 @@ class _Search:
             made = doubled(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
                 judged = judge(made, self._whole, self._count)
-                yield from [judged] if isinstance(judged, Judged) else []
+                if isinstance(judged, Judged):
+                    yield judged
                 return
 
     def _enough(self) -> bool:
