@@ -97,9 +97,7 @@ def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None
     """The class of a menu."""
 
     def drawn(self: Any, context: bpy.types.Context) -> None:
-        self.layout.operator_context = (
-            "INVOKE_DEFAULT"  # menus would run stages at once, and the window would not answer
-        )
+        self.layout.operator_context = "INVOKE_DEFAULT"  # or stages would run at once, and the window not answer
         draw(self.layout, context)
 
     idname = f"FLEXMAPS_MT_{name}"

@@ -137,3 +137,12 @@ def test_sheets_that_may_be_replaced_are_found_before_their_number_is_known(tmp_
     found = {path.name for path in export.present(tmp_path / "sheet", ("svg", "dxf-r12"))}
     assert found == {"sheet-01.svg", "sheet-12.svg", "sheet-r12-03.dxf", "sheet-parts.csv"}
     assert export.present(tmp_path / "sheet", ()) == []
+
+
+def test_a_folder_that_cannot_be_looked_into_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path) -> list[str]:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("os.listdir", refuse)  # root, who may run the tests, may look everywhere
+    with pytest.raises(FlexMapsError, match=f"Cannot look into the folder {tmp_path}: "):
+        export.present(tmp_path / "sheet", ("svg",))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import FlexMapsError
-from ...files import NewFile, replacing_many
+from ...files import NewFile, reason, replacing_many
 from ...params import ExportParams
 from ...progress import SILENT, Progress
 from ..sheets import CutSheets
@@ -89,8 +89,16 @@ def stale(base: Path, count: int) -> list[Path]:
 
 
 def present(base: Path, formats: Collection[str]) -> list[Path]:
-    """The files that are there already and that sheets in these formats, however many, may replace."""
-    names = sorted(entry.name for entry in base.parent.iterdir()) if base.parent.is_dir() else []
+    """The files that are there already and that sheets in these formats, however many, may replace.
+
+    Raises ``FlexMapsError`` where the folder cannot be looked into.
+    """
+    try:
+        names = sorted(os.listdir(base.parent))
+    except (FileNotFoundError, NotADirectoryError):
+        names = []
+    except OSError as error:
+        raise FlexMapsError(f"Cannot look into the folder {base.parent}: {reason(error)}") from None
     found = []
     for key in TABLE.keys() & set(formats):
         series_of = _named(base, key)

@@ -21,7 +21,7 @@ def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
     """Files of an earlier run with more sheets than ``count``: without gaps, and only those that this program wrote."""
     found: list[Path] = []
     path = Path(path)
-    while (old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")).is_file():
+    while os.path.isfile(old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")):
         found.append(old)
     return [old for old in found if ours(old)]
 
