@@ -255,12 +255,13 @@ def bare(kind: str) -> str:
 
 
 @pytest.mark.parametrize("kind", ["LINE", "POLYLINE", "LWPOLYLINE"])
-@pytest.mark.parametrize("damage", ["", "no EOF", "CRLF", "comment"])
+@pytest.mark.parametrize("damage", ["", "no EOF", "no end of the section", "CRLF", "comment"])
 @pytest.mark.parametrize(("unit", "scale"), [("mm", 1.0), ("in", 25.4), ("m", 1000.0)])
 def test_entities_alone(tmp_path: Path, kind: str, damage: str, unit: str, scale: float) -> None:
     text = bare(kind)
     text = {
         "no EOF": text.replace("0\nEOF\n", ""),
+        "no end of the section": text.replace("0\nENDSEC\n0\nEOF\n", ""),
         "CRLF": text.replace("\n", "\r\n"),
         "comment": "999\nby hand\n" + text,
     }.get(damage, text)

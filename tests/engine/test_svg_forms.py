@@ -77,6 +77,27 @@ FORMS = {
     "display none": (PLAIN, f'{RECT}<g style="display:none"><circle cx="50" cy="50" r="20"/></g>', [(200, 100, 0)]),
     "display by class": (PLAIN, f'<style>.h{{display:none}}</style>{RECT}<g class="h"><circle cx="50" cy="50" r="20"/></g>',
                          [(200, 100, 0)]),
+    "a rule of a child in CDATA": (PLAIN, f"<style><![CDATA[ g > rect, .z {{ transform: scale(.5) }} ]]></style><g>{RECT}</g>", [(100, 50, 0)]),
+    "a rule of a descendant": (PLAIN, f"<style>#a rect {{visibility: hidden}}</style>{RECT}<g id='a'><g>{RECT}</g></g>"
+                               '<circle cx="50" cy="50" r="20"/>', [(200, 100, 1)]),
+    "a rule of the next": (PLAIN, f"<style>circle + rect {{display: none}} rect ~ rect {{transform: scale(.5)}}</style>{RECT}"
+                           '<circle cx="50" cy="50" r="20"/><rect width="600" height="500"/>', [(200, 100, 1)]),
+    "a rule of an attribute": (PLAIN, f"<style>[fill='none'] {{transform: scale(.5)}}</style><g fill='none'>{RECT}</g>", [(100, 50, 0)]),
+    "a rule over an attribute": (PLAIN, f"<style>.h {{display: none}}</style>{RECT}<circle class='h' display='inline' cx='50' cy='50' r='20'/>",
+                                 [(200, 100, 0)]),
+    "style over a rule": (PLAIN, f"<style>#a {{transform: scale(3)}}</style><g id='a' style='transform: scale(.5)'>{RECT}</g>", [(100, 50, 0)]),
+    "an important rule": (PLAIN, f"<style>g {{transform: scale(.5) !important}}</style><g style='transform: scale(3)'>{RECT}</g>",
+                          [(100, 50, 0)]),
+    "the heavier rule": (PLAIN, f"<style>#a {{transform: scale(.5)}} .b {{transform: scale(3)}}</style><g id='a' class='b'>{RECT}</g>",
+                         [(100, 50, 0)]),
+    "rules for the screen": (PLAIN, f"<style>@media screen {{g {{transform: scale(.5)}}}} @media print {{g {{transform: scale(3)}}}}</style><g>{RECT}</g>",
+                             [(100, 50, 0)]),
+    "size in a sheet": ('viewBox="0 0 300 200"', f"<style>:root {{width: 600mm; height: 400mm}}</style>{RECT}", [(400, 200, 0)]),
+    "properties in capitals": (PLAIN, f'{RECT}<circle style="DISPLAY:none" cx="50" cy="50" r="20"/>', [(200, 100, 0)]),
+    "scale and rotate": (PLAIN, f'<g style="scale: .5 1; rotate: 90deg">{RECT}</g>', [(100, 100, 0)]),
+    "about the middle": (PLAIN, f'{RECT}<g style="transform: rotate(180deg); transform-origin: center">'
+                         '<rect x="210" y="110" width="50" height="60"/></g>', [(200, 100, 1)]),
+    "drawn twice, offset": (PLAIN, RECT + '<rect x="9.82" y="9.82" width="200.36" height="100.36"/>', [(200.36, 100.36, 0)]),
     "visibility": (PLAIN, f'{RECT}<g visibility="hidden"><circle cx="50" cy="50" r="20"/></g>', [(200, 100, 0)]),
     "visible in hidden": (PLAIN, f'<g visibility="hidden"><circle r="60"/><g visibility="visible">{RECT}</g></g>', [(200, 100, 0)]),
     "opacity": (PLAIN, f'{RECT}<g opacity="0"><circle cx="50" cy="50" r="20"/></g>', [(200, 100, 0)]),
@@ -135,7 +156,7 @@ def test_what_is_not_read_is_named(tmp_path: Path, inside: str, says: str) -> No
     ("inside", "says"),
     [
         (f'<clipPath id="c"/><g clip-path="url(#c)">{RECT}</g>', "clip-path"),
-        (f"<style>g > rect {{display: inline}}</style>{RECT}", "style of g > rect"),
+        (f"<style>g:hover {{display: inline}}</style>{RECT}", "style of g:hover"),
     ],
 )
 def test_what_may_change_the_form_is_remarked(tmp_path: Path, inside: str, says: str) -> None:

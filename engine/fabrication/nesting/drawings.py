@@ -90,6 +90,8 @@ def _document(path: Path) -> Any:
     data = path.read_bytes()
     if data.startswith(b"AutoCAD Binary DXF"):
         return ezdxf.readfile(path)
+    if b"SECTION" in data and not data.rstrip().endswith((b"EOF", b"ENDSEC")):
+        data = data.rstrip() + b"\n0\nENDSEC\n0\nEOF\n"  # ezdxf drops a section without an end
     try:
         return recover.read(io.BytesIO(data))[0]
     except ezdxf.DXFStructureError:

@@ -109,18 +109,16 @@ def _different(rings: list[Polygon]) -> list[Polygon]:
     import shapely
 
     kept: list[Polygon] = []
+    bands: list[Polygon] = []
     for ring in rings:
-        same = (k for k in kept if np.abs(np.subtract(k.bounds, ring.bounds)).max() <= JOINED)
-        if not any(_farthest(k, ring) <= JOINED for k in same):
+        band = _band(ring)
+        near = shapely.STRtree(bands).query(ring.exterior, predicate="covered_by") if bands else ()
+        if not any(band.covers(kept[k].exterior) for k in near):
             kept.append(ring)
-            shapely.prepare(ring.exterior)
+            bands.append(band)
     return kept
 
 
-def _farthest(one: Polygon, other: Polygon) -> float:
-    """Hausdorff distance of two rings, as far as their corners show it."""
-    import shapely
-
-    there = shapely.distance(shapely.points(one.exterior.coords), other.exterior)
-    back = shapely.distance(shapely.points(other.exterior.coords), one.exterior)
-    return float(max(there.max(), back.max()))
+def _band(ring: Polygon) -> Polygon:
+    """What lies within ``JOINED`` of the sides of a ring, with sharp corners."""
+    return ring.exterior.buffer(JOINED, join_style="mitre")

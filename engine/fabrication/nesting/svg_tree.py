@@ -9,6 +9,8 @@ import re
 from collections.abc import Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement
 
+from .svg_style import Styles, tag_of
+
 # millimetres of the units of CSS (Values 3); em of the initial font
 UNITS = {"mm": 1, "cm": 10, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6, "q": 0.25, "px": 25.4 / 96, "em": 25.4 / 6}
 SHAPES = {"rect", "circle", "ellipse", "line", "polyline", "polygon", "path"}
@@ -23,9 +25,7 @@ SIZES = dict(
 STYLES = {"display", "visibility", "opacity"}  # properties that hide
 MOST = 100_000  # elements that are drawn; more come of references that refer to each other only
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(mm|cm|in|pt|pc|px|em|q|%)?", re.IGNORECASE)
-# properties that decide what is drawn
-_DECIDES = re.compile(r"(?<![\w-])(display|visibility|opacity|transform|width|height|[cr]?[xyr])\s*:")
-_SELECTORS = re.compile(r"[\w.#*-]+(\s*,\s*[\w.#*-]+)*")  # the selectors of CSS that svgelements knows
+_KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}  # of transform-origin
 
 
 class SvgTree:
@@ -36,23 +36,23 @@ class SvgTree:
     """
 
     def __init__(self, document: Element, default: float):
-        given = _given(document)
+        self.styles = Styles(document)
+        given = self.styles.given(document)
         units = [_LENGTH.fullmatch(given.get(name, "")) for name in ("width", "height")]
         self.unitless = not any(u and u[2] and u[2] != "%" for u in units)
         self.unit = default if self.unitless else UNITS["px"]
         self.named = {e.get("id"): e for e in document.iter() if e.get("id")}
-        self.outside: set[str] = set()
+        self.outside = self.styles.unread
         self.count = 0
         box, size = _box(given), [self._length(given.get(name, "")) for name in ("width", "height")]
         scale = next((s / b for s, b in zip(size, box[2:]) if s), 1.0)  # what is missing follows from the other side
         across = [repr(s or scale * b) for s, b in zip(size, box[2:] or (100.0, 100.0))]
         self.root = Element("svg")
-        self.root.extend(self._sheet(e) for e in document.iter() if _tag(e) == "style")
         self._draw(self.root, document, (1.0, 1.0), {"width": across[0], "height": across[1], "x": "0", "y": "0"})
 
     def _draw(self, parent: Element, element: Element, view: Sequence[float], more: dict[str, str]) -> None:
         """Append an element; ``view`` is the size of its viewport, ``more`` the attributes that a reference gives it."""
-        tag, given = _tag(element), _given(element) | more
+        tag, given = tag_of(element), self.styles.given(element) | more
         self.count += 1
         if self.count > MOST:
             raise RecursionError
@@ -62,9 +62,9 @@ class SvgTree:
             return
         whole = (*view, (0.5 * (view[0] ** 2 + view[1] ** 2)) ** 0.5)
         at = {n: self._length(given[n], whole[i]) for n, i in SIZES.items() if _LENGTH.fullmatch(given.get(n, ""))}
-        made = SubElement(parent, tag if tag in SHAPES else "g", {k: given[k] for k in ("class", "id") if k in given})
+        made = SubElement(parent, tag if tag in SHAPES else "g")
         made.set("style", ";".join(f"{k}:{given[k]}" for k in sorted(STYLES & set(given))))
-        made.set("transform", self._moves(given))
+        made.set("transform", self._moves(given, view))
         if tag in SHAPES:
             made.attrib |= {n: repr(x) for n, x in at.items()} | {k: given[k] for k in ("d", "points") if k in given}
             return
@@ -73,16 +73,16 @@ class SvgTree:
             moves = f"translate({at.get('x', 0.0)!r},{at.get('y', 0.0)!r})"
             target = given.get("href", given.get("{http://www.w3.org/1999/xlink}href", "")).removeprefix("#")
             children = [self.named[target]] if target in self.named else []
-            if children and _tag(children[0]) in ("svg", "symbol"):
+            if children and tag_of(children[0]) in ("svg", "symbol"):
                 inner = {"use": ""} | {name: given[name] for name in ("width", "height") if name in given}
         elif tag in ("svg", "symbol"):
             moves, view = _viewport(at, view, _box(given), given.get("preserveAspectRatio", "xMidYMid"))
         else:
             moves = ""
             if tag == "switch":  # the first part whose conditions hold
-                fit = (e for e in element if _tag(e) and not e.get("requiredExtensions"))
+                fit = (e for e in element if tag_of(e) and not e.get("requiredExtensions"))
                 children = [e for e in fit if "en" in e.get("systemLanguage", "en")][:1]
-        moved = SubElement(made, "g", {"transform": moves})  # apart from what a style sheet may move
+        moved = SubElement(made, "g", {"transform": moves})
         for child in children:
             self._draw(moved, child, view, inner)
 
@@ -96,34 +96,12 @@ class SvgTree:
     def _plain(self, text: str) -> str:
         return _LENGTH.sub(lambda found: repr(self._length(found[0], 1.0)) if found[2] else found[0], text)
 
-    def _moves(self, given: Mapping[str, str]) -> str:
-        """The transform about its origin."""
-        x, y, *_ = [*map(self._length, given.get("transform-origin", "").split()), 0.0, 0.0]
-        return f"translate({x!r},{y!r}) {self._plain(given.get('transform', ''))} translate({-x!r},{-y!r})"
-
-    def _sheet(self, style: Element) -> Element:
-        """A style sheet with plain lengths; names selectors that svgelements does not know if they decide what is drawn."""
-        made, text = Element("style"), re.sub(r"/\*.*?\*/", "", "".join(style.itertext()), flags=re.DOTALL)
-        rules = re.findall(r"([^{}]+)\{([^{}]*)\}", text)
-        foreign = {
-            rule.strip() for rule, body in rules if _DECIDES.search(body) and not _SELECTORS.fullmatch(rule.strip())
-        }
-        self.outside |= {f"style of {rule}" for rule in foreign}
-        made.text = self._plain(text)
-        return made
-
-
-def _tag(element: Element) -> str:
-    """The name of an element of SVG; "" of others."""
-    space, _, name = str(element.tag).rpartition("}")
-    return name if space in ("", "{http://www.w3.org/2000/svg") else ""
-
-
-def _given(element: Element) -> dict[str, str]:
-    """Attributes, and over them what the element's own style says."""
-    pairs = (p.partition(":") for p in element.get("style", "").split(";"))
-    given = element.attrib | {k.strip(): v.replace("!important", "") for k, _, v in pairs if v}
-    return {k: v.strip() for k, v in given.items()}
+    def _moves(self, given: Mapping[str, str], view: Sequence[float]) -> str:
+        """The transform about its origin; ``view`` is the size of the viewport."""
+        at = [_KEYWORDS.get(one, one) for one in given.get("transform-origin", "0 0").split()]
+        x, y = map(self._length, [*at, "50%"][:2], view)
+        own = " ".join(f"{k}({','.join(given[k].split())})" for k in ("translate", "rotate", "scale") if k in given)
+        return f"translate({x!r},{y!r}) {self._plain(f'{own} ' + given.get('transform', ''))} translate({-x!r},{-y!r})"
 
 
 def _box(given: Mapping[str, str]) -> list[float]:
