@@ -40,7 +40,7 @@ class Piece:
     def result(self) -> Result:
         """What the stages made; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made."""
         if self.made is None:
-            checking.as_quad_mesh(self.source)
+            checking.as_quad_mesh(self.source, checking.everything(self.source))
             raise FlexMapsError(f"{self.name} was not checked; load it again")
         return self.made
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh, findings
 from flexmaps.engine.surface.checking.overlaps import overlaps
 from flexmaps.engine.surface.checking.sewing import sewn, t_junctions
-from flexmaps.engine.surface.checking.topology import bodies, sides_of
+from flexmaps.engine.surface.checking.topology import bodies, inconsistent, sides_of
 from flexmaps.engine.surface.far import about_middle, coarse_step
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -243,6 +244,68 @@ def test_a_ring_that_overlaps_itself() -> None:
     rows = np.concatenate([np.stack([k, k + 1, k + 25, k + 24], axis=1) + 24 * j for j in (0, 1)])
     mesh = PolygonMesh(points, rows.ravel(), np.full(len(rows), 4))
     assert "cuts-itself" in codes(mesh)
+
+
+def strip(surface: Any, columns: int, rows: int, closed: bool = False) -> PolygonMesh:
+    """Quads over the unit square, of points ``surface(u, v)``; ``closed``: u runs around."""
+    v, u = np.meshgrid(np.linspace(0, 1, rows + 1), np.arange(columns + (not closed)) / columns, indexing="ij")
+    width, (j, i) = u.shape[1], np.indices((rows, columns))
+    right = (i + 1) % width
+    corners = np.stack([j * width + i, j * width + right, (j + 1) * width + right, (j + 1) * width + i], axis=-1)
+    points = np.stack(np.broadcast_arrays(*surface(u, v)), axis=-1).reshape(-1, 3)
+    return PolygonMesh(points, corners.ravel(), np.full(columns * rows, 4))
+
+
+def ring(turns: float, columns: int, rise: float = 0.0) -> PolygonMesh:
+    angle = 2 * np.pi * turns
+    return strip(lambda u, v: (0.1 * np.cos(angle * u), 0.1 * np.sin(angle * u), 0.06 * v + rise * u), columns, 3)
+
+
+def sheet(y: float) -> PolygonMesh:
+    """An upright square across the plane z = 0."""
+    return strip(lambda u, v: (0.2 * u - 0.1, y, 0.2 * v - 0.1), 8, 8)
+
+
+FLOOR = strip(lambda u, v: (0.2 * u - 0.1, 0.2 * v - 0.1, 0.0), 8, 8)
+THEMSELVES = {
+    "a ring with other columns where it overlaps": ring(400 / 360, 33),
+    "a ring of two turns": ring(2.0, 60),
+    "a ring that rises in its own wall": ring(420 / 360, 35, 0.01),
+    "a flat ring": strip(
+        lambda u, v: ((0.06 + 0.06 * v) * np.cos(7 * u), (0.06 + 0.06 * v) * np.sin(7 * u), 0.0), 33, 3
+    ),
+    "a figure of eight": strip(
+        lambda u, v: (0.1 * np.sin(2 * np.pi * u), 0.1 * np.sin(4 * np.pi * u), 0.1 * v), 41, 5, closed=True
+    ),
+    "a figure of eight that crosses along edges": strip(
+        lambda u, v: (0.1 * np.sin(2 * np.pi * u), 0.1 * np.sin(4 * np.pi * u), 0.1 * v), 40, 5, closed=True
+    ),
+    "sheets with ends beside each other": joined(FLOOR, sheet(0.003)),
+    "sheets that cross along edges": joined(FLOOR, sheet(0.0)),
+}
+
+
+@pytest.mark.parametrize("name", THEMSELVES)
+def test_a_surface_through_itself_is_named_and_not_sewn(name: str) -> None:
+    mesh = THEMSELVES[name]
+    made = sewn(mesh)
+    assert not made.cured and made.corners is mesh.corners
+    assert codes(mesh) == {"cuts-itself"}
+
+
+def test_a_half_that_faces_the_other_way_is_turned_over() -> None:
+    mesh = quads("dome")
+    side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, 0] < 0
+    other = mesh.kept(~side)
+    made = sewn(joined(mesh.kept(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
+    assert euler(made) == euler(mesh) and "Merge by Distance" in made.cured[0][1]
+    sides = sides_of(made)
+    assert not len(inconsistent(sides, bodies(sides, len(made.sizes)))[0])
+
+
+def test_a_shell_that_is_there_twice_in_other_faces() -> None:
+    made = sewn(joined(quads("dome"), triangles("dome")))
+    assert len(made.sizes) == len(quads("dome").sizes) and "lie on each other" in made.cured[0][1]
 
 
 # -- far away -----------------------------------------------------------------------------------------------------------------

@@ -10,14 +10,17 @@ double-skin         warning   both skins of a thin closed shell
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from ...arrays import Bool, Float, Int
 from ..mesh import PolygonMesh
+from ..welding import NEAR, short_edge
 from .finding import Finding, counted, finding, named
-from .sewing import doubled, lying_on_each_other, places, t_junctions
+from .sewing import doubled, joinable, lying_on_each_other, places, t_junctions
 from .topology import Sides, bodies, sides_of
 
 # median edges between the two skins of a shell, at most: farther apart they are walls of a room
@@ -27,6 +30,7 @@ SKINS = 0.6  # share of the faces of a closed body that have another skin behind
 # share of an edge by which a crossing has to lie inside it, and of a triangle's height by which it may lie outside: symmetric parts
 # cross exactly at edges, and parts that only touch end there
 THROUGH = 1e-6
+ON_EACH_OTHER = 0.01  # share of the smaller of two triangles of one plane that lies on the other, at least
 
 
 def overlaps(mesh: PolygonMesh) -> list[Finding]:
@@ -74,8 +78,8 @@ def _apart(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Doubled vertices on borders, and T-junctions."""
     found = []
     label = doubled(mesh, sides)
-    on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
-    if len(on):
+    if joinable(mesh, label) is not None:  # otherwise parts of the surface meet there, which is another fault or none
+        on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
         text = f"{counted(len(on), 'vertex lies', 'vertices lie')} doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
         found.append(finding("doubled-vertices", text, faces))
@@ -147,8 +151,25 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
         own, where = _pierced(p[a, k], p[a, (k + 1) % 3], p[b])
         points[own & ~hit] = where[own & ~hit]
         hit |= own
-    found = np.unique(np.concatenate([face[a[hit]], face[b[hit]]]))
-    return found, points[int(hit.argmax())] if hit.any() else np.zeros(3)
+    level = np.flatnonzero(~hit & (a < b))
+    level = level[_on_each_other(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
+    points[level], hit[level] = p[b[level]].mean(axis=1), True
+    along = _crossing_along_edges(mesh)
+    found = np.unique(np.concatenate([face[a[hit]], face[b[hit]], along]))
+    corners = mesh.corners[np.isin(np.repeat(np.arange(len(mesh.sizes)), mesh.sizes), along)]
+    points = np.concatenate([points[hit], mesh.vertices[corners]])
+    return found, points[0] if len(found) else np.zeros(3)
+
+
+def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
+    """Ascending: faces at edges in one place, each of two faces: parts of a surface that go through each other there."""
+    sides = sides_of(mesh)
+    place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
+    inner = np.bincount(sides.edge)[sides.edge] == 2
+    pairs = np.unique(np.stack([place[inner], sides.edge[inner]]), axis=1)[0]
+    several = np.bincount(pairs, minlength=int(place.max()) + 1) > 1
+    found: Int[np.ndarray, " faces"] = np.unique(sides.face[inner & several[place]])
+    return found
 
 
 def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
@@ -169,6 +190,27 @@ def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarr
     return face, np.stack(
         [mesh.corners[first], mesh.corners[first + within + 1], mesh.corners[first + within + 2]], axis=1
     )
+
+
+def _on_each_other(
+    one: Float[np.ndarray, "pairs 3 3"], other: Float[np.ndarray, "pairs 3 3"], near: float
+) -> Bool[np.ndarray, " pairs"]:
+    """Whether triangles of one plane, to within ``near``, have an area in common."""
+    import shapely
+
+    normal = np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    normal /= np.maximum(size, 1e-300)[:, None]
+    off = np.abs(np.einsum("nki,ni->nk", other - one[:, :1], normal)).max(axis=1)
+    found = (off <= near) & (size > 0.0)
+    flat = np.flatnonzero(found)
+    across = one[flat, 1] - one[flat, 0]
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    axes = np.stack([across, np.cross(normal[flat], across)], axis=2)
+    first, second = (shapely.polygons((x[flat] - one[flat, :1]) @ axes) for x in (one, other))
+    common = shapely.area(shapely.intersection(first, second))
+    found[flat] = common > ON_EACH_OTHER * np.minimum(shapely.area(first), shapely.area(second))
+    return found
 
 
 def _pierced(

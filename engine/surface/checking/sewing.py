@@ -13,15 +13,17 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ...arrays import Float, Int
+from ...arrays import Bool, Float, Int
 from ..mesh import PolygonMesh
 from ..welding import NEAR, clusters, joined, short_edge
 from .finding import counted
-from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of
+from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
 # of a border edge's length: a vertex so near it and so far from its ends lies inside it. Above the sag of an edge of a tenth of the
 # radius of curvature (.0125); larger takes narrow slits for T-junctions
 BESIDE = 0.05
+ALONG = 0.9  # cosine between borders that run along each other, at least
+FOLDED = 0.5  # cosine between the ways into the faces on both sides of a border, at most: a crease of 120 degrees
 MORE = 0.1  # share of quads that a cure by carrying cuts on may add; beyond, the whole is remeshed
 
 
@@ -67,10 +69,42 @@ def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
     faces = np.stack([sides.face[rim[of_side]], vertex], axis=1)[inside]
     own = np.isin(faces @ (len(mesh.vertices), 1), sides.face * len(mesh.vertices) + mesh.corners)
     kept = np.flatnonzero(inside)[~own]
+    kept = kept[_continued(mesh, sides, rim, vertex[kept], of_side[kept])]
     # a vertex lies inside one edge only, the nearest
     order = kept[np.lexsort((off[kept], vertex[kept]))]
     order = order[np.unique(vertex[order], return_index=True)[1]]
     return TJunctions(vertex[order], rim[of_side[order]], share[order])
+
+
+def _continued(
+    mesh: PolygonMesh,
+    sides: Sides,
+    rim: Int[np.ndarray, " rim"],
+    vertex: Int[np.ndarray, " n"],
+    side: Int[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Return whether the surface goes on beyond a border edge at a vertex inside it; ``side`` counts those of ``rim``.
+
+    The border of what goes on runs along the edge, and its faces lie on the other side: others overlap or cross.
+    """
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    middle = np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
+    start, end = mesh.corners[rim], sides.following[rim]
+    along = _unit(mesh.vertices[end] - mesh.vertices[start])
+    inward = middle[sides.face[rim]] - mesh.vertices[start]
+    inward = _unit(inward - np.einsum("ni,ni->n", inward, along)[:, None] * along)
+    at, other = np.concatenate([start, end]), np.tile(np.arange(len(rim)), 2)
+    order = np.argsort(at, kind="stable")
+    first, last = (np.searchsorted(at[order], vertex, which) for which in ("left", "right"))
+    row = np.repeat(np.arange(len(vertex)), last - first)
+    beside = other[order][np.arange(len(row)) - np.repeat(np.cumsum(last - first) - last, last - first)]
+    parallel = np.abs(np.einsum("ni,ni->n", along[side[row]], along[beside])) > ALONG
+    beyond = np.einsum("ni,ni->n", inward[side[row]], inward[beside]) < FOLDED
+    return np.bincount(row, parallel & beyond, minlength=len(vertex)) > 0
+
+
+def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
 
 def sewn(mesh: PolygonMesh) -> PolygonMesh:
@@ -99,7 +133,7 @@ def _once(mesh: PolygonMesh) -> PolygonMesh:
     again = np.zeros(len(mesh.sizes), bool)
     again[repeated_faces(one)] = True
     body = bodies(sides_of(mesh), len(mesh.sizes))
-    gone = (np.bincount(body, ~again) == 0)[body]
+    gone = (np.bincount(body, ~again) == 0)[body] | _cut_otherwise(one, body)
     if not gone.any() or gone.all():
         return mesh
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
@@ -111,29 +145,59 @@ def _once(mesh: PolygonMesh) -> PolygonMesh:
     return replace(left, vertices=mesh.vertices[used], corners=corners, cured=cured)
 
 
-def _merged(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with doubled vertices of its border joined, where that makes no edge of three faces."""
+def _cut_otherwise(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
+    """Faces of bodies with the vertices and the area of a body before them, as a shell has that is there twice, once in triangles."""
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    middle = np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
     sides = sides_of(mesh)
-    label = doubled(mesh, sides)
+    p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
+    area = np.bincount(body[sides.face], 0.5 * np.linalg.norm(np.cross(p - m, q - m), axis=1))
+    corners = np.unique(np.stack([body[sides.face], mesh.corners]), axis=1)
+    known: dict[bytes, list[int]] = {}
+    again = np.zeros(len(area), bool)
+    for k, vertices in enumerate(np.split(corners[1], np.cumsum(np.bincount(corners[0]))[:-1])):
+        alike = known.setdefault(vertices.tobytes(), [])
+        again[k] = any(abs(area[k] - area[j]) <= BESIDE * area[j] for j in alike)
+        alike.append(k)
+    return again[body]
+
+
+def _merged(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with doubled vertices of its border joined, and faces turned over that face the other way than their neighbours then."""
+    label = doubled(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
-    if not count:
-        return mesh
-    one = joined(mesh, label)
-    if not _sounder(mesh, one):
+    one = joinable(mesh, label)
+    if one is None:
         return mesh
     text = f"{counted(count, 'doubled vertex was', 'doubled vertices were')} joined with others, as Merge by Distance does in Blender"
     return replace(one, cured=(*mesh.cured, ("doubled-vertices", text)))
 
 
-def _sounder(before: PolygonMesh, after: PolygonMesh) -> bool:
-    """Return whether joining vertices made nothing worse: no edge of three faces, faces that disagree, or faces on each other."""
+def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
+    """The mesh with vertices joined, where there are any and that makes it no worse; bodies of it are turned over for that."""
+    if (label == np.arange(len(label))).all():
+        return None
+    one = joined(mesh, label)
+    sides = sides_of(one)
+    turned = inconsistent(sides, bodies(sides, len(one.sizes)))[0]
+    if len(turned) and not len(inconsistent(sides_of(mesh), bodies(sides_of(mesh), len(mesh.sizes)))[0]):
+        pieces = np.split(one.corners, np.cumsum(one.sizes)[:-1])
+        for face in turned.tolist():
+            pieces[face] = pieces[face][::-1]
+        one = replace(one, corners=np.concatenate(pieces))
+    return one if _sounder(mesh, one) else None
 
-    def faults(mesh: PolygonMesh) -> tuple[int, int, int, int]:
+
+def _sounder(before: PolygonMesh, after: PolygonMesh) -> bool:
+    """Return whether joining vertices made nothing worse: no edge of three faces, faces that disagree, fans that meet in a vertex, or faces on each other."""
+
+    def faults(mesh: PolygonMesh) -> tuple[int, ...]:
         sides = sides_of(mesh)
         turned, one_sided, _ = inconsistent(sides, bodies(sides, len(mesh.sizes)))
-        return int((np.bincount(sides.edge) > 2).sum()), len(turned), len(one_sided), len(lying_on_each_other(mesh))
+        found = turned, one_sided, split_vertices(mesh, sides), lying_on_each_other(mesh)
+        return int((np.bincount(sides.edge) > 2).sum()), *map(len, found)
 
-    return all(new <= old for new, old in zip(faults(after), faults(before), strict=True)) and not faults(after)[3]
+    return all(new <= old for new, old in zip(faults(after), faults(before), strict=True)) and not faults(after)[-1]
 
 
 def lying_on_each_other(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
