@@ -42,6 +42,18 @@ def test_an_open_surface_stays_open(add: Any) -> None:
     assert tuple(made.dimensions) == pytest.approx(tuple(obj.dimensions), rel=0.15)
 
 
+@pytest.mark.parametrize(
+    "corners", [((0, 0), (6, 0), (1, 1.5)), ((0, 0), (2, 1), (0, 2), (0.7, 1))], ids=["obtuse", "arrow"]
+)
+def test_a_face_with_sharp_corners_is_covered_whole(add: Any, corners: tuple[tuple[float, float], ...]) -> None:
+    obj = add((np.array([(x, y, 0) for x, y in corners], float), [tuple(range(len(corners)))]))
+    obj.flexmaps.remesh.quads = 60
+    area = obj.data.polygons[0].area
+    press("quad_remesh")
+    made = bpy.context.object
+    assert sum(face.area for face in made.data.polygons) == pytest.approx(area, rel=0.02)
+
+
 def test_what_cannot_be_remeshed_leaves_nothing_behind(add: Any) -> None:
     turns = 2 * np.pi * np.arange(12) / 12
     across = np.stack([np.cos(turns / 2) * np.cos(turns), np.cos(turns / 2) * np.sin(turns), np.sin(turns / 2)], axis=1)

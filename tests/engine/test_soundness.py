@@ -1,4 +1,4 @@
-"""Quads that fill holes are taken out again, before quads are judged."""
+"""What is done to quads before they are judged: fillings of holes taken out, corners put back; and points to judge them by."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.surface.remeshing import soundness
 from flexmaps.engine.surface.remeshing.bodies import target_of
-from flexmaps.engine.surface.remeshing.mend import of_rows
+from flexmaps.engine.surface.remeshing.mend import Target, of_rows
 
 
 def tube(around: int = 12, rings: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -35,3 +35,31 @@ def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, 
     target = target_of(of_rows(points, np.concatenate([own[:, [0, 1, 2]], own[:, [0, 2, 3]]])))
     opened = soundness.opened(of_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
+
+
+def triangle_target(points: np.ndarray) -> Target:
+    return Target(np.column_stack([points, np.zeros(len(points))]), np.array([[0, 1, 2]]))
+
+
+def test_one_large_triangle_has_points_all_over_it() -> None:
+    """The mean of points of a triangle is its middle, and so many fall into each of the four into which its midpoints cut it."""
+    corners = np.array([[0.0, 0.0], [6.0, 0.0], [1.0, 1.5]])
+    points = triangle_target(corners).samples[:, :2]
+    shares = np.linalg.solve((corners[1:] - corners[0]).T, (points - corners[0]).T).T
+    shares = np.column_stack([1.0 - shares.sum(axis=1), shares])
+    assert shares.min() >= 0.0 and shares.mean(axis=0) == pytest.approx(np.full(3, 1 / 3), abs=0.01)
+    assert (shares > 0.5).mean(axis=0) == pytest.approx(np.full(3, 0.25), abs=0.01)
+
+
+def test_border_vertices_are_put_onto_corners_that_were_cut_off() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
+    whole = Target(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    n = np.linspace(0.0, 1.0, 6)
+    x, y = (one.ravel() for one in np.meshgrid(n, n))
+    k = (np.arange(5)[:, None] * 6 + np.arange(5)).ravel()
+    rows = np.column_stack([k, k + 1, k + 7, k + 6])
+    sound = np.column_stack([x, y, 0 * x])
+    cut = sound.copy()
+    cut[[0, 5, 30, 35]] += 0.06 * np.sign(0.5 - cut[[0, 5, 30, 35]]) * (1, 1, 0)
+    made = soundness.onto_corners(of_rows(cut, rows), whole)
+    assert made.vertices == pytest.approx(sound)

@@ -69,6 +69,19 @@ class Target:
         edges, uses = np.unique(sides, axis=0, return_counts=True)
         return np.ascontiguousarray(edges[uses == 1])
 
+    @cached_property
+    def border_corners(self) -> Int[np.ndarray, " corners"]:
+        """Vertices at which the border turns by more than ``SHARP``."""
+        ends = self.border.ravel()
+        others = self.border[:, ::-1].ravel()
+        order = np.argsort(ends, kind="stable")
+        vertices, first, uses = np.unique(ends[order], return_index=True, return_counts=True)
+        vertices, first = vertices[uses == 2], first[uses == 2]
+        to = self.vertices[others[order]]
+        a, b = (to[first + k] - self.vertices[vertices] for k in (0, 1))
+        size = np.maximum(np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1), 1e-300)
+        return vertices[-np.einsum("ni,ni->n", a, b) / size < np.cos(np.radians(SHARP))]
+
     def to_border(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
         """Metres: from points to the border; infinite where there is none."""
         if not len(self.border):
@@ -90,12 +103,16 @@ class Target:
 
     @cached_property
     def samples(self) -> Float[np.ndarray, "points 3"]:
-        """At most 4000 middles of triangles, evenly picked by area."""
+        """4000 points, evenly by area: the middles of small triangles, and many points of large ones (R2, Roberts 2018)."""
         a, b, c = self.vertices[self.triangles.T]
         area = np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))
-        at = np.searchsorted(area, (np.arange(4000) + 0.5) / 4000 * area[-1])
-        picked = np.unique(np.minimum(at, len(area) - 1))
-        return np.ascontiguousarray((a + b + c)[picked] / 3.0)
+        k = np.arange(4000)
+        at = np.minimum(np.searchsorted(area, (k + 0.5) / 4000 * area[-1]), len(area) - 1)
+        u, v = np.mod(0.5 + k[:, None] * (0.7548776662466927, 0.5698402909980532), 1.0).T
+        u, v = np.where(u + v > 1.0, (1.0 - u, 1.0 - v), (u, v))
+        alone = np.bincount(at)[at] == 1
+        u[alone] = v[alone] = 1.0 / 3.0
+        return np.ascontiguousarray(a[at] + u[:, None] * (b - a)[at] + v[:, None] * (c - a)[at])
 
     def onto_sharp(
         self, points: Float[np.ndarray, "points 3"]

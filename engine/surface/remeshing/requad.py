@@ -246,7 +246,7 @@ class _Search:
                 yield self._by_tool(surface, again)
             if any(not one.faults[1] for one in self.found):
                 return
-        if not self.found and self._clean and not is_closed(self._small):
+        if self._clean and not is_closed(self._small):
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _by_halves(self) -> Iterator[Judged]:
@@ -379,7 +379,7 @@ def _outer(skin: PolygonMesh) -> PolygonMesh | None:
 
 
 def _by_cells(body: PolygonMesh, whole: Target, count: int, tool: Tool, progress: Progress) -> Iterator[Judged]:
-    """Sound quads of an open body of large flat faces, as a letter, on which QuadriFlow often comes apart."""
+    """Sound quads of an open body of large flat faces, as a letter, on which QuadriFlow often comes apart or loses sharp corners."""
     for factor in CELLS:
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:

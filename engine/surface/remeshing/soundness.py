@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...params import RegulariseParams
 from ..checking.check import Finding, as_quad_mesh, findings
+from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .bodies import is_clean, target_of
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
@@ -46,7 +48,28 @@ def judge_raw(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp
     if not is_clean(raw):
         return "its quads are no clean surface"
     unfilled = opened(raw, whole)
-    return judge(mended(refined(unfilled, whole, times) if times or sharp else unfilled, whole), whole, count)
+    made = mended(refined(unfilled, whole, times) if times or sharp else unfilled, whole)
+    judged = judge(made, whole, count)
+    moved = onto_corners(made, whole)
+    again = judged if moved is made else judge(moved, whole, count)
+    kept = isinstance(again, Judged) and (isinstance(judged, str) or again.faults <= judged.faults)
+    return again if kept else judged
+
+
+def onto_corners(quads: PolygonMesh, whole: Target) -> PolygonMesh:
+    """Quads with the nearest vertex of their border on every corner of the surface's border: remeshers cut these off."""
+    corners = whole.vertices[whole.border_corners]
+    sides = sides_of(quads)
+    border = np.unique(sides.edges[np.bincount(sides.edge) == 1])
+    if not len(corners) or not len(border):
+        return quads
+    edge = (target_of(quads).area / len(quads.sizes)) ** 0.5
+    away, nearest = cKDTree(quads.vertices[border]).query(corners, distance_upper_bound=edge)
+    order = np.argsort(away)[: int(np.isfinite(away).sum())]
+    vertex, first = np.unique(border[nearest[order]], return_index=True)  # the nearest corner of each
+    moved = quads.vertices.copy()
+    moved[vertex] = corners[order[first]]
+    return replace(quads, vertices=moved)
 
 
 def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
