@@ -47,7 +47,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) 
 def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]) -> Act | None:
     """What *Next* does, given the states of the stages and all notices; None where only a person can go on."""
     mesh = obj.data
-    if not len(mesh.polygons):
+    if not len(mesh.polygons) and not objects.changed_by_modifiers(obj):
         return None
     gone = next((notice for notice in found if notice.key.startswith("loads/")), None)
     if gone is not None:

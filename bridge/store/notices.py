@@ -15,7 +15,7 @@ import numpy as np
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import FAR
-from . import cures, equilibrium, failures, flat_target, notes, origin, states
+from . import cures, equilibrium, failures, flat_target, notes, objects, origin, states
 from .cures import Cure
 from .i18n import interface, quads, translate
 
@@ -241,8 +241,8 @@ def is_coarse(obj: bpy.types.Object) -> bool:
 
 
 def _few(obj: bpy.types.Object) -> list[Notice]:
-    """A mesh of a few quads."""
-    if not is_coarse(obj):
+    """A mesh of a few quads, of which modifiers make no others."""
+    if not is_coarse(obj) or objects.changed_by_modifiers(obj):
         return []
     count = len(obj.data.polygons)
     sentence = translate("{} quads make a coarse piece: every quad becomes one spiral", count)

@@ -199,6 +199,23 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     assert held == {k for edge, count in uses.items() if count == 1 for k in piece.data.edges[edge].vertices}
 
 
+def test_a_profile_that_a_modifier_turns_into_a_surface_is_applied(add: Any) -> None:
+    """A lathed lamp has no faces of its own, and its few quads are not what is seen."""
+    profile = add((np.array([(0.05, 0, 0), (0.08, 0, 0.04), (0.06, 0, 0.09)]), []))
+    bm = bmesh.new()
+    bm.from_mesh(profile.data)
+    for pair in itertools.pairwise(list(bm.verts)):
+        bm.edges.new(pair)
+    bm.to_mesh(profile.data)
+    bm.free()
+    assert seen(profile).act is None
+    profile.modifiers.new("Lathe", "SCREW").steps = 16
+    assert not seen(profile).notices
+    bpy.ops.flexmaps.next()
+    obj = bpy.context.object
+    assert not obj.modifiers and len(obj.data.polygons) == 32
+
+
 def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> None:
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.02)
     bpy.context.object.flexmaps.remesh.quads = 30
