@@ -161,7 +161,7 @@ class OptimiseParams(Params):
     )
     lies: float = setting(
         0.2,
-        "Bends or lies alike",
+        "Match curvature / position",
         "What shall be alike: 0 compares how the surface bends, which keeps small features, 1 where it lies; in between, both",
         low=0.0,
         high=1.0,
@@ -169,7 +169,7 @@ class OptimiseParams(Params):
     # on a dome of 192 quads whose border was wished some 18 mm away, spirals came to .4 mm from there with 1, .8 with 0.3, 3 with 0.1 (7 at the start)
     urge: float = setting(
         1.0,
-        "Urge of wishes",
+        "Weight of drag targets",
         "How much it counts that spirals come to where they are wished, beside the target's shape; 0 leaves wishes aside",
         low=0.0,
         high=100.0,
