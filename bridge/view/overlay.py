@@ -160,27 +160,34 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     rgb, said = colouring.painted(obj, kind, quads.values)
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
-    lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up[quads.corners]
-    lifted = corners + lift
-    light = 0.78 + 0.22 * normal @ LIGHT  # enough to read the shape
-    srgb = np.clip(rgb, 0.0, 1.0) ** (1 / 2.2) * light[:, None]
+    lifted = on_both_sides(corners, up[quads.corners])
+    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ LIGHT  # enough to read the shape
+    srgb = np.tile(np.clip(rgb, 0.0, 1.0) ** (1 / 2.2), (2, 1)) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
     rgba = np.repeat(np.c_[srgb, alpha], 6, axis=0).astype(np.float32)
     faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
     lines = None
     sides = seams != NO_SEAM
-    higher = lifted + 2 * lift
-    ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)[sides]
-    pens = _seam_colours(seams[sides], kind) if sides.any() else np.zeros((0, 4))
+    higher = on_both_sides(corners, 3 * up[quads.corners])
+    ends = np.stack([higher, np.roll(higher, -1, axis=1)], axis=2)[np.tile(sides, (2, 1))]
+    pens = np.tile(_seam_colours(seams[sides], kind), (2, 1)) if sides.any() else np.zeros((0, 4))
     if kind == "ANISOTROPY" and quads.width is not None:
-        bars = crosses(higher, quads.width)
+        bars = crosses(higher, np.tile(quads.width, (2, 1)))
         ends, pens = np.concatenate([ends, bars]), np.concatenate([pens, np.tile(CROSS, (len(bars), 1))])
     if len(ends):
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
         look = {"pos": ends.reshape(-1, 3), "color": np.repeat(pens, 2, axis=0)}
         lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
     return faces, lines, said
+
+
+def on_both_sides(
+    corners: Float[np.ndarray, "quads 4 3"], up: Float[np.ndarray, "quads 4 3"]
+) -> Float[np.ndarray, "2*quads 4 3"]:
+    """The quads lifted along their normals, then against them: which side a surface shows does not depend on where its normals point."""
+    lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up
+    return np.concatenate([corners + lift, corners - lift])
 
 
 def crosses(

@@ -144,3 +144,12 @@ def test_colours_outlive_the_file_and_an_undo(spiralled: Any, tmp_path: Any) -> 
         obj.data.attributes.remove(obj.data.attributes[name])
     overlay._stepped()  # as after an undo of Spirals
     assert bpy.context.window_manager.flexmaps_overlay == "PATCH"
+
+
+def test_colours_lie_on_both_sides_of_a_surface() -> None:
+    """A surface whose normals point inwards shows them on its outside too."""
+    square = np.array([[[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]], float)
+    made = overlay.on_both_sides(square, np.tile([0.0, 0.0, 1.0], (1, 4, 1)))
+    assert made.shape == (2, 4, 3)
+    assert (made[0, :, 2] > 0).all() and (made[1, :, 2] < 0).all()
+    assert made[:, :, :2] == pytest.approx(np.tile(square[:, :, :2], (2, 1, 1)))
