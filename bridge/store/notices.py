@@ -68,7 +68,7 @@ WORDS = {
     "beyond-model": ("{} less sure", INFORMATION),
     "strained": ("{} too strained", BREAKS),
     "kinked": ("{} less sure", INFORMATION),
-    "slots-close": ("Closed gaps: {}", BREAKS),
+    "slots-close": ("Spirals touch: {}", BREAKS),
     "about-to-snap": ("About to snap", BREAKS),
     "other-rest": ("Another rest", WORSE),
     "snaps": ("Snaps under load", BREAKS),
