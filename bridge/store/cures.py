@@ -29,6 +29,7 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
+FOLDS = "sharp-folds"  # a finding whose button says a radius too
 # what the operator does
 MENDING = (
     ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
@@ -45,6 +46,7 @@ MENDING = (
     ("fans", "Split vertices", "Split vertices at which faces touch that share no edge"),
     ("walls", "Split edges", "Split edges of three or more faces"),
     ("one-sided", "Cut it open", "Cut a body with only one side open"),
+    ("round", "Round folds", "Draw vertices at sharp edges to their neighbours until spirals can bend there"),
 )
 
 
@@ -78,6 +80,13 @@ def mend(code: str, count: int) -> Cure | None:
     return Cure(interface(words, count), "flexmaps.mend", {"what": what})
 
 
+def round_folds(edge: float) -> Cure:
+    """Folds rounded; ``edge``: metres, of the quads."""
+    from ...engine.surface.checking.folds import radius  # scipy comes with it
+
+    return Cure(interface("Round to {:.0f} mm", 1e3 * radius(edge)), "flexmaps.mend", {"what": "round"})
+
+
 def remesh(quads: int) -> Cure:
     """New quads, about so many."""
     return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
@@ -105,6 +114,23 @@ def hold(where: str, setting: str = "supports", percent: float | None = None) ->
 def cut_there(percent: float | None = None) -> Cure:
     """Further cuts where the shape is to blame; ``percent`` as in ``hold``."""
     return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")
+
+
+def choose() -> Cure:
+    """Many layouts, compared by the shape that their panels take."""
+    return Cure(interface("Propose layouts"), "flexmaps.choose")
+
+
+def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
+    """What brings an optimised piece nearer to its target: what short searches have tried, with their figures, and other layouts.
+
+    The best first; other layouts, of which no figure is known, come after what holds the match that is ``wanted``, its settings.
+    """
+    found = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
+    ways = [(percent, cut_there(percent) if name == "cut" else hold(name, percent=percent)) for name, percent in found]
+    if "optimise" in blocks and "choose" not in blocks and wanted.goal == "match":
+        ways.append((wanted.match, choose()))
+    return [way for _, way in sorted(ways, key=lambda one: one[0])]
 
 
 def _with_percent(words: str, percent: float | None) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 
 from ...engine.params import SpiralParams
-from . import next_button
+from . import objects
 from .i18n import CONTEXT
 
 MILLIMETRES = 1e3  # in a metre
@@ -50,7 +50,7 @@ def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Metres: about the edge of its quads, or of those that Quad remesh will make of it."""
     mesh = obj.data
     if len(mesh.loops) == 4 * len(mesh.polygons):
-        return next_button.quad_edge(obj, scene)
+        return objects.quad_edge(obj, scene)
     areas = np.empty(len(mesh.polygons), np.float32)
     mesh.polygons.foreach_get("area", areas)
     stretch = abs(obj.matrix_world.determinant()) ** (2 / 3) * scene.unit_settings.scale_length**2

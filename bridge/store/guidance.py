@@ -18,7 +18,7 @@ from ...engine.materials import STRAIN_MARGIN
 from . import next_button, notes, notices, objects, states
 from .flat_target import passed_over
 from .i18n import interface, panels
-from .next_button import Act, quad_edge
+from .next_button import Act
 from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
 
 LETTERS = 34  # of the status line at most, in every language
@@ -109,7 +109,7 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
         return interface("{}, not all quads", wide)
     if notices.is_coarse(obj):
         return interface("{}, only {} quads", wide, count)
-    return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * quad_edge(obj, scene))
+    return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
 
 
 def _changed(known: dict[str, states.State], old: int) -> str:

@@ -179,6 +179,18 @@ def _cut(place: _Place) -> None:
     bmesh.ops.split_edges(place.bm, edges=place.edges)
 
 
+def _rounded(place: _Place) -> None:
+    """In the object's own frame, as the vertices are."""
+    from ...engine.surface.checking.folds import rounded
+    from ...engine.surface.mesh import PolygonMesh
+
+    own = np.array([tuple(v.co) for v in place.bm.verts])
+    corners = np.array([v.index for face in place.bm.faces for v in face.verts])
+    sizes = np.array([len(face.verts) for face in place.bm.faces])
+    for v, to in zip(place.bm.verts, rounded(PolygonMesh(own, corners, sizes)), strict=True):
+        v.co = to
+
+
 # what the operator calls it -> codes of the findings, and what mends them
 _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _short_edges),
@@ -195,4 +207,5 @@ _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
     "fans": (("non-manifold-vertex",), _fans),
     "walls": (("non-manifold-edge",), _cut),
     "one-sided": (("non-orientable",), _cut),
+    "round": (("sharp-folds",), _rounded),
 }

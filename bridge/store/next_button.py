@@ -17,7 +17,7 @@ from .notices import INFORMATION, KEPT, MADE_SQUARER, STOPS, Notice
 from .states import DONE, TODO, State, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
-EDGES = 64  # evenly picked, which tell whether the size of the quads is wrong by a factor of 2
+LAYOUTS = ("flexmaps.cut_there", "flexmaps.choose")  # cures that leave to the person what holds the piece, and its size
 SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
 LETTERS = 28  # of a label at most, in every language
 
@@ -136,7 +136,7 @@ def _before_layout(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]
 ) -> Act | None:
     """What a mesh of quads still needs before it is cut; None where it is fit."""
-    edge, wanted = quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
+    edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
         said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
@@ -162,11 +162,14 @@ def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, found: Sequence[Notice]) -
 
 
 def _cured(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
-    """A cure of what would break the piece; None where nothing does, all were tried, or somebody goes on as it is."""
+    """A cure of what would break the piece, then another layout where it misses its match; None where nothing does, all were
+    tried, or somebody goes on as it is."""
     breaking = [notice for notice in found if notice.kind == notices.BREAKS]
-    ways = (
+    missing = [notice for notice in found if notice.kind == notices.WORSE and notice.key in notices.FAR_FROM_TARGET]
+    ways = [
         (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
-    )
+    ]
+    ways += [(notice, cure) for notice in missing for cure in _untried(mesh, notice) if cure.idname in LAYOUTS]
     return next((_cure(notice, cure, "shape") for notice, cure in ways), None)
 
 
@@ -193,14 +196,3 @@ def _next(words: str) -> str:
     """The words on the button, short enough for it."""
     label = interface("Next: {}", words)
     return label if len(label) <= LETTERS else words[:LETTERS]
-
-
-def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """About the median edge length in metres, from a few edges."""
-    mesh, matrix = obj.data, obj.matrix_world.to_3x3()
-    lengths = []
-    for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // EDGES)):
-        a, b = mesh.edges[k].vertices
-        lengths.append((matrix @ (mesh.vertices[a].co - mesh.vertices[b].co)).length)
-    lengths.sort()
-    return lengths[len(lengths) // 2] * scene.unit_settings.scale_length if lengths else 0.0

@@ -57,6 +57,7 @@ WORDS = {
     "warped": ("Warped quads: {}", WORSE),
     "thin": ("Narrow quads: {}", WORSE),
     "inside-out": ("Inside out", WORSE),
+    "sharp-folds": ("Folds: {}", INFORMATION),
     "several-bodies": ("Several bodies", INFORMATION),
     "loose-vertices": ("Loose vertices", INFORMATION),
     "left-out": ("Left out", INFORMATION),
@@ -118,6 +119,8 @@ HELPED = {
 }
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
+# keys of notices of a piece that misses its match
+FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
 
@@ -219,6 +222,8 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
         kind = STOPS if row["severity"] == "error" else kind
         cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
+        if code == cures.FOLDS:
+            ways.append(cures.round_folds(objects.quad_edge(obj, scene)))
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
@@ -227,9 +232,9 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
             # as many quads again would be the same quads
             again = code == "surface-missed" or origin.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
-        if kind != STOPS:
+        if kind != STOPS and code != cures.FOLDS:
             ways.append(cures.let_go(f"checks/{code}"))
-        told = interface(words, len(faces))
+        told = interface(words, len(edges if code == cures.FOLDS else faces))
         made.append(Notice(f"checks/{code}", told, row["message"], kind, faces, edges, tuple(ways)))
     return made
 
@@ -316,9 +321,9 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
         if row["code"] == "far-from-target":
-            nearer = _nearer(reach)
+            nearer = cures.nearer(obj.flexmaps.choose, blocks)
             ways = [*nearer, *(way for way in ways if way.idname not in {cure.idname for cure in nearer})]
-            if not nearer and not obj.flexmaps.loads.supports:
+            if not reach.get("prospects") and not obj.flexmaps.loads.supports:
                 ways.append(cures.hold("lowest"))
         if row["code"] == "stays-flat" and not ways and not obj.flexmaps.loads.supports:
             ways.append(cures.hold("border"))
@@ -327,7 +332,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         count = len(row["faces"])
         sentence = equilibrium.sentence(row, block)
         found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
-    return found + _match(block, reach, advised)
+    return found + _match(obj, blocks, advised)
 
 
 def _far(block: dict[str, Any]) -> bool:
@@ -335,22 +340,16 @@ def _far(block: dict[str, Any]) -> bool:
     return 0.01 * block.get("rms_percent", 100.0) > FAR
 
 
-def _nearer(reach: dict[str, Any]) -> list[Cure]:
-    """What brings a piece nearer to its target, with the figures that short searches reached, the best first."""
-    found = sorted(reach.get("prospects", {}).items(), key=lambda one: one[1])
-    return [cures.cut_there(percent) if name == "cut" else cures.hold(name, percent=percent) for name, percent in found]
-
-
-def _match(block: dict[str, Any], reach: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
+def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """A piece that is farther from its target than anybody would miss, where no finding says so yet."""
+    block = blocks.get("equilibrium", {})
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
     told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _far(block) else ())}
     if percent is None or percent <= remedies.WANTED or said & told:
         return []
-    key, nearer = "equilibrium/match", _nearer(reach)
-    ways = nearer or [
-        cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised
-    ]
+    key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
+    others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
+    ways = nearer if blocks.get("reach", {}).get("prospects") else [*nearer, *others]
     sentence = translate("The shape lies {:.2g} % of its size (RMS) from its target", percent)
     words = interface("{:.1f} % from target", percent)
     return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.let_go(key)))]

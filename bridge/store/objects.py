@@ -21,6 +21,7 @@ HARMLESS = {
     "WEIGHTED_NORMAL",
 }
 
+SAMPLED = 64  # edges, evenly picked, which tell whether the size of the quads is wrong by a factor of 2
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects of which Blender makes meshes
 
 # modifiers that move points and leave the faces what they are
@@ -93,3 +94,14 @@ def find(uid: int) -> bpy.types.Object:
         if obj.session_uid == uid and obj.users:
             return obj
     raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
+
+
+def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """About the median edge length in metres, from a few edges."""
+    mesh, matrix = obj.data, obj.matrix_world.to_3x3()
+    lengths = []
+    for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // SAMPLED)):
+        a, b = mesh.edges[k].vertices
+        lengths.append((matrix @ (mesh.vertices[a].co - mesh.vertices[b].co)).length)
+    lengths.sort()
+    return lengths[len(lengths) // 2] * scene.unit_settings.scale_length if lengths else 0.0

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import failures, guidance, handing_down, notices, states
+from flexmaps.bridge.store import failures, guidance, handing_down, next_button, notices, states
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
@@ -70,6 +70,30 @@ def test_what_a_machine_can_mend_is_mended_in_one_press_on_a_copy_where_the_mesh
     assert bpy.ops.flexmaps.mend(**cure.properties) == {"FINISHED"}
     assert not [notice for notice in seen(piece).notices if notice.key == f"checks/{code}"]
     assert twin.data == shared != piece.data, "the other object keeps its mesh"
+
+
+def test_folds_are_counted_and_rounded_in_one_press(add: Any) -> None:
+    """Two flat halves of 20 mm quads that meet at a right angle, in an object of another scale."""
+    x = np.abs(np.arange(-4, 5)) * np.sqrt(0.5)
+    across = np.sign(np.arange(-4, 5)) * x
+    points = [(float(across[i]), float(j), float(-x[i])) for i in range(9) for j in range(6)]
+    quads = [(6 * i + j, 6 * i + j + 6, 6 * i + j + 7, 6 * i + j + 1) for i in range(8) for j in range(5)]
+    piece = add((points, quads), "roof")
+    piece.scale = (0.02, 0.02, 0.02)
+    twin = bpy.data.objects.new("twin", piece.data)
+    bpy.ops.flexmaps.check()
+    (found,) = [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]
+    assert found.kind == notices.INFORMATION and len(found.edges) == 5 and "5" in found.words
+    assert [cure.label for cure in found.cures] == ["Round to 26 mm"]
+    told = api.press(piece, cure="mend-round")
+    assert told is not None and not told["error"]
+    assert not [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]
+    bm = bmesh.new()
+    bm.from_mesh(piece.data)
+    turned = [edge.calc_face_angle() for edge in bm.edges if len(edge.link_faces) == 2]
+    bm.free()
+    assert 0.5 < max(turned) <= np.radians(45.001)
+    assert max(v.co.z for v in twin.data.vertices) == 0.0 and twin.data != piece.data, "the other object keeps its mesh"
 
 
 def test_a_cure_that_cannot_help_leaves_the_mesh_as_it_was(add: Any) -> None:
@@ -179,7 +203,8 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     piece = add(shapes.make("dome"))
     block = {"rms_percent": 1.6, "converged": True, "findings": []}
     reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4}}
-    found = notices._match(block, reach, {})
+    blocks = {"equilibrium": block, "reach": reach}
+    found = notices._match(piece, blocks, {})
     assert [(cure.idname, cure.properties.get("where")) for cure in found[0].cures] == [
         ("flexmaps.stand_on", "border"),
         ("flexmaps.stand_on", "lowest"),
@@ -187,7 +212,7 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
         ("flexmaps.let_go", None),
     ]
     assert found[0].kind == notices.WORSE and found[0].cures[0].label.endswith("0.25 %")
-    assert not notices._match(block | {"rms_percent": 0.9}, reach, {})
+    assert not notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     bpy.ops.flexmaps.stand_on(**found[0].cures[0].properties)
     (group,) = piece.vertex_groups
     held = {v.index for v in piece.data.vertices if any(g.group == group.index and g.weight > 0 for g in v.groups)}
@@ -214,6 +239,39 @@ def test_a_profile_that_a_modifier_turns_into_a_surface_is_applied(add: Any) -> 
     bpy.ops.flexmaps.next()
     obj = bpy.context.object
     assert not obj.modifiers and len(obj.data.polygons) == 32
+
+
+@pytest.mark.parametrize(
+    ("cut", "offered"),
+    [(0.6, ["cut_there", "choose"]), (1.3, ["choose", "cut_there"]), (None, ["choose"])],
+)
+@pytest.mark.parametrize("code", [None, "far-from-target"])
+def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
+    add: Any, code: str | None, cut: float | None, offered: list[str]
+) -> None:
+    """The cut comes first where it is near enough; each is offered once, and layouts are proposed once."""
+    piece = add(shapes.make("dome"))
+    rows = [] if code is None else [{"code": code, "message": "", "faces": [], "edges": [], "severity": "warning"}]
+    block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": rows}
+    reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.1} | ({} if cut is None else {"cut": cut})}
+    blocks: dict[str, Any] = {"equilibrium": block, "reach": reach, "optimise": {}}
+
+    def pressed(more: dict[str, Any]) -> list[str]:
+        piece.data.pop("flexmaps_tried", None)
+        names = []
+        while (act := next_button._cured(piece.data, notices._equilibrium(piece, blocks | more))) is not None:
+            assert act.cure is not None
+            failures.note_tried(piece.data, act.cure.call)
+            names.append(act.idname.partition(".")[2])
+        return names
+
+    assert pressed({}) == offered
+    assert pressed({"choose": {}}) == [name for name in offered if name != "choose"]
+    assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
+    (notice,) = (n for n in notices._equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
+    failures.let_go(piece.data, notice.key, notice.sentence)
+    assert notices._seen(piece.data, notice).kind == notices.INFORMATION
+    assert next_button._cured(piece.data, [notices._seen(piece.data, notice)]) is None
 
 
 def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> None:

@@ -25,6 +25,7 @@ Codes of the findings, first those that may be the cause of others:
     concave                   warning         quads with a corner beyond 180 degrees
     warped                    warning         quads far from flat
     thin                      warning         quads too thin for a spiral
+    sharp-folds               warning         edges at which quads turn more than spirals bend
     inside-out                warning         closed bodies whose normals point inwards
     several-bodies            warning         each is laid out by itself
     loose-vertices            warning         vertices that belong to no face; left out
@@ -43,7 +44,8 @@ from ...arrays import Int
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
 from .finding import REMESH, Finding, counted, finding, named
-from .geometry import degenerate, far_out, in_unit, lengths_of, sizes
+from .folds import SHARP, turns
+from .geometry import FOLDED, degenerate, far_out, in_unit, lengths_of, sizes
 from .overlaps import overlaps
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
@@ -178,7 +180,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     measured = not found  # lengths and areas mean something
     found += _shape_of_faces(polygons, sides, body)
     if measured:
-        found += degenerate(unit, sides)
+        found += degenerate(unit, sides) + _folds(unit, sides)
     found += _topology(polygons, sides, body)
     if measured:
         found += sizes(unit, sides, body, edge, power)
@@ -234,6 +236,17 @@ def _shape_of_faces(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> li
         text = f"{named(same)} on the vertices of another face: delete the doubles"
         found.append(finding("duplicate-faces", text, same))
     return found
+
+
+def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
+    """Edges of a mesh of quads that are sharper than a spiral bends; those that lie on each other have a finding of their own."""
+    turned = turns(polygons, sides)
+    sharp = np.flatnonzero((turned > SHARP) & (np.cos(turned) >= FOLDED))
+    if not len(sharp) or (polygons.sizes != 4).any():
+        return []
+    faces = np.unique(sides.face[np.isin(sides.edge, sharp)])
+    text = f"{counted(len(sharp), 'edge turns', 'edges turn')} by more than {np.degrees(SHARP):.0f} degrees, up to {np.degrees(turned[sharp].max()):.0f}: spirals bend, they do not fold. Round the folds, or have layouts proposed, which also cut along them"
+    return [finding("sharp-folds", text, faces, sharp, severity="warning")]
 
 
 def _topology(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
