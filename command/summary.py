@@ -27,8 +27,8 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         choice = described["choose"]
         print(f"  {choice['note']} {counted(choice['layouts_judged'], 'layout was', 'layouts were')} judged:")
         for number, one in enumerate(choice["proposals"]):
-            mark, most = "*" if number == choice["taken"] else " ", "" if one["proved"] else "at most "
-            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {most}{one['rms_percent']:.2g} %, "
+            mark, about = "*" if number == choice["taken"] else " ", "" if one["proved"] else "about "
+            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {about}{one['rms_percent']:.2g} %, "
                   f"strain {100 * one['strain_share_max']:.0f} % of the limit, {counted(one['sheets'], 'sheet', 'sheets')}, "
                   f"{one['join_minutes']} min to join: {one['origin']}")  # fmt: skip
     if "spirals" in described:

@@ -65,7 +65,7 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
     card.template_icon(icon_value=picture, scale=PICTURE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
     taking.number, taking.tip = number, _tip(row)
-    share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"< {row['rms_percent']:.2g} %"
+    share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"~ {row['rms_percent']:.2g} %"
     for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):
         said = card.row()
         said.alignment, said.scale_y = "CENTER", LOW

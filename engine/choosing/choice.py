@@ -25,8 +25,8 @@ GIVEN = "as it was"  # the origin of the layout that choosing began with
 class Proposal:
     """A layout with what it leads to and what making it takes.
 
-    judged : what its panels do; where it is not ``proved``, after a short search: optimised, it comes nearer
-    sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts
+    judged : what its panels do; where it is not ``proved``, as is predicted
+    sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts, and where nobody has drawn it
     """
 
     judged: Judged
@@ -87,7 +87,9 @@ def proposal(judged: Judged, settings: Settings, material: Material) -> Proposal
     return Proposal(
         judged,
         max(1, int(np.ceil(area / (FILLED * room)))),
-        cut_seconds(material, thickness, judged.cut_length, judged.contours),
+        None
+        if judged.cut_length is None or judged.contours is None
+        else cut_seconds(material, thickness, judged.cut_length, judged.contours),
         assembly_seconds(judged.laid.joints),
     )
 

@@ -3,37 +3,46 @@ changed where that shape says so.
 
 The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue", FlexMaps
 section 10). Geometry alone cannot tell: a layout with less distortion may snap into another shape, and one with more may come
-nearer because its spirals can be softer. So every layout that is compared has been simulated, after a short optimisation.
+nearer because its spirals can be softer. So the match of every layout that is compared is predicted from its shape at rest, and
+searched for where that promises most.
 What is done is counted, never timed: the result is the same on every machine and with any number of processes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import islice, pairwise, zip_longest
+from typing import Any
+
+import numpy as np
 
 from ..errors import Cancelled, FlexMapsError
 from ..optimisation.remedies import WANTED
+from ..optimisation.work import Work
 from ..params import ChooseParams, LayoutParams
 from ..patches.flattening.flatten import FlatPatches
-from ..patches.merging.merge import merge
+from ..patches.layout import PatchLayout
+from ..patches.merging.ladder import merge_in_steps
 from ..patches.tracing.trace import trace
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import counted
 from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
-from .choice import GIVEN, PROPOSALS, STRIDE, Choice, Proposal, front, proposal, worth_showing
-from .judge import FIRST, FULL, LONG, SHORT, Idea, Judged, Laid, Piece, judge, lay, taken_up
-from .lines import completed, drawn, planes, unlike
+from .choice import GIVEN, STRIDE, Choice, Proposal, front, proposal, worth_showing
+from .judge import LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
+from .lines import along_folds, completed, drawn, planes, unlike
 from .moves import IDEAS, joined, moves
-from .search import EXPECTED, Search, Together, key, short
+from .predict import Start
+from .search import EXPECTED, Search, Together, creeping, key, short
 
-# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels. The
-# steep ones, which take 10 s for 1,000 quads, only where the others do not lead to the goal
-LADDER, STEEP = (0.4, 0.15), (0.06, 0.03)
+# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
+LADDER = (0.4, 0.15, 0.06, 0.03)
+Sketch = tuple[str, np.ndarray]  # a name, and (E,) bool where it is cut
 # What else merging does otherwise where as many panels are wanted as there are: a nearer limit, shapes more or less compact, wider
 # necks. Each takes 0.2 to 4 s and leads to another layout on four of eight surfaces, on three to one that comes nearer
 SHARES, COMPACT, NECK = (0.8, 0.6, 0.4), (0.9, 1.4), 2
@@ -43,11 +52,13 @@ CURVED = 2.0  # times the curvature that the given layout's panels take up: over
 SETTLED = 0.6  # share of them that are judged before any is changed
 TURNS = 3  # how often the best are changed
 BASES = 2  # layouts that are changed in a turn
-# Layouts that get a long search, the best first: so many at once, so often. How a long search ends is hardly told by a short one: on
-# a heart of 400 quads, layouts that ended short at 1.45, 1.46 and 1.47 % ended at 1.2, 0.87 and 0.88 %
-PROVED, ROUNDS = 2, 3
-AGAIN = 1  # the round, from 0 on, in which the best is searched again from another start
-CLOSE = 2.0  # times the distance asked for within which the nearest layouts get a search as long as the optimiser's own
+PROVED = 2  # layouts that get a long search beside the given one, as many as there are cores at least
+# Seconds that a long search takes for one that its work counts: only what is told of the time that is left depends on it
+SLOWER = 4.0
+# Times the distance asked for within which a search goes on: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
+CLOSE = 1.3
+SMALL = 500  # quads up to which as many searches go on at once as there were, else one: a minute has room for those
+FILLED = 2  # layouts between two proposals that are looked for
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 ENOUGH = 1.05
 
@@ -73,10 +84,8 @@ def choose(
         if params.near:
             _cut_there(search, progress.part(0.1, 1.0))
         else:
-            _sought(search, first, progress.part(0.1, 0.8))
-            if params.goal == "match" and search.judged and not search.holds(search.judged[0]):
-                _alike(search, first, progress.part(0.8, 0.95))
-            _fill_gaps(search, progress.part(0.95, 1.0))
+            _sought(search, first, progress.part(0.1, 0.9))
+            _fill_gaps(search, progress.part(0.9, 1.0))
     except Cancelled:
         if not search.judged:
             raise
@@ -102,98 +111,72 @@ def _cut_there(search: Search, progress: Progress) -> None:
 
 def _sought(search: Search, first: Laid, progress: Progress) -> None:
     """Lay out, judge, change and prove."""
-    params = search.params
     _collect(search, first, progress.part(0.0, 0.3))
-    search.judge(search.next(SETTLED), progress.part(0.3, 0.5))
-    held = bool(search.judged) and search.holds(search.judged[0])
-    if not held and params.goal != "panels":
-        _steeper(search, first, progress.part(0.5, 0.55))
+    search.judge(search.next(SETTLED), progress.part(0.3, 0.45))
     for turn in range(TURNS):
-        part = progress.part(0.55 + 0.1 * turn, 0.65 + 0.1 * turn)
+        part = progress.part(0.45 + 0.05 * turn, 0.5 + 0.05 * turn)
         if search.left <= 0 or not _changed(search, first, part):
             break
-    _prove(search, first, progress.part(0.85, 1.0))
-
-
-def _alike(search: Search, first: Laid, progress: Progress) -> None:
-    """Where more panels have not led to the match, look for as many as there are that come nearer.
-
-    On a heart of 400 quads 22 panels end at 1.1 %, and other 4 panels, not searched for before, at 0.9 %.
-    """
-    mine = key(first)
-    counted = replace(search.params, goal="panels", panels=first.panels)
-    other = replace(search, params=counted, known={mine: search.known[mine]}, proved={}, waiting=[])
-    other.piece = replace(search.piece, spirals=None)
-    if mine in search.proved:
-        other.proved[mine] = search.proved[mine]
-    try:
-        _sought(other, first, progress)
-    finally:  # what it has found by a stop counts too
-        for name, one in other.known.items():
-            search.known.setdefault(name, one)
-        search.proved |= {
-            name: one
-            for name, one in other.proved.items()
-            if name not in search.proved or one.rms < search.proved[name].rms
-        }
+    _prove(search, progress.part(0.6, 1.0))
 
 
 def _begin(search: Search, first: Laid, progress: Progress) -> None:
-    """Judge the given layout."""
-    found = judge(search.piece, first, SHORT if search.params.near else FIRST, progress)
-    search.known[key(first)] = found
-    if found is not None:
+    """Judge the given layout: by a short search where others are compared with it by such, else by its prediction."""
+    piece = search.piece
+    if not search.params.near and piece.settings.simulate.model != "rod":
+        with suppress(FlexMapsError):  # a short search fails too, and is told
+            search.start = Start.from_layout(piece, first.flat)
+            search.expected = 1.0
+    began = time.monotonic()
+    search.judge([first], progress)
+    slowness = (time.monotonic() - began) / search.one
+    search.pace = SLOWER * slowness * LONG * (Work.of(len(piece.mesh.quads), 1.0).limit or 0.0)
+    if search.known[key(first)] is not None:
         progress(1.0, search.said)
 
 
 def _collect(search: Search, first: Laid, progress: Progress) -> None:
     """Lay out what geometry finds, and meanwhile give the given layout a long search.
 
-    What that makes of the short one tells what to expect of the others, which start from its spirals.
+    What that makes of the prediction tells what to expect of the others, whose long searches start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
-    sketched = [*planes(mesh, piece.symmetries), *drawn(mesh, MOST_PARTS, piece.symmetries)]
-    sketched = list(unlike(sketched, piece.symmetries))
+    sketches = [*along_folds(mesh), *planes(mesh, piece.symmetries), *drawn(mesh, MOST_PARTS, piece.symmetries)]
+    sketched = _promising(search, list(unlike(sketches, piece.symmetries)))
     others: list[Idea | LayoutParams] = [*_merges(search), *(Idea(cut, name) for name, cut in sketched)]
     if piece.symmetries:
         others += [Idea(cut, name, even=True) for name, cut in sketched]
     others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
-    slow = search.proved.get(key(first))
-    jobs = others if quick is None or slow is not None else [first, *others]
+    jobs = others if quick is None else [first, *others]
     most = CURVED * taken_up(first.flat.layout)
-    made = search.together(partial(_done, piece, most), jobs, progress, search.said)
-    if len(jobs) > len(others):
-        slow = made.pop(0)
-    if slow is not None:
+    began, paced = time.monotonic(), creeping(progress, search.pace)
+    made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
+    search.pace = time.monotonic() - began
+    slow = None if quick is None else made.pop(0)
+    if slow is not None and quick is not None:
         search.proved[key(first)] = slow
         search.reference = slow.rms
+        search.expect([slow])
         search.piece = replace(piece, spirals=slow.spirals)
-    search.waiting = _ranked(search, [one for one in made if one is not None and _fits(one, *_limits(search, first))])
+    found = {key(one): one for several in made for one in several if _fits(one, *_limits(search, first))}
+    search.waiting = _ranked(search, [one for one in found.values() if search.unknown(one)])
+
+
+def _promising(search: Search, sketches: list[Sketch]) -> list[Sketch]:
+    """Return as many sketches as may be judged: those first that leave less curvature within panels than all of as few cuts."""
+    mesh = search.piece.mesh
+    worth = [(int(cut.sum()), taken_up(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
+    ranked = sorted(range(len(sketches)), key=lambda k: (sum(_beats(other, worth[k]) for other in worth), worth[k], k))
+    return [sketches[k] for k in sorted(ranked[: max(search.left, 0)])]
 
 
 def _merges(search: Search) -> list[LayoutParams]:
-    """Other limits under which the surface is merged: for more panels, or otherwise where their number is given."""
+    """Other limits under which the surface is merged: the present ones, and others where the number of panels is given."""
     layout = search.piece.settings.layout
     if search.params.goal != "panels":
-        return _tighter(layout, LADDER)
+        return [layout]
     shapes = [replace(layout, compactness_limit=share * layout.compactness_limit) for share in COMPACT]
-    return [*_tighter(layout, SHARES), *shapes, replace(layout, neck_min=NECK * layout.neck_min)]
-
-
-def _tighter(layout: LayoutParams, shares: Sequence[float]) -> list[LayoutParams]:
-    return [replace(layout, distortion_limit=share * layout.distortion_limit) for share in shares]
-
-
-def _steeper(search: Search, first: Laid, progress: Progress) -> None:
-    """Lay out and judge the surface in more panels; who asks for a match gets as many as that takes.
-
-    A surface of 835 irregular quads ends at 3.6 % with 7 panels, at 1.3 % with 19, and at 0.35 % with 42.
-    """
-    most, (panels, limit) = CURVED * taken_up(first.flat.layout), _limits(search, first)
-    jobs = _tighter(search.piece.settings.layout, STEEP)
-    made = search.together(partial(_done, search.piece, most), jobs, progress.part(0.0, 0.5), search.said)
-    panels = len(first.cut) if search.params.goal == "match" else panels
-    search.judge([one for one in made if one is not None and _fits(one, panels, limit)], progress.part(0.5, 1.0))
+    return [layout, *shapes, replace(layout, neck_min=NECK * layout.neck_min)]
 
 
 def _limits(search: Search, first: Laid) -> tuple[int, float]:
@@ -208,7 +191,7 @@ def _fits(laid: Laid, panels: int, limit: float) -> bool:
 
 
 def _ranked(search: Search, found: list[Laid]) -> list[Laid]:
-    """Layouts in fronts, those first that no other has both fewer joints and less distortion than.
+    """Layouts in fronts, those first that no other has both fewer joints and less distortion than, from few to many joints.
 
     Where only the distance counts, those with less distortion come first.
     """
@@ -218,8 +201,17 @@ def _ranked(search: Search, found: list[Laid]) -> list[Laid]:
     left = {key(one): (one, _worth(one)) for one in found}
     while left:
         front = [k for k, (_, worth) in left.items() if not any(_beats(other, worth) for _, other in left.values())]
-        ranked += sorted((left.pop(k)[0] for k in front), key=lambda one: (-one.symmetric, one.joints))
+        ranked += _spread(sorted((left.pop(k)[0] for k in front), key=lambda one: (one.joints, -one.symmetric)))
     return ranked
+
+
+def _spread(ordered: list[Laid]) -> list[Laid]:
+    """Reorder so that few of the first ones go from end to end: the ends, then the middle of the largest gap, and so on."""
+    taken = sorted({0, len(ordered) - 1})
+    while len(taken) < len(ordered):
+        left, right = max(pairwise(sorted(taken)), key=lambda gap: gap[1] - gap[0])
+        taken.append((left + right) // 2)
+    return [ordered[k] for k in taken]
 
 
 def _beats(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
@@ -232,17 +224,25 @@ def _worth(laid: Laid) -> tuple[float, ...]:
     return laid.joints, round(float(laid.flat.energy @ areas / areas.sum()), 9), -laid.symmetric
 
 
-def _done(piece: Piece, most: float, job: Laid | Idea | LayoutParams) -> Judged | Laid | None:
-    """A layout judged by a long search, an idea laid flat, or the surface merged under other limits."""
+def _done(
+    piece: Piece, params: ChooseParams, most: float, job: Laid | Idea | LayoutParams
+) -> Judged | list[Laid] | None:
+    """A layout judged by a long search; an idea laid flat, or the surface merged under these limits and tighter ones."""
     if isinstance(job, Laid):
         return judge(piece, job, LONG)
     if isinstance(job, Idea):
-        return lay(piece, job, most)
-    try:
-        merged = merge(trace(piece.mesh, job), job, held=piece.supports is not None)
-    except FlexMapsError:
-        return None
-    return lay(piece, Idea(merged.layout.cut, "merged under other limits"))
+        ideas = [job]
+    else:
+        shares = SHARES if params.goal == "panels" else LADDER
+        held, merged = piece.supports is not None, []
+        try:
+            traced = trace(piece.mesh, job)
+            for kept in (piece.symmetries, ()) if piece.symmetries else ((),):
+                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=held)
+        except FlexMapsError:
+            return []
+        ideas, most = [Idea(one.cut, "merged under other limits") for one in merged], np.inf
+    return [laid for idea in ideas if (laid := lay(piece, idea, most)) is not None]
 
 
 def _changed(search: Search, first: Laid, progress: Progress) -> bool:
@@ -261,7 +261,7 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
             ]
         else:
             ideas += changes
-    ideas = ideas if counted else ideas[: 2 * BASES * share]
+    ideas = ideas if counted else ideas[: BASES * share]
     made = search.together(partial(lay, search.piece), ideas, progress.part(0.0, 0.2), search.said)
     sound = [one for one in made if one is not None and _fits(one, *_limits(search, first)) and search.unknown(one)]
     if counted:
@@ -270,55 +270,29 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
     return bool(sound) and (counted or search.key(search.judged[0]) < before)
 
 
-def _prove(search: Search, first: Laid, progress: Progress) -> None:
-    """Give the best layouts a long search, until the best one has had it and holds the goal, or enough have.
+def _prove(search: Search, progress: Progress) -> None:
+    """Give the best layouts a long search; where none holds the goal, go on with the nearest, and with what may hold it still.
 
-    Several at once, whether there are as many cores or not, so that the result is the same. In the second round one begins with
-    the spirals that its curvature asks for, and the last round with those that have led nearer. Where none holds the goal but some
-    come near, these get a search as long as the optimiser's own.
+    Several at once, whether there are as many cores or not, so that the result is the same.
     """
-    counted, start = search.params.goal == "panels", search.piece
-    plain = replace(search.piece, spirals=None)
-    for turn in range(ROUNDS):
-        best = [one.laid for one in search.judged if one.share < LONG][:PROVED]
-        if not best or (not counted and search.judged[0].share >= LONG):
-            break
-        tries = [(start, one) for one in best]
-        again = _again(search, first) if turn == AGAIN else None
-        if again is not None:
-            tries = [(plain, again), *tries[: PROVED - 1]]
-        elif counted and turn > AGAIN and start is not plain:
-            # others begin with what a search has made of the given layout: it is given as much
-            tries = [(start, first), *tries[: PROVED - 1]]
-        found = search.prove(tries, progress.part(turn / (ROUNDS + 1), (turn + 1) / (ROUNDS + 1)))
-        if not search.judged:
-            return
-        if again is not None and found[0] is not None and found[0] is search.proved[key(again)]:
-            start = plain
-    limit = search.params.match / 100.0
-    if search.params.goal == "match" and not search.holds(search.judged[0]):
-        near = sorted((one for one in search.proved.values() if one.rms <= CLOSE * limit), key=lambda one: one.rms)
-        tries = [(start, one.laid) for one in near[:PROVED]]
-        search.prove(tries, progress.part(ROUNDS / (ROUNDS + 1), 1.0), FULL)
-
-
-def _again(search: Search, first: Laid) -> Laid | None:
-    """The best layout but the given one that has had a long search, which has begun with the spirals of the given one.
-
-    Which start leads nearer differs: on a minimal surface of 900 quads layouts end at 0.09 to 0.11 % from those spirals and at 0.17
-    to 0.3 % from those that the curvature asks for, on a heart of 400 quads at 1.4 to 1.5 % and at 0.87 to 1.3 %.
-    """
-    proved = [one for name, one in search.proved.items() if name != key(first) and search.known[name] is not None]
-    return min(proved, key=lambda one: one.rms).laid if proved else None
+    match = search.params.goal == "match"
+    best = [one.laid for one in search.judged if one.share < LONG][:PROVED]
+    if best and (search.params.goal == "panels" or search.judged[0].share < LONG):
+        search.prove(best, progress.part(0.0, 0.6))
+    if not match or not search.proved or search.holds(next(one for one in search.judged if one.share >= LONG)):
+        return
+    search.expect([search.proved[key(one)] for one in best if key(one) in search.proved])
+    nearest = min(search.proved.values(), key=lambda one: one.rms)
+    tries = [nearest.laid] if nearest.rms <= CLOSE * search.params.match / 100.0 else []
+    tries += [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
+    few = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
+    search.prove(tries[:few], progress.part(0.6, 1.0))
 
 
 def _fill_gaps(search: Search, progress: Progress) -> None:
     """Judge layouts between two proposals of which the next has far more panels: the larger one's panels joined."""
-    for turn in range(PROPOSALS):
-        made = next(_between(search), None)
-        if made is None:
-            break
-        search.judge([made], progress.part(turn / PROPOSALS, (turn + 1) / PROPOSALS), more=True)
+    made = list(islice(_between(search), FILLED))
+    search.judge(made, progress, more=True)
 
 
 def _between(search: Search) -> Iterator[Laid]:
@@ -331,8 +305,15 @@ def _between(search: Search) -> Iterator[Laid]:
 
 
 def _choice(search: Search, first: Laid, finished: bool) -> Choice:
-    settings, search.expected = search.piece.settings, 1.0
-    judged = search.judged
+    settings = search.piece.settings
+    judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
+    search.expected = 1.0
+    drawn_one = next((one for one in judged if one.cut_length is not None), None)
+    if drawn_one is not None:  # seams hardly change what is cut
+        judged = [
+            one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
+            for one in judged
+        ]
     best = _taken(search, judged, first)
     made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
     shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
@@ -351,7 +332,8 @@ def _choice(search: Search, first: Laid, finished: bool) -> Choice:
 
 def _taken(search: Search, judged: list[Judged], first: Laid) -> Judged:
     """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
-    best = judged[0]
+    # a prediction may promise too much, so that what was searched for comes first
+    best = next((one for one in judged if one.share), judged[0])
     if search.params.goal != "panels" and search.holds(best):
         return best
     given = next((one for one in judged if key(one.laid) == key(first)), None)
@@ -382,8 +364,9 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
 
 
 def _no_nearer(search: Search, best: Judged) -> str:
-    """A sentence on layouts of more panels, with a blank after it; nothing where none was judged, or one may come nearer."""
-    most = max(search.judged, key=lambda one: one.laid.panels)
+    """A sentence on layouts of more panels, with a blank after it; nothing where no search says so."""
+    searched = [one for one in search.judged if one.share]
+    most = max(searched, key=lambda one: one.laid.panels, default=best)
     left = most.rms if most.share >= LONG else EXPECTED * most.rms
     if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:
         return ""

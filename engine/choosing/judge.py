@@ -9,8 +9,8 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..mechanics.laplacian import laplacian_difference
-from ..optimisation.optimise import Optimisation, optimise
-from ..optimisation.reach import reach
+from ..optimisation.optimise import optimise
+from ..optimisation.reach import Reach, reach
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches, flatten, overlapping
 from ..patches.layout import PatchLayout
@@ -19,6 +19,7 @@ from ..patches.splitting.split import split
 from ..patches.tracing.trace import make_disks
 from ..progress import SILENT, Progress
 from ..simulation.shortfall import curvature_within
+from ..simulation.simulate import Simulation
 from ..spirals.design import curvature_adjusted, fitted
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
@@ -27,9 +28,7 @@ from .lines import evenly
 
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
-SHORT, LONG = 0.15, 0.5
-FIRST = 0.05  # of the given layout, so that there is something to see soon
-FULL = 1.0  # of what comes near to a goal that it does not hold: what the optimiser will make of it after all
+SHORT, LONG = 0.15, 0.35
 # Quads for which a short search is meant, and the least share of it for fewer: the same number of steps then takes less. With the
 # same time a dome of 48 quads was searched to a millionth of its size
 QUADS, LEAST = 1000, 0.25
@@ -98,8 +97,8 @@ class Judged:
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
     blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
     advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
-    share : of the patience that it was given
-    cut_length : metres of cuts, without connectors; contours : how many closed curves they are
+    share : of the patience that it was given; 0 where the match is predicted, not searched for
+    cut_length : metres of cuts, without connectors; contours : how many closed curves they are; None where nobody has drawn them
     spirals : widths and twists, as in ``Piece``; flat : the panels as the search has left them, which may move their flat shapes
     """
 
@@ -112,8 +111,8 @@ class Judged:
     kind: Int[np.ndarray, " quads"]
     advice: str
     share: float
-    cut_length: float
-    contours: int
+    cut_length: float | None
+    contours: int | None
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]
     flat: FlatPatches
 
@@ -180,28 +179,39 @@ def judge(
             prove=not quick,
             progress=progress.quiet(),
         )
-        return _judged(laid, found, share, thorough) if found.after.equilibrium.converged else None
+        if not found.after.equilibrium.converged:
+            return None
+        curves = [curve for panel in found.after.design.outlines() for curve in (panel.outer, *panel.holes)]
+        known = judged(laid, found.after, reach(found, remedies=False), share, thorough=thorough)
+        return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
     except FlexMapsError:
         return None
 
 
-def _judged(laid: Laid, found: Optimisation, share: float, thorough: bool) -> Judged:
-    after, limits = found.after, reach(found, remedies=False)
-    bends = laplacian_difference(after.assembly.pairs, after.equilibrium.pose.centres, after.target.centroids)
-    match, measured = after.match, after.slots() if thorough else None
-    curves = [curve for panel in after.design.outlines() for curve in (panel.outer, *panel.holes)]
+def judged(laid: Laid, found: Simulation, limits: Reach, share: float, *, thorough: bool) -> Judged:
+    """Return what the panels of a layout do in a shape at rest, without what cutting takes.
+
+    Parameters
+    ----------
+    laid : the layout
+    found, limits : its spirals at rest, and what keeps them from the target
+    share : of the optimiser's patience that the search has had
+    thorough : whether closed slots are counted
+    """
+    bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
+    match, measured = found.match, found.slots() if thorough else None
     return Judged(
         laid,
         match["rms_percent"] / 100.0,
         match["max_percent"] / 100.0,
-        0.0 if after.strain is None else float(after.strain.max()),
+        0.0 if found.strain is None else float(found.strain.max()),
         None if measured is None else len(measured.closed),
         (bends**2).sum(axis=1),
         limits.kind,
         limits.advice,
         share,
-        sum(curve.length for curve in curves),
-        len(curves),
-        (after.design.width, after.design.twist),
-        after.design.flat,
+        None,
+        None,
+        (found.design.width, found.design.twist),
+        found.design.flat,
     )

@@ -1,4 +1,4 @@
-"""Cuts that a person would draw: equal strips, rings and petals along families of parallel lines, seams in mirror planes, and
+"""Cuts that a person would draw: seams along folds, equal strips, rings and petals along families of parallel lines, seams in mirror planes, and
 layouts made symmetric."""
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..patches.layout import PatchLayout, groups, straight_on
 from ..patches.tracing.trace import make_disks
-from ..surface.mesh import QuadMesh
+from ..surface.checking.folds import SHARP, turns
+from ..surface.checking.topology import sides_of
+from ..surface.mesh import PolygonMesh, QuadMesh
 from ..surface.symmetry import Symmetry, keeping, with_images
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
@@ -143,6 +145,14 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
     return np.flatnonzero(still[mesh.edges].all(axis=1) & ~mesh.border)
+
+
+def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
+    """Yield cuts along the edges that are sharper than spirals bend, where there are any."""
+    polygons = PolygonMesh.of(mesh)
+    cut = (turns(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
+    if cut.any():
+        yield "along its folds", cut
 
 
 def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:

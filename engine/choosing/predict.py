@@ -15,12 +15,14 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..arrays import Float
+from ..errors import FlexMapsError
 from ..mechanics.assembly import Pose, target_pose
 from ..optimisation.bounds import bounded_step
 from ..optimisation.codesign import SEAM, SPAN
 from ..optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from ..optimisation.design_space import DesignSpace
 from ..optimisation.inverse import Problem
+from ..optimisation.reach import reach
 from ..optimisation.scaling import Bending
 from ..optimisation.search import Task
 from ..optimisation.work import Work
@@ -28,7 +30,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, curvature_adjusted, fitted
 from ..surface import curvature
-from .judge import Piece
+from .judge import Judged, Laid, Piece, judged
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
 DAMPING = 1e-4  # share of the objective that going from end to end along one coordinate costs
@@ -71,6 +73,27 @@ def predicted(piece: Piece, flat: FlatPatches, start: Start | None = None, progr
     FlexMapsError : quads are too small for spirals
     """
     return _shrunk(*_rest(piece, flat, start or Start.from_layout(piece, flat), progress))
+
+
+def foreseen(piece: Piece, start: Start, laid: Laid, progress: Progress = SILENT) -> Judged | None:
+    """Return a layout judged by its prediction, not by a search; None where it takes no shape.
+
+    Parameters
+    ----------
+    piece : the surface, how it is held, and what it is made of
+    start : made of any layout of the piece
+    laid : the layout
+    """
+    try:
+        design, point = _rest(piece, laid.flat, start, progress)
+        rms = _shrunk(design, point)
+        if not np.isfinite(rms):
+            return None
+        rested = _task(piece).rested(design, point)
+        found = judged(laid, rested, reach(rested, remedies=False), 0.0, thorough=False)
+    except FlexMapsError:
+        return None
+    return replace(found, rms=rms, largest=found.largest * rms / max(found.rms, rms))
 
 
 def _rest(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> tuple[SpiralDesign, FlatPoint]:

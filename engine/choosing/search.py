@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -13,14 +14,14 @@ from ..params import ChooseParams
 from ..progress import Progress
 from ..surface.checking.finding import counted
 from .judge import LONG, Judged, Laid, Piece, judge
+from .predict import Start, foreseen
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
-# Core seconds for all short searches together, and what one takes: some seconds, and so much a quad; with these 1,000 quads
-# take some 60 s of two cores
-BUDGET, ONE, QUAD = 75.0, 2.5, 2.2e-3
-SHORTER = 0.6  # share of it where long searches decide, which take the rest
-FEWEST, MOST = 8, 32  # layouts that are judged at least and at most
+# Seconds of processor for all predictions together, and what one takes: a part of a second, and so much a quad
+BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
+PUNCTUAL = 0.6  # share of the time that work may take from which its progress becomes slower and slower
+FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
 NEARER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
 )
@@ -35,19 +36,23 @@ class Search:
     piece: Piece
     params: ChooseParams
     together: Together
+    start: Start | None = None  # of predictions; None where short searches judge
     reference: float = np.inf  # of the given layout after a long search
-    expected: float = EXPECTED
+    expected: float = EXPECTED  # what a long search leaves of what is predicted, or what a short one ends with
+    pace: float = 0.0  # seconds that the last long search took
     known: dict[bytes, Judged | None] = field(default_factory=dict)
     proved: dict[bytes, Judged] = field(default_factory=dict)
     waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
 
     @property
+    def one(self) -> float:
+        """Seconds of processor for a prediction."""
+        return ONE + QUAD * len(self.piece.mesh.quads)
+
+    @property
     def left(self) -> int:
-        """How many short searches there still may be."""
-        one, budget = ONE + QUAD * len(self.piece.mesh.quads), BUDGET
-        if self.params.goal == "panels":
-            budget *= SHORTER
-        return int(np.clip(budget / one, FEWEST, MOST)) - len(self.known)
+        """How many more layouts may be judged."""
+        return int(np.clip(BUDGET / self.one, FEWEST, MOST)) - len(self.known)
 
     def unknown(self, laid: Laid) -> bool:
         """Whether a layout is not known yet."""
@@ -92,30 +97,57 @@ class Search:
         return taken
 
     def judge(self, laid: Iterable[Laid], progress: Progress, *, more: bool = False) -> None:
-        """Judge layouts that are not known yet by a short search, as many as there still may be, or ``more``."""
+        """Judge layouts that are not known yet, as many as there still may be, or ``more``: by predictions where there is a start."""
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
-        found = self.together(partial(judge, self.piece), fresh, progress, self.said)
+        way = partial(judge, self.piece) if self.start is None else partial(foreseen, self.piece, self.start)
+        found = self.together(way, fresh, progress, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
-    def prove(
-        self, tries: Sequence[tuple[Piece, Laid]], progress: Progress, share: float = LONG
-    ) -> list[Judged | None]:
-        """Judge known layouts by a long search, from a piece's spirals; those that lose their shape by it are known as such."""
-        found = self.together(partial(_proved, share), tries, progress, self.said)
-        for (_, one), made in zip(tries, found, strict=True):
+    def expect(self, searched: Iterable[Judged]) -> None:
+        """Learn from long searches what those leave of predictions, the worst share of several."""
+        shares = [
+            one.rms / before.rms
+            for one in searched
+            if (before := self.known[key(one.laid)]) is not None and not before.share and before.rms > 0.0
+        ]
+        if shares:
+            self.expected = max(shares)
+
+    def prove(self, laid: Sequence[Laid], progress: Progress) -> None:
+        """Judge known layouts by a long search, or go on from the spirals of the one that they have had.
+
+        Those that lose their shape by it are known as such, or stay as they were.
+        """
+        tries = []
+        for one in laid:
+            before = self.proved.get(key(one))
+            tries.append((self.piece if before is None else replace(self.piece, spirals=before.spirals), one))
+        found = self.together(_proved, tries, creeping(progress, self.pace), self.said)
+        for one, made in zip(laid, found, strict=True):
             before = self.proved.get(key(one))
             if made is not None and (before is None or made.rms < before.rms):
                 self.proved[key(one)] = made
-        for _, one in tries:
-            if key(one) not in self.proved:
+            elif before is None:
                 self.known[key(one)] = None
-        return found
 
 
-def _proved(share: float, tried: tuple[Piece, Laid]) -> Judged | None:
-    piece, laid = tried
-    return judge(piece, laid, share)
+def _proved(tried: tuple[Piece, Laid]) -> Judged | None:
+    return judge(*tried, LONG)
+
+
+def creeping(progress: Progress, seconds: float) -> Progress:
+    """Return a progress by the clock, for work of which the last piece, which reports nothing, takes about so many seconds."""
+    report, began, whole = progress.report, time.monotonic(), progress.hi - progress.lo
+    if report is None or seconds <= 0.0:
+        return progress
+
+    def tell(_: float, text: str) -> None:
+        share = (time.monotonic() - began) / seconds
+        late = max(share - PUNCTUAL, 0.0) / (1.0 - PUNCTUAL)
+        report(progress.lo + whole * (min(share, PUNCTUAL) + (1.0 - PUNCTUAL) * late / (1.0 + late)), text)
+
+    return replace(progress, report=tell)
 
 
 def key(laid: Laid) -> bytes:

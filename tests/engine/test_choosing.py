@@ -301,8 +301,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "MOST", 6)
     monkeypatch.setattr(search, "FEWEST", 6)
     monkeypatch.setattr(choosing, "MOST_PARTS", 3)
-    monkeypatch.setattr(choosing, "STEEP", ())
-    monkeypatch.setattr(choosing, "ROUNDS", 1)
+    monkeypatch.setattr(choosing, "CLOSE", 0.0)
     monkeypatch.setattr(judging, "LEAST", 1.0)  # what is judged here has little patience as it is
 
 

@@ -276,7 +276,6 @@ def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
         (search, "FEWEST", 3),
         (search, "MOST", 3),
         (choosing, "MOST_PARTS", 3),
-        (choosing, "STEEP", ()),
     ):
         monkeypatch.setattr(module, name, value)
     result = strip.result

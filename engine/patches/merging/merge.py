@@ -96,7 +96,7 @@ def _merge_body(
 ) -> tuple[Board, dict[str, object]]:
     """The merged layout, and what is to be said about its symmetry."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
-    effort = _effort(layout)
+    effort = effort_for(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
     ranking = Ranking(whole_group)
     start = Board(layout, params, effort=effort, tick=tick)
@@ -106,7 +106,7 @@ def _merge_body(
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
         images = with_images(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
-        mirrored = Board(disks, params, effort=_effort(layout), tick=tick)
+        mirrored = Board(disks, params, effort=effort_for(layout), tick=tick)
         more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
         more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
         other = _best(more, ranking, progress.part(0.5, 0.55))
@@ -144,7 +144,7 @@ def _merge_body(
     return board, said
 
 
-def _effort(layout: PatchLayout) -> Effort:
+def effort_for(layout: PatchLayout) -> Effort:
     """Return how much work one way of merging may take."""
     return Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
 

@@ -1,0 +1,58 @@
+"""Layouts of many panels and of few, in one run of merging."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...params import LayoutParams
+from ...progress import SILENT, Progress
+from ...surface.symmetry import Symmetry, keeping
+from ...threads import one_thread
+from ..layout import PatchLayout
+from .board import Board
+from .dissolve import dissolve
+from .halve import leaves_plane
+from .merge import LAST, effort_for, greedy
+from .straighten import straighten, widen
+
+
+@one_thread
+def merge_in_steps(
+    layout: PatchLayout,
+    params: LayoutParams,
+    shares: Sequence[float],
+    symmetries: Sequence[Symmetry] = (),
+    progress: Progress = SILENT,
+    *,
+    held: bool = False,
+) -> list[PatchLayout]:
+    """Merge patches greedily under limits of distortion that rise, each layout made of the one before it.
+
+    Takes a small part of the time of ``merge``, which tries many ways.
+
+    Parameters
+    ----------
+    layout : what is merged
+    params : the limits
+    shares : of the distortion limit
+    symmetries : of the mesh; those of the layout are kept
+    held : as in ``merge``
+
+    Returns
+    -------
+    A layout for every share, the smallest share first; those that would stay flat are left out.
+    """
+    kept, effort, found = keeping(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
+    for share in sorted(shares):
+        limits = replace(params, distortion_limit=share * params.distortion_limit)
+        board = Board(layout, limits, kept, effort, tick=lambda: progress(0.0))
+        greedy(board, LAST, progress)
+        straighten(board, progress, darts=True)
+        widen(board)
+        dissolve(board)
+        if not (held or params.seamless or leaves_plane(board)):
+            break
+        layout = PatchLayout(layout.mesh, board.cut)
+        found.append(layout)
+    return found
