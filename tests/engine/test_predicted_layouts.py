@@ -1,0 +1,89 @@
+"""What is predicted of layouts: in what order they are looked at, what a search teaches, and how the time is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from flexmaps.engine.choosing import choose as choosing
+from flexmaps.engine.choosing import search as searching
+from flexmaps.engine.choosing.judge import LONG, Idea, Judged, Laid, Piece, lay
+from flexmaps.engine.choosing.predict import Start, foreseen, predicted
+from flexmaps.engine.choosing.search import Search, creeping, key
+from flexmaps.engine.params import ChooseParams, Settings
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.workers import Workers
+
+
+@pytest.fixture(scope="module")
+def layouts() -> tuple[Piece, list[Laid]]:
+    """A ball in its six faces, in three pairs of them, and in two times three."""
+    mesh = shapes.make("cubesphere")
+    piece, out = Piece(mesh, Settings()), mesh.centroids - mesh.centroids.mean(axis=0)
+    face = 2 * np.abs(out).argmax(axis=1) + (np.take_along_axis(out, np.abs(out).argmax(axis=1)[:, None], 1)[:, 0] > 0)
+    one, two = mesh.edge_quads.T
+    made = []
+    for parts in (face, np.array([0, 1, 1, 2, 2, 0])[face], np.array([0, 1, 0, 1, 0, 1])[face]):
+        laid = lay(piece, Idea((parts[one] != parts[two]) & ~mesh.border, "drawn"))
+        assert laid is not None
+        made.append(laid)
+    return piece, made
+
+
+def test_a_layout_is_judged_by_what_is_predicted_of_it(layouts: tuple[Piece, list[Laid]]) -> None:
+    piece, made = layouts
+    start = Start.from_layout(piece, made[0].flat)
+    for laid in made:
+        one = foreseen(piece, start, laid)
+        assert one is not None and one.rms == predicted(piece, laid.flat, start) and one.share == 0.0
+        assert one.cut_length is None and one.largest >= one.rms and one.spirals[0].shape == (len(piece.mesh.quads), 4)
+
+
+def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[Piece, list[Laid]]) -> None:
+    piece, (six, three, two) = layouts
+    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    for laid, rms in ((six, 0.008), (three, 0.016), (two, 0.05)):
+        search.known[key(laid)] = _judged(laid, rms, 0.0)
+    assert [one.laid for one in search.judged] == [six, three, two], "only six panels are predicted to hold 1 %"
+    found = _judged(two, 0.025, LONG)
+    search.proved[key(two)] = found
+    search.expect([found])
+    assert search.expected == pytest.approx(0.5) and search.distance(search.known[key(three)]) == pytest.approx(0.008)
+    # three panels hold it too now, with fewer joints; what was searched for counts as it is
+    assert [one.laid for one in search.judged] == [three, six, two] and search.distance(found) == 0.025
+    search.expect([_judged(six, 0.012, LONG), found])
+    assert search.expected == pytest.approx(1.5), "the worst of several"
+
+
+def _judged(laid: Laid, rms: float, share: float) -> Judged:
+    count = len(laid.flat.layout.mesh.quads)
+    spirals = np.zeros((count, 4)), np.zeros(count)
+    empty = np.zeros(count)
+    return Judged(laid, rms, rms, 0.5, None, empty, empty.astype(int), "", share, None, None, spirals, laid.flat)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_the_first_of_many_layouts_go_from_end_to_end(count: int) -> None:
+    ordered: list[Any] = list(range(count))
+    found = choosing._spread(ordered)
+    assert sorted(found) == ordered and found[0] == 0
+    for taken in range(2, count + 1):
+        gaps = [b - a for a, b in pairwise(sorted(found[:taken]))]
+        assert {min(found[:taken]), max(found[:taken])} == {0, count - 1} and max(gaps) <= 2 * min(gaps) + 1
+
+
+def test_time_that_nobody_reports_goes_on_and_never_comes_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, seen = [100.0], list[float]()
+    monkeypatch.setattr(searching.time, "monotonic", lambda: now[0])
+    progress = creeping(Progress(lambda fraction, _: seen.append(fraction)).part(0.2, 0.6), 10.0)
+    for seconds in (0.0, 3.0, 6.0, 10.0, 20.0, 1000.0):
+        now[0] = 100.0 + seconds
+        progress(0.0)
+    assert seen[0] == 0.2 and seen[1] == pytest.approx(0.2 + 0.4 * 0.3), "in step as long as it may well be in time"
+    assert seen == sorted(set(seen)) and seen[-1] < 0.6
+    quiet = Progress()
+    assert creeping(quiet, 10.0) is quiet and creeping(replace(progress), 0.0).report is progress.report
