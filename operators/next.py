@@ -59,8 +59,11 @@ class Next(AnyMesh, bpy.types.Operator):
             return {"FINISHED"}
         if seen.act.cure is not None:
             failures.note_tried(context.object.data, seen.act.cure.call)
-        group, name = seen.act.idname.split(".")
+        source, (group, name) = context.object, seen.act.idname.split(".")
         pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, **seen.act.properties)
+        if seen.act.properties.get("keep_original") and context.object != source:
+            source.hide_set(True)
+            bpy.ops.ed.undo_push(message=seen.act.label)
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
     def _checked(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:

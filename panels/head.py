@@ -184,9 +184,6 @@ class AllNotices(bpy.types.Panel):
                 cured(row, cure)
 
 
-# -- menus -------------------------------------------------------------------------------------------------------------
-
-
 def _steps(layout: Any, context: bpy.types.Context) -> None:
     for idname, words, icon in (
         ("flexmaps.quad_remesh", "Quads", "MOD_REMESH"),

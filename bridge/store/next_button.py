@@ -54,9 +54,13 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
         return _cure(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
         return _unless_failed(mesh, _quads(obj, scene), found)
-    if objects.changed_by_modifiers(obj):
-        said = translate("Applies the modifiers: the layout lives in the mesh itself")
-        return Act("object.convert", _next(interface("Apply modifiers")), said, "piece", {"target": "MESH"})
+    changing = objects.changing(obj)
+    if changing:
+        said = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
+        label = _next(interface("Apply {}", changing[0]))
+        if len(changing) > 1 or changing[0] not in label:
+            label = _next(interface("Apply modifiers"))
+        return Act("object.convert", label, said, "piece", {"target": "MESH", "keep_original": True})
     if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
         if stages["layout"].kind == TODO:
             return _unless_failed(mesh, _quads(obj, scene), found)

@@ -67,11 +67,14 @@ def linked(obj: bpy.types.Object) -> bool:
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
     """Why the mesh is not what is seen, as a sentence; ``None`` where modifiers leave the faces what they are."""
-    for modifier in obj.modifiers:
-        if modifier.show_viewport and modifier.type not in HARMLESS | DEFORMING:
-            text = "Apply or remove the modifier '{}' first: the layout lives in the mesh itself"
-            return translate(text, modifier.name)
+    for name in changing(obj):
+        return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", name)
     return None
+
+
+def changing(obj: bpy.types.Object) -> list[str]:
+    """The names of the modifiers that make other faces of a mesh's own."""
+    return [m.name for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS | DEFORMING]
 
 
 def shared(obj: bpy.types.Object) -> str:

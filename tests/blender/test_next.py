@@ -239,6 +239,7 @@ def test_a_profile_that_a_modifier_turns_into_a_surface_is_applied(add: Any) -> 
     bpy.ops.flexmaps.next()
     obj = bpy.context.object
     assert not obj.modifiers and len(obj.data.polygons) == 32
+    assert profile.modifiers and profile.hide_get() and obj != profile
 
 
 @pytest.mark.parametrize(
