@@ -38,6 +38,7 @@ from .judge import LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
 from .lines import along_folds, completed, drawn, planes, unlike
 from .moves import IDEAS, joined, moves
 from .predict import Start
+from .prospects import WORTH
 from .search import EXPECTED, Search, Together, creeping, key, short
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
@@ -337,7 +338,8 @@ def _taken(search: Search, judged: list[Judged], first: Laid) -> Judged:
     if search.params.goal != "panels" and search.holds(best):
         return best
     given = next((one for one in judged if key(one.laid) == key(first)), None)
-    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= ENOUGH * search.distance(best)]
+    enough = 1.0 / WORTH if search.params.goal == "match" else ENOUGH
+    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= enough * search.distance(best)]
     if search.params.goal == "panels":
         alike = [given] if given is not None and search.holds(given) and given in alike else []
     return min([best, *alike], key=lambda one: (one.laid.joints, one.laid.panels))
@@ -360,7 +362,7 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
         return f"Chosen for {asked}: {what}."
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
-    return f"No layout was found for {asked}; the nearest has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
+    return f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
 
 
 def _no_nearer(search: Search, best: Judged) -> str:

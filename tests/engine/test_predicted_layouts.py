@@ -66,6 +66,18 @@ def _judged(laid: Laid, rms: float, share: float) -> Judged:
     return Judged(laid, rms, rms, 0.5, None, empty, empty.astype(int), "", share, None, None, spirals, laid.flat)
 
 
+@pytest.mark.parametrize(("near", "panels"), [(0.017, 3), (0.0195, 3), (0.022, 6)])
+def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
+    layouts: tuple[Piece, list[Laid]], near: float, panels: int
+) -> None:
+    """Nothing holds 1 %: six panels come to 1.6 %, three with fewer joints less near."""
+    piece, (six, three, two) = layouts
+    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    judged = [_judged(six, 0.016, LONG), _judged(three, near, LONG), _judged(two, 0.05, LONG)]
+    found = choosing._taken(search, judged, two)
+    assert found.laid.panels == panels
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
 def test_the_first_of_many_layouts_go_from_end_to_end(count: int) -> None:
     ordered: list[Any] = list(range(count))
