@@ -92,6 +92,11 @@ def remesh(quads: int) -> Cure:
     return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
 
 
+def larger(times: float) -> Cure:
+    """The piece so many times larger."""
+    return Cure(interface("Larger: {:g} x", times), "flexmaps.set_size", {"times": times})
+
+
 def regularise() -> Cure:
     """Squarer quads."""
     return Cure(interface("Squarer quads"), "flexmaps.regularise")

@@ -150,7 +150,10 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
     What the remesh has said of as many quads stays: no check of the quads alone can find it.
     """
     count = len(mesh.polygons)
-    blocks = [finding.as_dict() | {"edges": list(finding.edges), "quads": count} for finding in findings]
+    blocks = [
+        finding.as_dict() | {"edges": list(finding.edges), "quads": count, "larger": finding.larger}
+        for finding in findings
+    ]
     codes = OF_REMESH - {block["code"] for block in blocks}
     blocks += [
         block for block in read(mesh).get("checks", ()) if block["code"] in codes and block.get("quads") == count

@@ -108,6 +108,7 @@ FAILED = {
 FEWER = (0.6, 0.3)
 MORE = (2, 4)  # times as many quads, where none were found
 LARGER = 1.5  # times larger, where there is no room for spirals; not measured
+MOST_LARGER = 2.0  # times: of what would have to be larger still, other quads are made; by eye
 # finding of a simulation -> what helps with it of what is advised, the best first
 HELPED = {
     "stays-flat": (remedies.CUT,),
@@ -190,8 +191,10 @@ def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list
     """What may help where a stage failed: never the same act with the same input. ``wanted``: quads that mend it, as the stage says."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
-        larger = Cure(interface("Larger: {:g} x", LARGER), "flexmaps.set_size", {"times": LARGER})
-        return [*(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *fewer(quads)])), larger]
+        return [
+            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *fewer(quads)])),
+            cures.larger(LARGER),
+        ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
         return [cures.let_go(key)]
     if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
@@ -226,6 +229,9 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
             ways.append(cures.round_folds(objects.quad_edge(obj, scene)))
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
+        if larger := row.get("larger"):
+            ways += [cures.larger(larger)] if larger <= MOST_LARGER else []
+            ways += [cures.remesh(n) for n in fewer(len(obj.data.polygons))[:1]]
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
 

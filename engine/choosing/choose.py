@@ -362,7 +362,9 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
         return f"Chosen for {asked}: {what}."
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
-    return f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
+    return (
+        f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
+    )
 
 
 def _no_nearer(search: Search, best: Judged) -> str:

@@ -343,6 +343,25 @@ def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: An
             assert found["equilibrium/match"].cures[0].idname == "flexmaps.stand_on"
 
 
+@pytest.mark.parametrize(
+    "larger, offered", [(1.15, ["set_size", "quad_remesh", "let_go"]), (3.0, ["quad_remesh", "let_go"])]
+)
+def test_quads_that_are_too_small_are_made_larger_or_fewer(add: Any, larger: float, offered: list[str]) -> None:
+    piece = add(shapes.make("dome"))
+    row = {
+        "code": "small-quads",
+        "severity": "warning",
+        "message": "Small",
+        "faces": [3],
+        "edges": [],
+        "larger": larger,
+    }
+    (notice,) = notices._checks(piece, bpy.context.scene, [row])
+    assert [cure.name for cure in notice.cures] == offered
+    if larger < 2.0:
+        assert notice.cures[0].properties == {"times": larger}
+
+
 def test_sentences_of_one_kind_are_one_row() -> None:
     (one,) = notices._sentences("layout", {"remarks": ["Panel 1 keeps a neck"]})
     (more,) = notices._sentences("layout", {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]})

@@ -324,7 +324,10 @@ def test_size_ratio():
 def test_small_quads_know_the_scale():
     mesh = of(shapes.make("vault", 0.02))
     assert "small-quads" not in found(mesh)
-    assert len(found(mesh, edge=0.009)["small-quads"].faces) > 100
+    small = found(mesh, edge=0.009)["small-quads"]
+    assert len(small.faces) > 100
+    assert "small-quads" not in found(mesh, edge=0.009 * small.larger)
+    assert "small-quads" in found(mesh, edge=0.009 * (small.larger - 0.06))
     assert "small-quads" not in found(of(shapes.make("vault", 2.0)), edge=0.02)
     assert "small-quads" in found(check.scaled(mesh, edge=0.009))
     assert "small-quads" not in found(of(shapes.make("cubesphere", 0.015)))

@@ -16,6 +16,7 @@ class Finding:
     """One fault of a mesh.
 
     faces : indices in the mesh as it came; edges : indices in ``edges_of`` the mesh as it came
+    larger : times that the model would have to be larger; None where its size is not to blame
     """
 
     code: str
@@ -23,6 +24,7 @@ class Finding:
     message: str
     faces: tuple[int, ...] = ()
     edges: tuple[int, ...] = ()
+    larger: float | None = None
 
     @property
     def is_error(self) -> bool:

@@ -17,6 +17,7 @@ FAR = 1e6  # so many times further from the middle than half of all vertices: no
 ROUNDED = 1e-6  # of the median edge: how far the rounding of double precision may displace a vertex
 FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours (0.008 degrees short of lying on each other)
 SMALL = 0.01  # metres: side of the smallest quad that takes a spiral well
+STEP = 0.05  # to multiples of which it is rounded how much larger a model would have to be
 WARP = np.radians(60.0)  # largest angle between the normals at two neighbouring corners of a quad
 # least breadth of a quad, in median edges: of 20 mm it leaves arms of 1.5 mm, of half as much none that can be cut
 THIN = 0.1
@@ -117,8 +118,10 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     side = np.sqrt(areas) * scale
     small = np.flatnonzero((side < SMALL * (1 - 1e-6)) & (areas > 1e-6 * middle**2))
     if len(small):
-        text = f"{named(small)} under {SMALL * 1e3:g} mm (the smallest is {side[small].min() * 1e3:.3g} mm): make the model larger or remesh coarser"
-        found.append(finding("small-quads", text, small, severity="warning"))
+        least = float(side[small].min())
+        text = f"{named(small)} under {SMALL * 1e3:g} mm (the smallest is {least * 1e3:.3g} mm): make the model larger or remesh coarser"
+        times = round(STEP * float(np.ceil(SMALL / least / STEP)), 2)
+        found.append(replace(finding("small-quads", text, small, severity="warning"), larger=times))
     return found + _inside_out(polygons, sides, body, area_vectors)
 
 
