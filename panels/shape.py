@@ -80,7 +80,7 @@ def _results(body: Any, context: bpy.types.Context) -> None:
     if found is not None:
         layout, block = found
         for key in equilibrium.keys_of(context.object.data):
-            name = tr("result") if key.name == equilibrium.KEY else key.name.removeprefix("FlexMaps ")
+            name = tr("result") if key.name == equilibrium.KEY else tr("other shape {}", key.name.rpartition(" ")[2])
             layout.prop(key, "value", text=tr("Target to {}", name), slider=True, translate=False)
         mean, most = (
             f"{figure(block[f'{kind}_percent'])} %, {figure(block[f'{kind}_mm'])} mm" for kind in ("rms", "max")

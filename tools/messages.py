@@ -39,7 +39,7 @@ def main() -> int:
     return 0
 
 
-WORDS = re.compile(r"[A-Z][a-z ]")  # what a text begins with that is no name in the code
+WORDS = re.compile(r"[A-Z]+[a-z ]")  # what a text begins with that is no name in the code
 WRAP = 100  # characters in a line of the files
 
 
