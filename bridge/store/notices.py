@@ -347,11 +347,12 @@ def _far(block: dict[str, Any]) -> bool:
 
 
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
-    """A piece that is farther from its target than anybody would miss, where no finding says so yet."""
+    """A piece that is farther from its target than is wanted, where no finding says so yet."""
     block = blocks.get("equilibrium", {})
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
     told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _far(block) else ())}
-    if percent is None or percent <= remedies.WANTED or said & told:
+    choose = obj.flexmaps.choose
+    if percent is None or percent <= (choose.match if choose.goal == "match" else remedies.WANTED) or said & told:
         return []
     key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
     others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]

@@ -213,6 +213,13 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
     ]
     assert found[0].kind == notices.WORSE and found[0].cures[0].label.endswith("0.25 %")
     assert not notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    piece.flexmaps.choose.match = 0.8  # "Within" under Layout
+    assert notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
+    piece.flexmaps.choose.match = 2.0
+    assert not notices._match(piece, blocks, {})
+    piece.flexmaps.choose.goal = "panels"
+    assert notices._match(piece, blocks, {})
+    piece.flexmaps.choose.goal = "match"
     bpy.ops.flexmaps.stand_on(**found[0].cures[0].properties)
     (group,) = piece.vertex_groups
     held = {v.index for v in piece.data.vertices if any(g.group == group.index and g.weight > 0 for g in v.groups)}
