@@ -29,6 +29,10 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
+# Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
+FEWER = (0.6, 0.3)
+MORE = (2, 4)  # times as many quads, where none were found
+LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 FOLDS = "sharp-folds"  # a finding whose button says a radius too
 # what the operator does
 MENDING = (
@@ -85,6 +89,17 @@ def round_folds(edge: float) -> Cure:
     from ...engine.surface.checking.folds import radius  # scipy comes with it
 
     return Cure(interface("Round to {:.0f} mm", 1e3 * radius(edge)), "flexmaps.mend", {"what": "round"})
+
+
+def fewer(quads: int) -> list[int]:
+    """Numbers of quads to try instead of so many, in hundreds where that is near enough."""
+    wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
+    return [int(n) for n in wanted if n >= LEAST_QUADS]
+
+
+def other_counts(quads: int) -> list[int]:
+    """Numbers of quads to try where so many were not found: more, in which small parts have room, and fewer."""
+    return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
 def remesh(quads: int) -> Cure:

@@ -104,9 +104,6 @@ FAILED = {
     "flexmaps.optimise": "Not optimised",
     "flexmaps.export": "No files written",
 }
-# Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
-FEWER = (0.6, 0.3)
-MORE = (2, 4)  # times as many quads, where none were found
 LARGER = 1.5  # times larger, where there is no room for spirals; not measured
 MOST_LARGER = 2.0  # times: of what would have to be larger still, other quads are made; by eye
 # finding of a simulation -> what helps with it of what is advised, the best first
@@ -119,7 +116,6 @@ HELPED = {
     "other-rest": (remedies.CUT,),
 }
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
-LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
 # keys of notices of a piece that misses its match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
@@ -192,29 +188,18 @@ def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
-            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *fewer(quads)])),
+            *(cures.remesh(n) for n in dict.fromkeys([*filter(None, [wanted]), *cures.fewer(quads)])),
             cures.larger(LARGER),
         ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
         return [cures.let_go(key)]
     if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
-        return [cures.remesh(n) for n in fewer(quads)]
+        return [cures.remesh(n) for n in cures.fewer(quads)]
     if idname == "flexmaps.flatten":
-        return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in fewer(quads))]
+        return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in cures.fewer(quads))]
     if idname == "flexmaps.quad_remesh":
-        return [cures.remesh(n) for n in ([wanted] if wanted else other_counts(obj.flexmaps.remesh.quads))]
+        return [cures.remesh(n) for n in ([wanted] if wanted else cures.other_counts(obj.flexmaps.remesh.quads))]
     return []
-
-
-def fewer(quads: int) -> list[int]:
-    """Numbers of quads to try instead of so many, in hundreds where that is near enough."""
-    wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
-    return [int(n) for n in wanted if n >= LEAST_QUADS]
-
-
-def other_counts(quads: int) -> list[int]:
-    """Numbers of quads to try where so many were not found: more, in which small parts have room, and fewer."""
-    return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
 def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[Notice]:
@@ -231,7 +216,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
             ways.append(cures.regularise())
         if larger := row.get("larger"):
             ways += [cures.larger(larger)] if larger <= MOST_LARGER else []
-            ways += [cures.remesh(n) for n in fewer(len(obj.data.polygons))[:1]]
+            ways += [cures.remesh(n) for n in cures.fewer(len(obj.data.polygons))[:1]]
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
 
@@ -248,7 +233,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
 def is_coarse(obj: bpy.types.Object) -> bool:
     """Whether a mesh has so few quads that it makes no more than a toy, and nobody has asked for as few."""
     count = len(obj.data.polygons)
-    return count < LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
+    return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
 
 
 def _few(obj: bpy.types.Object) -> list[Notice]:

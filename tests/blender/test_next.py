@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import failures, guidance, handing_down, next_button, notices, states
+from flexmaps.bridge.store import cures, failures, guidance, handing_down, next_button, notices, states
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
@@ -287,7 +287,7 @@ def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> 
     bpy.context.object.flexmaps.remesh.quads = 30
     bpy.ops.flexmaps.quad_remesh()
     made = bpy.context.object
-    assert len(made.data.polygons) < notices.LEAST_QUADS
+    assert len(made.data.polygons) < cures.LEAST_QUADS
     act = seen(made).act
     assert act is not None and act.idname != "flexmaps.quad_remesh"
     assert states.is_current_unnoted(
