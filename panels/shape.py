@@ -92,9 +92,9 @@ def _results(body: Any, context: bpy.types.Context) -> None:
         if "fillet_strain_share_max" in block:
             share = tr("about {} % of limit", f"{100 * block['fillet_strain_share_max']:.0f}")
             rows.append((tr("Strain at fillets"), share))
-        for name, energy in enumerate(block.get("other_energies", ()), 1):
+        for number, energy in enumerate(block.get("other_energies", ()), 1):
             more = 100 * (energy / block["energy"] - 1) if block["energy"] else 0.0
-            rows.append((tr("Energy, other shape {}", name), f"{more:+.2g} %"))
+            rows.append((tr("Energy, other shape {}", number), f"{more:+.2g} %"))
     searched = look(context).blocks.get("optimise", {})
     if "wished_mm" in searched:
         arrow = "{:.3g} \N{RIGHTWARDS ARROW} {:.3g} mm"
