@@ -85,8 +85,7 @@ def choose(
         if params.near:
             _cut_there(search, progress.part(0.1, 1.0))
         else:
-            _sought(search, first, progress.part(0.1, 0.9))
-            _fill_gaps(search, progress.part(0.9, 1.0))
+            _sought(search, first, progress.part(0.1, 1.0))
     except Cancelled:
         if not search.judged:
             raise
@@ -111,14 +110,15 @@ def _cut_there(search: Search, progress: Progress) -> None:
 
 
 def _sought(search: Search, first: Laid, progress: Progress) -> None:
-    """Lay out, judge, change and prove."""
+    """Lay out, judge and change, fill the gaps between what is found, and prove the best."""
     _collect(search, first, progress.part(0.0, 0.3))
     search.judge(search.next(SETTLED), progress.part(0.3, 0.45))
     for turn in range(TURNS):
         part = progress.part(0.45 + 0.05 * turn, 0.5 + 0.05 * turn)
         if search.left <= 0 or not _changed(search, first, part):
             break
-    _prove(search, progress.part(0.6, 1.0))
+    _fill_gaps(search, progress.part(0.6, 0.65))
+    _prove(search, progress.part(0.65, 1.0))
 
 
 def _begin(search: Search, first: Laid, progress: Progress) -> None:
