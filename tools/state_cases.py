@@ -9,6 +9,7 @@ import numpy as np
 from flexmaps.engine.choosing.judge import Laid, Piece, judge
 from flexmaps.engine.live.given import Given
 from flexmaps.engine.live.piece import LivePiece
+from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import Settings, changed
@@ -97,14 +98,16 @@ class Comparison:
         return 1e-3 if self.softest > SOFT else 1e-2
 
 
-def fresh(result: Result, settings: Settings, design: SpiralDesign, *, loaded: bool = True) -> Simulation:
-    """The simulation of a design as it is stored, in single precision, begun from the target."""
+def fresh(
+    result: Result, settings: Settings, design: SpiralDesign, *, loaded: bool = True, start: Pose | None = None
+) -> Simulation:
+    """The simulation of a design as it is stored, in single precision, begun from the target where no other start is given."""
     flat, (width, twist) = design.flat, (_single(design.width), _single(design.twist))
     stored = replace(design, flat=measured(flat.layout, _single(flat.points)), width=width, twist=twist)
     physics = settings.simulate if loaded else replace(settings.simulate, gravity=False)
     force = result.force if loaded else None
     material = settings.material.chosen
-    return simulate(stored, result.mesh, material, physics, supports=result.supports, force=force)
+    return simulate(stored, result.mesh, material, physics, supports=result.supports, force=force, start=start)
 
 
 def _single(values: np.ndarray) -> np.ndarray:
@@ -119,7 +122,10 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     """Optimise, then what Simulate, its advice, and Structure tell."""
     made = job.go_on(result, settings, ("optimise", "simulate"))
     assert made.optimisation is not None and made.simulation is not None and made.design is not None
-    found = fresh(made, settings, made.design)
+    # where the stage names another rest, a simulation from the target may find that one
+    other = any(one.code == "other-rest" for one in made.simulation.findings)
+    start = made.simulation.equilibrium.pose if other else None
+    found = fresh(made, settings, made.design, start=start)
     block = made.optimisation.report()
     told = State(found.size * block["rms_percent"] / 100.0, None, block["strain_share_max"])
     rest = without_loads(made.simulation, settings.simulate)
@@ -128,7 +134,9 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     return [
         _compared("optimise", told, found),
         _compared("simulate", State.of_simulation(made.simulation), found),
-        _compared("structure", State.of_simulation(at_rest), fresh(made, settings, made.design, loaded=False)),
+        _compared(
+            "structure", State.of_simulation(at_rest), fresh(made, settings, made.design, loaded=False, start=start)
+        ),
     ]
 
 
