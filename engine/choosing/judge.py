@@ -151,7 +151,8 @@ def judge(
 ) -> Judged | None:
     """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
 
-    thorough : whether several starts are tried, and slots that close minded and counted; by default in long searches alone
+    thorough : whether several starts are tried where the piece has no spirals, and slots that close minded and counted; by default in
+        long searches alone
     It starts from the piece's spirals, or from those that the curvature asks for.
     """
     settings, quick = piece.settings, share <= SHORT
@@ -160,8 +161,8 @@ def judge(
     patience = share * (params.patience or 1.0)
     if not thorough:
         patience *= float(np.clip(len(piece.mesh.quads) / QUADS, LEAST, 1.0))
-        params = replace(params, restart=False, open_slots=False)
-    params = replace(params, patience=patience)
+        params = replace(params, open_slots=False)
+    params = replace(params, patience=patience, restart=thorough and piece.spirals is None)
     try:
         if piece.spirals is None:
             spirals = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
@@ -176,7 +177,7 @@ def judge(
             settings.simulate,
             supports=piece.supports,
             force=piece.force,
-            prove=not quick,
+            prove=False,
             progress=progress.quiet(),
         )
         if not found.after.equilibrium.converged:
