@@ -146,6 +146,8 @@ def _of_lines() -> Found:
         *(words for words, _ in notices.WORDS.values()),
         *(words for _, one, more in notices.SAID.values() for words in (one, more)),
         *guidance.CHANGED.values(),
+        guidance.SETTING,
+        *guidance.ANEW.values(),
     ):
         yield "", text, "what there is to look at, and its cure"
     for _, *texts in (*tab.CHECKS, *tab.HABITS, *decided.RESTS):

@@ -23,7 +23,16 @@ from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
 
 LETTERS = 34  # of the status line at most, in every language
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line
-CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed", "": "Settings changed"}
+CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
+SETTING = "Settings changed"
+# by the first stage that is out of date, where an earlier one was made anew
+ANEW = {
+    "layout": "New quads",
+    "spirals": "New panels",
+    "equilibrium": "New spirals",
+    "optimise": "New spirals",
+    "sheets": "New shape",
+}
 STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # what *Next* makes, in its order
 
 
@@ -113,8 +122,9 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
 
 
 def _changed(known: dict[str, states.State], old: int) -> str:
-    part = next((known[name].part for name in STEPS if known[name].part), "")
-    what = CHANGED.get(part, CHANGED[""])
+    part = next((known[name].part for name in STEPS if known[name].part), None)
+    first = next(name for name in STEPS if known[name].kind == states.OLD)
+    what = CHANGED.get(part, SETTING) if part else ANEW[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 
 

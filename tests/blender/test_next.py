@@ -137,6 +137,18 @@ def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
     assert not any(notice.kind == notices.STOPS for notice in seen(piece).notices)
 
 
+def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    bpy.ops.flexmaps.merge()
+    bpy.ops.flexmaps.spirals()
+    piece.flexmaps.spiral.width_min *= 0.9
+    assert seen(piece).status == guidance.Status("Settings changed: 1 step to redo", guidance.REDO)
+    bpy.ops.flexmaps.spirals()
+    piece.flexmaps.layout.distortion_limit *= 0.5
+    bpy.ops.flexmaps.merge()
+    assert seen(piece).status == guidance.Status("New panels: 1 step to redo", guidance.REDO)
+
+
 def test_labels_and_status_are_short_enough(add: Any) -> None:
     piece = add(shapes.make("dome"))
     said = seen(piece)
