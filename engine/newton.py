@@ -146,9 +146,6 @@ class DampedProblem(Problem, Protocol):
     def gentle(self, here: Local, proposal: Any) -> float:
         """The least damping of what follows with which to go on where there was none."""
 
-    def localised(self, here: Local, proposal: Any, state: Any) -> bool:
-        """Return whether a step went wrong in a few places alone, where the next ones are damped more instead of everywhere."""
-
     def rejected(self) -> None:
         """Told of every state that is not gone on from."""
 
@@ -353,7 +350,7 @@ class Damped:
             ratio = (here.energy - problem.energy(trial)) / max(proposal.gain, 1e-300)
             if ratio > GOOD:
                 self.damping, self.following = 0.3 * self.damping, 0.3 * self.following
-            elif ratio < POOR and not problem.localised(here, proposal, trial):
+            elif ratio < POOR:
                 self.damping, self.following = 4.0 * self.damping, 8.0 * self.following
             if ratio > TAKEN:
                 row.decrement, row.step = proposal.gain, 1.0

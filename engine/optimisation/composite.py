@@ -45,12 +45,12 @@ class Ahead:
 class CompositeModel:
     """The objective near a point, damped in the coordinates and in the turns of the hubs.
 
-    following : damping of every hub's turns; most : rounds of conjugate gradients; units : of the coordinates; watch : asks whether to stop
+    most : rounds of conjugate gradients; units : of the coordinates; watch : asks whether to stop
     """
 
     point: Point
     damping: float
-    following: Float[np.ndarray, "spirals 1"]
+    following: float
     most: int
     units: Float[np.ndarray, " coordinates"]
     watch: Callable[[], None]
@@ -66,7 +66,7 @@ class CompositeModel:
         terms = [term.ahead(moves, step) for term in self.point.terms]
         costs = self.point.problem.costs(self.point.x + step)
         value = sum(term.value for term in terms) + sum(cost.value for cost in costs)
-        turns = 0.5 * float((self.following * moves[:, 3:] ** 2).sum())
+        turns = 0.5 * self.following * float((moves[:, 3:] ** 2).sum())
         return Ahead(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
 
     def minimised(self) -> Ahead:

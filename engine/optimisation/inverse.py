@@ -385,7 +385,7 @@ class Point:
         return self.product(change, self.terms, self.costs)
 
     def product(
-        self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], turn_damping: np.ndarray | float = 0.0
+        self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], turn_damping: float = 0.0
     ) -> Float[np.ndarray, " coordinates"]:
         """Product with the matrix of these terms and costs, and of half of ``turn_damping`` times the hubs' squared turns (radians)."""
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..arrays import Float
 from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
@@ -30,13 +29,6 @@ JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the 
 # from where the tangent predicted them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
 INNER_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 
-# Where so few of the hubs make up this share of all squared turns that were not predicted, their turns are damped, and not the whole
-# step. At two warped quads of 472, hubs turned by .3 radians where .01 was predicted: steps were cut to .001 of the box for it, 20 to
-# 43 of 31 to 54 were refused, and the search ended; so it took 19, of which 6 were refused. Two surfaces of even quads went as before
-FEW_HUBS, FEW_TURN = 0.02, 0.5
-LITTLE = 0.1  # least predicted turn of a hub, as a share of what it has turned otherwise
-MORE = 8.0  # times the damping of a hub that has turned otherwise again
-
 
 @dataclass
 class Trace:
@@ -47,7 +39,7 @@ class Trace:
         one than the nearest
     ended : why the last search ended, a word of ``newton``
     bending, damping : how the objective bends and how much steps are damped, by the number of coordinates: what one stage has
-        learned serves the next; turning : damping of single hubs' turns, by the number of hubs
+        learned serves the next
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -58,14 +50,9 @@ class Trace:
     ended: str = "converged"
     bending: dict[int, Bending] = field(default_factory=dict)
     damping: dict[int, float] = field(default_factory=dict)
-    turning: dict[int, np.ndarray] = field(default_factory=dict)
 
     def note(self, point: Point) -> None:
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
-
-    def turning_of(self, hubs: int) -> Float[np.ndarray, "hubs 1"]:
-        """Return the damping of every hub's turns."""
-        return self.turning.setdefault(hubs, np.zeros((hubs, 1)))
 
     def bending_of(self, size: int) -> Bending:
         """Along so many coordinates."""
@@ -149,8 +136,7 @@ class _Search:
         within = self.within(point)
 
         units = self.bending.units(point.value, damping)
-        turning = following + self.trace.turning_of(point.problem.assembly.whole.size)
-        model = CompositeModel(point, damping, turning, self.params.cg_iterations, units, lambda: within(0.0))
+        model = CompositeModel(point, damping, following, self.params.cg_iterations, units, lambda: within(0.0))
         step = model.minimised().step
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
@@ -165,17 +151,6 @@ class _Search:
 
     def gentle(self, here: Local, proposal: _Proposal) -> float:
         return here.energy / (TURN_MOST**2 * len(proposal.moves))
-
-    def localised(self, here: Local, proposal: _Proposal, state: Point) -> bool:
-        """Damp the turns of the hubs that have turned otherwise than predicted, where few of them account for most of it."""
-        turned = misled(here.own, state, proposal.moves)
-        predicted = np.linalg.norm(proposal.moves[:, 3:], axis=1)
-        hubs = len(turned)
-        damping = damping_of_few(self.trace.turning_of(hubs), turned, predicted, proposal.gain)
-        if damping is None:
-            return False
-        self.trace.turning[hubs] = damping
-        return True
 
     def rejected(self) -> None:
         self.trace.rejected += 1
@@ -209,37 +184,6 @@ def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
 def _nearer(there: Point, here: Point) -> bool:
     """Whether another equilibrium is worth going to: it is better in the objective and nearer to the target."""
     return there.value < here.value and there.distance < here.distance
-
-
-def damping_of_few(
-    known: Float[np.ndarray, "hubs 1"],
-    turned: Float[np.ndarray, " hubs"],
-    predicted: Float[np.ndarray, " hubs"],
-    gain: float,
-) -> Float[np.ndarray, "hubs 1"] | None:
-    """Return more damping for the turns of the few hubs that have turned otherwise than predicted; None where they are many.
-
-    Parameters
-    ----------
-    known : the damping of every hub's turns so far, per squared radian
-    turned, predicted : radians by which hubs have turned otherwise, and were to turn
-    gain : the fall of the objective that was predicted: at these hubs the turn that was predicted would cost as much
-    """
-    worst = np.argsort(-turned)
-    squares = np.cumsum(turned[worst] ** 2)
-    few = worst[: 1 + np.searchsorted(squares, FEW_TURN * squares[-1])]
-    if len(few) > max(1.0, FEW_HUBS * len(turned)):
-        return None
-    damping = known.copy()
-    needed = 2.0 * gain / np.maximum(predicted[few], LITTLE * turned[few]) ** 2
-    damping[few, 0] = np.maximum(MORE * known[few, 0], needed)
-    return damping
-
-
-def misled(here: Point, there: Point, moves: Float[np.ndarray, "hubs 6"]) -> Float[np.ndarray, " spirals"]:
-    """Return by how many radians each hub has turned otherwise than the moves (n, 6) predict."""
-    predicted, found = (pose.rotations for pose in (here.equilibrium.pose.moved(moves), there.equilibrium.pose))
-    return Rotation.from_matrix(np.swapaxes(predicted, 1, 2) @ found).magnitude()
 
 
 def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> bool:

@@ -259,7 +259,7 @@ def _huber(push: Float[np.ndarray, " k"]) -> float:
     return float((near * (push - 0.5 * near)).sum())
 
 
-def turning(weight: Float[np.ndarray, "spirals 1"] | float, moves: np.ndarray) -> Change:
+def turning(weight: float, moves: np.ndarray) -> Change:
     """Product of half of the squares of the hubs' turns in radians, by a weight: no term, but damps steps."""
     return Change(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
 

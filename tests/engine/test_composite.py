@@ -33,9 +33,7 @@ def start() -> Point:
 
 
 def model(point: Point, damping: float = 1e-5) -> CompositeModel:
-    return CompositeModel(
-        point, damping, np.zeros((point.problem.assembly.whole.size, 1)), 40, np.ones_like(point.x), lambda: None
-    )
+    return CompositeModel(point, damping, 0.0, 40, np.ones_like(point.x), lambda: None)
 
 
 def ways() -> list[np.ndarray]:

@@ -178,9 +178,6 @@ class Residuals(Dense):
     def tried(self, here: Local, proposal: Any) -> Any:
         return here.own + proposal.step
 
-    def localised(self, here: Local, proposal: Any, state: Any) -> bool:
-        return False
-
     def rejected(self) -> None:
         self.refused += 1
 
@@ -193,22 +190,6 @@ def test_damped_steps_go_downhill_to_the_end() -> None:
     run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, 0.0, -np.inf))
     assert run.state == pytest.approx([1.0, 1.0], abs=1e-5)
     assert (np.diff([one.energy for one in run.history]) < 0.0).all() and problem.refused > 0
-
-
-class Misled(Residuals):
-    """The same, where every step that goes wrong is said to go wrong in one place."""
-
-    def localised(self, here: Local, proposal: Any, state: Any) -> bool:
-        return True
-
-
-def test_a_step_that_goes_wrong_in_one_place_is_not_damped_everywhere() -> None:
-    """The first step overshoots: told that one place is to blame, the rule tries the step again as long as it was."""
-    start = np.array([-1.2, 1.0])
-    usual, local = Damped(1, 0.0, -np.inf, damping=1e-9), Damped(1, 0.0, -np.inf, damping=1e-9)
-    minimise(Residuals(), start, usual)
-    minimise(Misled(), start, local)
-    assert local.damping == 1e-9 < usual.damping
 
 
 @pytest.mark.parametrize("share", [0.1, 10.0])
