@@ -52,11 +52,12 @@ class Found:
         return bool(values[0] <= OPENED * values[1] and not self.strained_by(other).any())
 
     def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
-        """Which spirals are strained beyond what the material bears, and by more than a tenth beyond any of the other result."""
+        """Which spirals are strained beyond what the material bears, where none of the other result is, or else by a tenth beyond its worst."""
         before, strain = other.simulation.strain, self.simulation.strain
         if before is None or strain is None:
             return np.zeros(len(self.simulation.design.twist), bool)
-        return strain > max(STRAINED, OPENED * float(before.max()))
+        worst = float(before.max())
+        return strain > (STRAINED if worst <= STRAINED else OPENED * worst)
 
 
 def opened(search: Search, found: Found, progress: Progress) -> Found:

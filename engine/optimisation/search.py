@@ -60,6 +60,8 @@ POLISH_STEPS, POLISHES, GAIN = (
 )  # of the spirals alone, between two pushes, and how often in the end, as above
 UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger; not measured
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
+TIGHT = 0.01  # excess of strain, see ``Bearing.excess``, beyond which the last stage goes on
+OVERTIME = 1.25  # share by which the last one is over where arms are still strained too much: a larger piece takes a search anew
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
 NEAR, FARTHER = 0.2, 1.1
@@ -174,6 +176,12 @@ class Held:
         bearing, strains = self.point.problem.bearing, self.point.strains
         return bearing is not None and strains is not None and bool(strains.values.max() > bearing.limit)
 
+    @property
+    def tight(self) -> bool:
+        """Whether any arm is strained so near its limit that what proving a design changes may strain it beyond."""
+        bearing, strains = self.point.problem.bearing, self.point.strains
+        return bearing is not None and strains is not None and bool(bearing.excess(strains.values).max() > TIGHT)
+
     def merit(self, strictness: float) -> float:
         """To compare results, as ``Point.merit``; infinite likewise."""
         return self.point.merit(strictness) if self.sound else np.inf
@@ -219,7 +227,10 @@ class Search:
         if codesigned:
             here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
         work.share = 1.0
-        self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 1.0))
+        here = self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 0.95))
+        if work.over and here.tight:
+            work.share = OVERTIME
+            self._again(self.polished, here, POLISHES, GAIN, progress.part(0.95, 1.0))
         self.trace.ended = "time" if work.over else "converged" if ended == "time" else ended
         return chosen
 

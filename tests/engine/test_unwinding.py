@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import material
+from flexmaps.engine.materials import STRAINED, material
 from flexmaps.engine.optimisation.found import Found, opened, unwound
 from flexmaps.engine.optimisation.optimisers import Trace
-from flexmaps.engine.optimisation.search import Search, Task
+from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -57,3 +57,34 @@ def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
     nearly = replace(made, twist=np.full(len(free), 0.05))
     assert (unwound(nearly, slots, free)[beside & free] == 0.0).all()
     assert unwound(nearly, slots, np.zeros(len(free), bool)) is nearly.twist
+
+
+@pytest.mark.parametrize("worst, beyond", [(0.85, 1.01 * STRAINED), (1.2, 1.36)])
+def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
+    """Where none is beyond what the material bears, none may be; where one is, others may hardly be more."""
+    found = wound[1]
+    simulation, count = found.simulation, len(found.simulation.design.twist)
+
+    def strained(strain: np.ndarray) -> Found:
+        other = replace(simulation)
+        other.__dict__["strain"] = strain
+        return replace(found, simulation=other)
+
+    before = np.full(count, 0.5)
+    before[3] = worst
+    after = before.copy()
+    after[7] = beyond
+    assert np.flatnonzero(strained(after).strained_by(strained(before))).tolist() == [7]
+    after[7] = 0.99 * STRAINED
+    assert not strained(after).strained_by(strained(before)).any()
+
+
+@pytest.mark.parametrize("share, until", [(0.01, OVERTIME), (100.0, 1.0)])
+def test_a_search_whose_time_is_over_goes_on_where_arms_are_strained_too_much(wound, share, until):
+    task, found = wound
+    task = replace(task, work=Work(limit=1.0, done=2.0))
+    bearing = found.point.problem.bearing
+    problem = replace(found.point.problem, work=task.work, bearing=replace(bearing, share=share))
+    search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
+    search.run([replace(found.point, problem=problem)], found.simulation.design, SILENT)
+    assert task.work.share == until
