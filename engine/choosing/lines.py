@@ -14,7 +14,7 @@ from ..patches.tracing.trace import make_disks
 from ..surface.checking.folds import SHARP, turns
 from ..surface.checking.topology import sides_of
 from ..surface.mesh import PolygonMesh, QuadMesh
-from ..surface.symmetry import Symmetry, keeping, with_images
+from ..surface.symmetry import Symmetry, close_under, keeping
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it
@@ -219,7 +219,7 @@ def evenly(
 def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
     """The cuts with their images under a symmetry; what is no disk is opened in images of one cut."""
     for _ in range(OPENINGS):
-        cut = with_images(cut, [symmetry])
+        cut = close_under(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border
         if (opened == cut).all():
             break

@@ -52,7 +52,7 @@ class Found:
         return bool(values[0] <= OPENED * values[1] and not self.strained_by(other).any())
 
     def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
-        """Which spirals are strained beyond what the material bears, where none of the other result is, or else by a tenth beyond its worst."""
+        """Return which spirals are strained too much: beyond what the material bears, or a tenth beyond the other result's worst if that is more already."""
         before, strain = other.simulation.strain, self.simulation.strain
         if before is None or strain is None:
             return np.zeros(len(self.simulation.design.twist), bool)

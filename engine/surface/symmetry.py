@@ -180,8 +180,8 @@ def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
     return [s for s in found if (cut[s.edges] == cut).all()]
 
 
-def with_images(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
-    """Return the cuts with their images under some symmetries, and the images of those, until there are no more."""
+def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
+    """Return the smallest set of cuts that holds these and is its own image under each of some symmetries."""
     while True:
         more = cut.copy()
         for symmetry in symmetries:

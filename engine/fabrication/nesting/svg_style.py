@@ -27,6 +27,9 @@ _RELATIONS = {
     "$=": lambda has, wants: bool(wants) and has.endswith(wants),
     "*=": lambda has, wants: bool(wants) and wants in has,
 }
+Property = tuple[bool, str, str]  # whether it is important, its name, and its value
+Weight = tuple[int, int, int]  # specificity of CSS
+OWN = (9999, 0, 0)  # weight of an element's own style, above that of any selector
 Selector = list[str | None]  # compounds, and between two of them the combinator: None for a descendant
 
 
@@ -36,7 +39,7 @@ class Styles:
     def __init__(self, document: Element):
         self.above = {child: parent for parent in document.iter() for child in parent}
         self.unread: set[str] = set()
-        self.rules: list[tuple[Selector, str]] = []
+        self.rules: list[tuple[Selector, Weight, list[Property]]] = []
         for style in document.iter():
             if tag_of(style) == "style" and _on_screen(style.get("media", "all")):
                 self._read(_COMMENT.sub("", "".join(style.itertext())))
@@ -45,14 +48,11 @@ class Styles:
         """Attributes, and over them properties: of rules by their weight, of the element's own style, and what is important."""
         found = [
             (important, weight, order, name, value)
-            for order, (selector, body) in enumerate(self.rules)
+            for order, (selector, weight, properties) in enumerate(self.rules)
             if self._fits(element, selector)
-            for weight in [_weight(selector)]
-            for important, name, value in _declared(body)
+            for important, name, value in properties
         ]
-        own = [
-            (important, (9999, 0, 0), 0, name, value) for important, name, value in _declared(element.get("style", ""))
-        ]
+        own = [(important, OWN, 0, name, value) for important, name, value in _declared(element.get("style", ""))]
         found = sorted(found + own, key=lambda one: one[:3])
         return element.attrib | {name: value for *_, name, value in found}
 
@@ -62,14 +62,13 @@ class Styles:
             if head.startswith("@media") and _on_screen(head[6:]):
                 self._read(body)
             elif head.startswith("@"):
-                self.unread |= (
-                    {head} if head.startswith("@media") and "print" not in head and _DECIDES.search(body) else set()
-                )
+                if head.startswith("@media") and "print" not in head and _DECIDES.search(body):
+                    self.unread.add(head)
             else:
                 for text in map(str.strip, head.split(",")):
                     selector = _COMBINATOR.split(text)
                     if all(re.fullmatch(f"(?:{_SIMPLE.pattern})+", part) for part in selector[::2] if part is not None):
-                        self.rules.append((selector, body))
+                        self.rules.append((selector, _weight(selector), list(_declared(body))))
                     elif _DECIDES.search(body):
                         self.unread.add(f"style of {text}")
 
@@ -137,7 +136,7 @@ def _blocks(text: str) -> Iterator[tuple[str, str]]:
                 start = place + 1
 
 
-def _declared(body: str) -> Iterator[tuple[bool, str, str]]:
+def _declared(body: str) -> Iterator[Property]:
     """Whether it is important, its name and its value, of every property in a rule."""
     for text in _COMMENT.sub("", body).split(";"):
         name, _, value = text.partition(":")
@@ -146,7 +145,7 @@ def _declared(body: str) -> Iterator[tuple[bool, str, str]]:
             yield bool(important), name.strip().lower(), value.strip()
 
 
-def _weight(selector: Selector) -> tuple[int, int, int]:
+def _weight(selector: Selector) -> Weight:
     """Specificity: ids, classes and attributes, types."""
     found = [one for part in selector[::2] for one in _SIMPLE.findall(str(part))]
     return (

@@ -11,7 +11,7 @@ import numpy as np
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.checking.finding import counted
-from ...surface.symmetry import Symmetry, keeping, subgroups, symmetries, with_images
+from ...surface.symmetry import Symmetry, close_under, keeping, subgroups, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
 from ..flattening.report import forced_notes, symmetry_kept
@@ -104,7 +104,7 @@ def _merge_body(
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
     kept = keeping(whole_group, layout.cut)
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
-        images = with_images(layout.cut, whole_group)
+        images = close_under(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
         mirrored = Board(disks, params, effort=effort_for(layout), tick=tick)
         more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))

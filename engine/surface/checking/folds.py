@@ -6,6 +6,7 @@ import numpy as np
 
 from ...arrays import Float
 from ..mesh import PolygonMesh
+from .geometry import area_vectors_of
 from .topology import Sides, sides_of
 
 # Radians between the normals of two quads from which their edge is a fold. Spirals bend, they do not fold: a pen holder whose edges turn
@@ -24,10 +25,7 @@ def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
     polygons : faces that turn the same way round
     sides : of the mesh
     """
-    p = np.asarray(polygons.vertices, float)
-    starts = np.cumsum(polygons.sizes) - polygons.sizes
-    origin = p[polygons.corners[starts]][sides.face]
-    normals = np.add.reduceat(np.cross(p[polygons.corners] - origin, p[sides.following] - origin), starts, axis=0)
+    normals = area_vectors_of(polygons, sides)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T
     found = np.zeros(len(sides.edges))
@@ -51,7 +49,8 @@ def rounded(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
     held = np.unique(sides.edges[uses == 1])
     inner = ~np.isin(sides.edges, held).all(axis=1)
     # every vertex is drawn by its neighbours, those of the border by their neighbours there
-    to, by = np.concatenate([sides.edges[inner], sides.edges[inner][:, ::-1], *_both(sides.edges[uses == 1])]).T
+    edges = np.concatenate([sides.edges[inner], sides.edges[uses == 1]])
+    to, by = np.concatenate([edges, edges[:, ::-1]]).T
     drawn = np.isin(to, held) <= np.isin(by, held)
     to, by = to[drawn], by[drawn]
     count = np.maximum(np.bincount(to, minlength=len(polygons.vertices)), 1)
@@ -69,7 +68,3 @@ def rounded(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
         mean = np.stack([np.bincount(to, vertices[by, k], len(vertices)) for k in range(3)], axis=1) / count[:, None]
         vertices += np.where(np.isin(np.arange(len(vertices)), to), share, 0.0)[:, None] * (mean - vertices)
     return vertices
-
-
-def _both(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return edges, edges[:, ::-1]

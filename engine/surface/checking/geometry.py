@@ -64,7 +64,7 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     found = []
     lengths = lengths_of(polygons, sides)
     middle = float(np.median(lengths))
-    area_vectors = _area_vectors(polygons, sides)
+    area_vectors = area_vectors_of(polygons, sides)
     areas = np.linalg.norm(area_vectors, axis=1)
     short = np.flatnonzero(lengths <= 1e-6 * middle)
     if len(short):
@@ -102,7 +102,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     found = []
     lengths = lengths_of(polygons, sides)
     middle = float(np.median(lengths))
-    area_vectors = _area_vectors(polygons, sides)
+    area_vectors = area_vectors_of(polygons, sides)
     areas = np.linalg.norm(area_vectors, axis=1)
     ratio = _size_ratio(polygons, sides, lengths)
     if ratio is not None:
@@ -125,7 +125,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     return found + _inside_out(polygons, sides, body, area_vectors)
 
 
-def _area_vectors(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
+def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
     """Half the sum of cross products round every face, about its first corner."""
     p = np.asarray(polygons.vertices, float)
     starts = np.cumsum(polygons.sizes) - polygons.sizes

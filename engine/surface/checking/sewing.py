@@ -87,8 +87,7 @@ def _continued(
 
     The border of what goes on runs along the edge, and its faces lie on the other side: others overlap or cross.
     """
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    middle = np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
+    middle = _middles(mesh)
     start, end = mesh.corners[rim], sides.following[rim]
     along = _unit(mesh.vertices[end] - mesh.vertices[start])
     inward = middle[sides.face[rim]] - mesh.vertices[start]
@@ -101,6 +100,12 @@ def _continued(
     parallel = np.abs(np.einsum("ni,ni->n", along[side[row]], along[beside])) > ALONG
     beyond = np.einsum("ni,ni->n", inward[side[row]], inward[beside]) < FOLDED
     return np.bincount(row, parallel & beyond, minlength=len(vertex)) > 0
+
+
+def _middles(mesh: PolygonMesh) -> Float[np.ndarray, "faces 3"]:
+    """Return the mean of every face's corners."""
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    return np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -147,8 +152,7 @@ def _once(mesh: PolygonMesh) -> PolygonMesh:
 
 def _cut_otherwise(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
     """Faces of bodies with the vertices and the area of a body before them, as a shell has that is there twice, once in triangles."""
-    starts = np.cumsum(mesh.sizes) - mesh.sizes
-    middle = np.add.reduceat(mesh.vertices[mesh.corners], starts, axis=0) / mesh.sizes[:, None]
+    middle = _middles(mesh)
     sides = sides_of(mesh)
     p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
     area = np.bincount(body[sides.face], 0.5 * np.linalg.norm(np.cross(p - m, q - m), axis=1))
