@@ -24,7 +24,7 @@ from ..spirals.design import SpiralDesign
 from ..spirals.lines import COUNT
 from ..spirals.shapes import Shapes
 from ..spirals.slots import slot_needed
-from .terms import Change, Term
+from .terms import Change, Rows, Term
 
 # Share of the smallest flat slot below which a slot in space begins to cost something. From half of it the search ended on a
 # sphere of 150 spirals at 1.03 times the error, and the deepest of its closed slots, all between different spirals, closed by
@@ -237,7 +237,13 @@ class Narrow(Term):
         return self._back(self.closing.slope(self.missing))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return self._back(self.closing.curvature(self.missing) * self._forward(moves, change))
+        weight, rows = self._bending
+        return rows.backward(weight * rows.forward(moves, change))
+
+    @cached_property
+    def _bending(self) -> tuple[Float[np.ndarray, " k"], Rows]:
+        """The second derivatives by the widths that are not zero, and the rows of these widths."""
+        return Rows(self.closing.by_pose, self.by_x).bending(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:
         ahead = Narrow(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))

@@ -79,6 +79,13 @@ class Rows:
         """Its transpose."""
         return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
+    def bending(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
+        """Return the second derivatives that are not zero, and the rows of their quantities, to which products are confined."""
+        some = np.flatnonzero(curvature)
+        if len(some) == len(curvature):
+            return curvature, self
+        return curvature[some], Rows(self.hubs[some], self.own[some])
+
     @cached_property
     def _transposed(self) -> tuple[csr_array, csr_array]:
         return csr_array(self.hubs.T), csr_array(self.own.T)
@@ -244,9 +251,13 @@ class ExcessAhead(Term):
     def gradient(self) -> Change:
         return self.start.gradient_at(self._push)
 
+    @cached_property
+    def _bending(self) -> tuple[Float[np.ndarray, " k"], Rows]:
+        return self.start._rows.bending(self.start.curvature_at(self._push, 0.0))
+
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        rows = self.start._rows
-        return rows.backward(self.start.curvature_at(self._push, 0.0) * rows.forward(moves, change))
+        curvature, rows = self._bending
+        return rows.backward(curvature * rows.forward(moves, change))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
         return self.start.ahead(moves, change)

@@ -55,3 +55,15 @@ def test_what_it_foretells_of_strains_that_follow_a_step_is_exact(strains: np.nd
         ahead, there = here.ahead(hubs, step.ravel()), excess(strains + 0.5 + step, pushes)
         assert ahead.value == pytest.approx(there.value, rel=1e-9)
         np.testing.assert_allclose(np.asarray(ahead.gradient.own), np.asarray(there.gradient.own), rtol=1e-9)
+
+
+def test_products_need_only_the_rows_of_what_bends() -> None:
+    rng = np.random.default_rng(1)
+    rows = Rows(csr_array(rng.normal(size=(5, 12))), csr_array(rng.normal(size=(5, 3))))
+    moves, change, curvature = rng.normal(size=(2, 6)), rng.normal(size=3), np.array([0.0, 2.0, 0.0, 0.5, 0.0])
+    some, kept = rows.bending(curvature)
+    confined = kept.backward(some * kept.forward(moves, change))
+    whole = rows.backward(curvature * rows.forward(moves, change))
+    assert kept.hubs.shape[0] == 2
+    assert confined.hubs == pytest.approx(whole.hubs)
+    assert confined.own == pytest.approx(whole.own)

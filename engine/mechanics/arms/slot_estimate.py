@@ -109,7 +109,11 @@ class Slots:
         s: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Derivatives of the widths at single places by the motions and the numbers of both arms; s faces t."""
-        field = self._beams(numbers.reshape(-1, NUMBERS), STATIONS).bent(motion.reshape(-1, 6))
+        # an arm has many places, with the same numbers and the same motion
+        every = np.concatenate([numbers.reshape(-1, NUMBERS), motion.reshape(-1, 6)], axis=1)
+        keys = np.ascontiguousarray(every).view(np.dtype((np.void, every.itemsize * every.shape[1]))).ravel()
+        own, index = np.unique(keys, return_index=True, return_inverse=True)[1:]
+        field = self._beams(every[own, :NUMBERS], STATIONS).bent(every[own, NUMBERS:]).rows(index)
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.of(field, np.arange(0, len(both), 2), both[::2])
         there = Section.of(field, np.arange(1, len(both), 2), both[1::2])

@@ -11,7 +11,8 @@ wrench that a virtual motion asks for (adjoint), and those by the arms' own numb
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from copy import copy
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any
 
@@ -213,6 +214,10 @@ class BentByTips:
     shift: Pair
     middle: Pair
 
+    def rows(self, index: Int[np.ndarray, " k"]) -> BentByTips:
+        """The arms of these numbers, any of them several times, with what is derived of them."""
+        return _rows(self, index)
+
     def pulled(
         self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], pull: Pull
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
@@ -286,6 +291,19 @@ class BentByTips:
             + off * (bend.off * own.flat - moment.off * virtual.force.flat[:, None])
         )
         return virtual, whole.sum(1) / beams.hub, by_velocity, by_width, -1j * by_lever
+
+
+def _rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
+    """Rows of all arrays, in what holds them."""
+    if isinstance(known, np.ndarray):
+        return known[index]
+    if isinstance(known, tuple):
+        return tuple(_rows(one, index) for one in known)
+    if not is_dataclass(known):
+        return known
+    out: Any = copy(known)
+    out.__dict__.update({name: _rows(value, index) for name, value in known.__dict__.items()})
+    return out
 
 
 def hub_ends(
