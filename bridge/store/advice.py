@@ -14,7 +14,7 @@ from .i18n import translate
 
 BROUGHT = "brought"  # in the block "reach"
 NEARER = 0.98  # share of the distance that may be left if it shall count as nearer; not measured
-FIGURES = ("rms_percent", "strain_share_max")  # of the block "equilibrium", before and after
+FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # of the block "equilibrium", before and after
 
 
 def of(mesh: bpy.types.Mesh) -> Amounts:
@@ -40,11 +40,18 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
 
 
 def helped(brought: dict[str, Any]) -> bool:
-    """Whether the shape came nearer by as much as anybody would care for, or arms that were strained too much are strained less."""
-    (far, near), (strain, eased) = (brought[name] for name in FIGURES)
-    return bool(
-        near < NEARER * far or (strain is not None and eased is not None and strain > STRAINED and eased < strain)
-    )
+    """Whether the shape came nearer by as much as anybody would care for, arms strained too much are strained less, or slots opened."""
+    far, near = brought["rms_percent"]
+    strain, eased = brought["strain_share_max"]
+    relieved = strain is not None and eased is not None and strain > STRAINED and eased < strain
+    closed, left = _closed(brought)
+    return bool(near < NEARER * far or relieved or left < closed)
+
+
+def _closed(brought: dict[str, Any]) -> tuple[int, int]:
+    """How many slots closed before and after; none where it is not known, as in older notes."""
+    before, after = brought.get("slots_closed") or (None, None)
+    return (0, 0) if before is None or after is None else (before, after)
 
 
 def said(brought: dict[str, Any]) -> str:
@@ -55,11 +62,13 @@ def said(brought: dict[str, Any]) -> str:
         THINNER: translate("Sheet of {:g} mm instead of {:g} mm", now, was),
         FINER: translate("{:.0f} quads instead of {:.0f}", now, was),
     }[brought["remedy"]]
-    distance, strain = (brought[name] for name in FIGURES)
+    distance, strain, closed = brought["rms_percent"], brought["strain_share_max"], _closed(brought)
     if None in strain:
         line = translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
     else:
         shares = (100 * share for share in strain)
         text = "{}: RMS distance {:.2g} % to {:.2g} %, strain {:.0f} % to {:.0f} % of its limit"
         line = translate(text, done, *distance, *shares)
+    if closed[0] != closed[1]:
+        line = translate("{}, closed slots {} to {}", line, *closed)
     return line if helped(brought) else f"{line}. {translate('It brought nothing; undo takes it back')}"

@@ -196,6 +196,16 @@ def test_what_brought_nothing_is_said(distance: list[float], strain: list[Any], 
     assert advice.said(brought).startswith(f"1.25 times as large: RMS distance 2 % to {distance[1]:.2g} %")
 
 
+@pytest.mark.parametrize(
+    ("closed", "helped"), [([1, 0], True), ([1, 1], False), ([0, 2], False), ([None, None], False)]
+)
+def test_slots_that_opened_count_as_help(closed: list[Any], helped: bool) -> None:
+    brought = {"remedy": "larger", "was": 1.0, "now": 1.25, "rms_percent": [1.2, 1.2], "strain_share_max": [0.9, 0.89]}
+    brought["slots_closed"] = closed
+    assert advice.helped(brought) == helped and ("brought nothing" in advice.said(brought)) != helped
+    assert (f"closed slots {closed[0]} to {closed[1]}" in advice.said(brought)) == (closed[0] != closed[1])
+
+
 # -- what they leave as it was -----------------------------------------------------------------------------------------
 
 
