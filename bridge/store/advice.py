@@ -40,7 +40,7 @@ def compared(remedy: str, was: float, now: float, before: dict[str, Any], after:
 
 
 def helped(brought: dict[str, Any]) -> bool:
-    """Whether the shape came nearer by as much as anybody would care for, arms strained too much are strained less, or slots opened."""
+    """Whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > STRAINED and eased < strain
@@ -49,7 +49,7 @@ def helped(brought: dict[str, Any]) -> bool:
 
 
 def _closed(brought: dict[str, Any]) -> tuple[int, int]:
-    """How many slots closed before and after; none where it is not known, as in older notes."""
+    """How many slots closed before and after; 0 and 0 where notes do not tell, as older ones."""
     before, after = brought.get("slots_closed") or (None, None)
     return (0, 0) if before is None or after is None else (before, after)
 

@@ -237,13 +237,13 @@ class Narrow(Term):
         return self._back(self.closing.slope(self.missing))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        weight, rows = self._bending
+        weight, rows = self._curved
         return rows.backward(weight * rows.forward(moves, change))
 
     @cached_property
-    def _bending(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        """The second derivatives by the widths that are not zero, and the rows of these widths."""
-        return Rows(self.closing.by_pose, self.by_x).bending(self.closing.curvature(self.missing))
+    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
+        """Nonzero second derivatives by the widths of slots, and the rows of these widths."""
+        return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:
         ahead = Narrow(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))

@@ -79,8 +79,8 @@ class Rows:
         """Its transpose."""
         return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
-    def bending(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
-        """Return the second derivatives that are not zero, and the rows of their quantities, to which products are confined."""
+    def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
+        """Return the second derivatives that are not zero, and their rows: a product needs no others."""
         some = np.flatnonzero(curvature)
         if len(some) == len(curvature):
             return curvature, self
@@ -252,11 +252,11 @@ class ExcessAhead(Term):
         return self.start.gradient_at(self._push)
 
     @cached_property
-    def _bending(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        return self.start._rows.bending(self.start.curvature_at(self._push, 0.0))
+    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
+        return self.start._rows.curved(self.start.curvature_at(self._push, 0.0))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        curvature, rows = self._bending
+        curvature, rows = self._curved
         return rows.backward(curvature * rows.forward(moves, change))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:

@@ -57,11 +57,11 @@ def test_what_it_foretells_of_strains_that_follow_a_step_is_exact(strains: np.nd
         np.testing.assert_allclose(np.asarray(ahead.gradient.own), np.asarray(there.gradient.own), rtol=1e-9)
 
 
-def test_products_need_only_the_rows_of_what_bends() -> None:
+def test_products_need_only_rows_with_a_second_derivative() -> None:
     rng = np.random.default_rng(1)
     rows = Rows(csr_array(rng.normal(size=(5, 12))), csr_array(rng.normal(size=(5, 3))))
     moves, change, curvature = rng.normal(size=(2, 6)), rng.normal(size=3), np.array([0.0, 2.0, 0.0, 0.5, 0.0])
-    some, kept = rows.bending(curvature)
+    some, kept = rows.curved(curvature)
     confined = kept.backward(some * kept.forward(moves, change))
     whole = rows.backward(curvature * rows.forward(moves, change))
     assert kept.hubs.shape[0] == 2

@@ -65,7 +65,7 @@ class SlotWidths:
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Derivatives by the motions and by the numbers of both arms."""
-        return self.slots.slopes(self.numbers, self.motion, self.t, self.s)
+        return self.slots.slopes(self.arms, self.numbers, self.motion, self.t, self.s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +103,17 @@ class Slots:
 
     def slopes(
         self,
+        arms: Int[np.ndarray, "k 2"],
         numbers: Float[np.ndarray, "k 2 numbers"],
         motion: Float[np.ndarray, "k 2 6"],
         t: Float[np.ndarray, " k"],
         s: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Derivatives of the widths at single places by the motions and the numbers of both arms; s faces t."""
-        # an arm has many places, with the same numbers and the same motion
-        every = np.concatenate([numbers.reshape(-1, NUMBERS), motion.reshape(-1, 6)], axis=1)
-        keys = np.ascontiguousarray(every).view(np.dtype((np.void, every.itemsize * every.shape[1]))).ravel()
-        own, index = np.unique(keys, return_index=True, return_inverse=True)[1:]
-        field = self._beams(every[own, :NUMBERS], STATIONS).bent(every[own, NUMBERS:]).rows(index)
+        # an arm has many places: it is bent once for all of them
+        own, index = np.unique(arms, return_index=True, return_inverse=True)[1:]
+        bent = self._beams(numbers.reshape(-1, NUMBERS)[own], STATIONS).bent(motion.reshape(-1, 6)[own])
+        field = bent.rows(index.ravel())
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.of(field, np.arange(0, len(both), 2), both[::2])
         there = Section.of(field, np.arange(1, len(both), 2), both[1::2])

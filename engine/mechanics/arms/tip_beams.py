@@ -215,7 +215,7 @@ class BentByTips:
     middle: Pair
 
     def rows(self, index: Int[np.ndarray, " k"]) -> BentByTips:
-        """The arms of these numbers, any of them several times, with what is derived of them."""
+        """Return the arms at these indices, which may repeat, with all that was computed of them."""
         return _rows(self, index)
 
     def pulled(
@@ -294,7 +294,7 @@ class BentByTips:
 
 
 def _rows(known: Any, index: Int[np.ndarray, " k"]) -> Any:
-    """Rows of all arrays, in what holds them."""
+    """Return a copy of nested tuples and data classes that keeps these rows of every array in them."""
     if isinstance(known, np.ndarray):
         return known[index]
     if isinstance(known, tuple):
