@@ -77,7 +77,7 @@ class ChooseParams(Params):
     match: float = setting(
         1.0,
         "Match (%)",
-        "RMS distance from the target that the assembled piece may keep, in percent of its size",
+        "RMS distance from the target that the assembled piece may keep, in percent of its size. Where few panels are not expected to come as near, Merge tries up to twice as many",
         low=0.001,
         high=100.0,
     )

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..assembling import check as assembly_check
-from ..choosing import choose
+from ..choosing import choose, tighten
 from ..choosing.judge import Piece
 from ..errors import Cancelled, FlexMapsError
 from ..fabrication import estimates, sheets
@@ -72,7 +72,10 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
 def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.layout is not None
     held = result.supports is not None and len(result.supports) > 0
-    return replace(result, flat=merge.merge(result.layout, settings.layout, progress, held=held))
+    few = merge.merge(result.layout, settings.layout, progress.part(0.0, 0.4), held=held)
+    piece = Piece(result.mesh, settings, result.supports, result.force)
+    nearer = tighten.tightened(piece, result.layout, few, settings.choose, progress.part(0.4, 1.0))
+    return replace(result, flat=nearer)
 
 
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:

@@ -14,7 +14,17 @@ from flexmaps.engine.surface.checking.geometry import breadth
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing.guide import Guide, deviation
-from flexmaps.engine.surface.remeshing.regularise import GOOD, WARP, WORSE, best_squares, regularise, square_energy
+from flexmaps.engine.surface.remeshing.regularise import (
+    BEND,
+    GOOD,
+    WARP,
+    WORSE,
+    bends,
+    best_squares,
+    flatter,
+    regularise,
+    square_energy,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -254,3 +264,43 @@ def test_no_quad_gets_less_room_for_a_spiral_than_the_narrowest_had():
     assert rooms[0] < 0.4 and rooms[1] >= rooms[0] * (1.0 - 1e-9)
     was_short, is_short = (m.edge_lengths < 0.3 * m.median_edge for m in (mesh, better))
     assert not (is_short & ~was_short).any()
+
+
+def test_bend_of_a_quad_is_the_turn_of_its_normals():
+    """Two triangles that meet at an angle on a diagonal: the normals at the two other corners differ by it, neighbours by half."""
+    for angle in (0.0, 0.2, 0.9):
+        rise = np.tan(0.5 * angle) * np.sqrt(0.5)
+        corners = np.array([[0, 0, 0], [1, 0, rise], [1, 1, 0], [0, 1, rise]], float)
+        triangles = [np.cross(corners[a] - corners[b], corners[c] - corners[b]) for a, b, c in ((2, 1, 0), (0, 3, 2))]
+        first, second = (one / np.linalg.norm(one) for one in triangles)
+        assert np.arccos(np.clip(first @ second, -1, 1)) == pytest.approx(angle, abs=1e-7)
+        beside = np.cross(corners[3] - corners[0], corners[1] - corners[0])
+        between = np.arccos(np.clip(abs(first @ beside) / np.linalg.norm(beside), -1, 1))
+        assert bends(corners[None])[0] == pytest.approx(between, abs=1e-7)
+
+
+@pytest.mark.parametrize("height", [0.6, 1.2])
+def test_quads_that_bend_are_pressed_flat(height):
+    mesh = shapes.make("vault")
+    vertices = mesh.vertices.copy()
+    vertices[len(vertices) // 2, 2] += height * mesh.median_edge
+    bent = mesh.moved(vertices)
+    flat = flatter(bent)
+    before, after = (bends(m.vertices[m.quads]) for m in (bent, flat))
+    assert before.max() > BEND and after.max() < before.max() and (after > BEND).sum() < (before > BEND).sum()
+    np.testing.assert_array_equal(flat.vertices[mesh.on_border], bent.vertices[mesh.on_border])
+    assert breadth(flat.vertices[mesh.quads]).min() >= 0.99 * min(
+        breadth(bent.vertices[mesh.quads]).min(), mesh.median_edge
+    )
+
+
+@pytest.mark.parametrize("quads", [4, 6, 12])
+def test_a_twisted_surface_stays_as_it_is(quads):
+    """A hyperbolic paraboloid of few quads: all of them twist, none bends by more than the surface does."""
+    across = np.linspace(-1.0, 1.0, quads + 1)
+    x, y = (axis.ravel() for axis in np.meshgrid(across, across, indexing="ij"))
+    corner = (np.arange(quads)[:, None] * (quads + 1) + np.arange(quads)).ravel()
+    mesh = QuadMesh(
+        np.stack([x, y, x * y], 1), np.stack([corner, corner + quads + 1, corner + quads + 2, corner + 1], 1)
+    )
+    assert flatter(mesh) is mesh

@@ -7,6 +7,7 @@ stay on these lines, their corners stay where they are.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,7 @@ GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it 
 WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
 DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
 WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
+BEND = np.radians(30.0)  # a quad that bends further is pressed flat
 SHORT = 0.3  # of the median edge: no edge becomes shorter than that
 # median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
 PLENTY = 0.4
@@ -33,6 +35,7 @@ ROUNDED = 1e-9  # by what share a figure may fall that only rounding has changed
 SPARE = 0.99  # of what is measured before moves are made symmetric, which changes it by less
 ROUNDS = 40  # in which moves round quads without room are made shorter before none is made
 SHORTER = 0.7  # share of a move that is left after such a round; not measured
+SHORTEST = 0.01  # a smaller share of a move is none; not measured
 RISE = 0.2  # by which these shares differ within a quad at the most: at a sharper step its corners part; not measured
 SYMMETRY = 0.01  # how far a mirrored vertex may be off, relative to the median edge
 
@@ -174,6 +177,38 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
     A quad much more warped than that cannot be flattened within any useful distortion. Border vertices stay.
     """
+
+    def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
+        return WARP * _sides(corners).min(axis=1)
+
+    return _pressed(mesh, points, allowed)
+
+
+def flatter(mesh: QuadMesh) -> QuadMesh:
+    """Return the mesh with quads pressed flat until none bends within itself by more than BEND; itself where none does.
+
+    A quad that bends as far is longer than a feature of the surface, and a spiral that follows it hardly fits into a panel:
+    its vertices leave the surface by a share of an edge. Quads of smooth surfaces bend less and stay. Where a quad would lose
+    its room or its shape, the moves round it are shorter. Border vertices stay.
+    """
+    if bends(mesh.vertices[mesh.quads]).max() <= BEND:
+        return mesh
+
+    def allowed(corners: np.ndarray, off: np.ndarray) -> np.ndarray:
+        return np.abs(off) * BEND / np.maximum(bends(corners), 1e-300)
+
+    return mesh.moved(_taken_back(mesh, _pressed(mesh, mesh.vertices, allowed)))
+
+
+def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"]:
+    """Radians: the largest angle between the normals at two corners of a quad that share a side."""
+    normals = np.cross(np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners)
+    normals /= np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
+    return np.arccos(np.clip(np.einsum("fki,fki->fk", normals, np.roll(normals, -1, axis=1)), -1.0, 1.0)).max(axis=1)
+
+
+def _pressed(mesh: QuadMesh, points: np.ndarray, allowed: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+    """The points, with quads pressed flat until no corner is further off its quad's plane than ``allowed(corners, off)``."""
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(100):
         p = points[mesh.quads]
@@ -181,8 +216,8 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
         normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
         # all four corners are equally far from the plane, alternately above and below
         off = 0.25 * np.einsum("k,fki,fi->f", signs, p, normal)
-        allowed = WARP * np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2).min(axis=1)
-        excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * allowed, 0.0) * (np.abs(off) > allowed)
+        most = allowed(p, off)
+        excess = np.sign(off) * np.maximum(np.abs(off) - 0.9 * most, 0.0) * (np.abs(off) > most)
         if not excess.any():
             break
         step = np.zeros_like(points)
@@ -201,6 +236,7 @@ def _taken_back(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
         if not wrong.any():
             return moved
         share[_corners_of(mesh, wrong)] *= SHORTER
+        share[share < SHORTEST] = 0.0
         for _ in range(round(1.0 / RISE)):
             least = share[mesh.quads].min(axis=1)
             np.minimum.at(share, mesh.quads, (least + RISE)[:, None])

@@ -15,7 +15,7 @@ from .bodies import is_clean, target_of
 from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
 from .quality import quality
 from .refine import refined
-from .regularise import regularise
+from .regularise import flatter, regularise
 
 WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
 LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
@@ -115,13 +115,21 @@ def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
 
 
 def squarer(quads: PolygonMesh) -> PolygonMesh:
-    """Return quads moved along their surface where that leaves fewer poor ones, else the same."""
-    before = findings(quads)
-    poor = _faces(before, POOR)
-    if not poor or any(one.is_error for one in before):
+    """Return quads moved where that leaves fewer poor ones: along their surface, then off it where they bend within themselves."""
+    best, found = quads, findings(quads)
+    if any(one.is_error for one in found):
         return quads
-    after = PolygonMesh.of(regularise(as_quad_mesh(quads), RegulariseParams()))
-    return after if _faces(findings(after), POOR) < poor else quads
+    poor = _faces(found, POOR)
+    if poor:
+        after = PolygonMesh.of(regularise(as_quad_mesh(quads), RegulariseParams()))
+        left = _faces(findings(after), POOR)
+        best, poor = (after, left) if left < poor else (quads, poor)
+    mesh = as_quad_mesh(best)
+    pressed = flatter(mesh)
+    if pressed is mesh:
+        return best
+    flat = PolygonMesh.of(pressed)
+    return flat if _faces(findings(flat), POOR) <= poor else best
 
 
 def _faces(found: list[Finding], codes: set[str]) -> int:

@@ -1,0 +1,66 @@
+"""Layouts that merge under tighter limits where few panels are expected to stay far from the target."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from flexmaps.engine.choosing.judge import Laid, Piece, judge
+from flexmaps.engine.choosing.predict import predicted
+from flexmaps.engine.choosing.tighten import MOST, tightened
+from flexmaps.engine.params import Settings
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.layout import PatchLayout
+from flexmaps.engine.patches.merging.merge import merge
+from flexmaps.engine.patches.tracing.trace import trace
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.surface import shapes
+
+SETTINGS = Settings()
+NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
+
+
+@pytest.fixture(name="sphere", scope="module")
+def _sphere() -> tuple[Piece, PatchLayout, FlatPatches]:
+    mesh = shapes.make("cubesphere")
+    layout = trace(mesh, SETTINGS.layout)
+    held = Piece(mesh, SETTINGS)
+    return held, layout, merge(layout, SETTINGS.layout)
+
+
+def reached(piece: Piece, flat: FlatPatches) -> float:
+    """What a short search leaves of the distance, as a share of the size."""
+    found = judge(piece, Laid(flat, "", 1))
+    assert found is not None
+    return found.rms
+
+
+def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+    piece, layout, flat = sphere
+    assert tightened(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
+    expected = flat.layout.notes["expected_percent"]
+    assert isinstance(expected, float) and 0.0 < expected < 100.0
+    assert tightened(piece, layout, flat, replace(NEAR, goal="panels")) is flat
+    assert tightened(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
+
+
+def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+    piece, layout, flat = sphere
+    more = tightened(piece, layout, flat, NEAR)
+    few = len(flat.layout.patches)
+    assert few < len(more.layout.patches) <= MOST * few
+    assert more.layout.notes["fewest_panels"] == few
+    assert predicted(piece, more) < predicted(piece, flat)
+    assert reached(piece, more) < reached(piece, flat)
+
+
+def test_an_end_from_outside_ends_it(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+    from flexmaps.engine.errors import Cancelled
+
+    piece, layout, flat = sphere
+    with pytest.raises(Cancelled):
+        tightened(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
+
+
+def _rods() -> Settings:
+    return replace(SETTINGS, simulate=replace(SETTINGS.simulate, model="rod"))
