@@ -197,7 +197,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         found = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(found.polygons)
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
-        return replace(made, findings=[*check.findings(PolygonMesh.of(made.mesh)), *found.findings])
+        return replace(made, findings=[*check.everything(PolygonMesh.of(made.mesh)), *found.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.hosts import remesh

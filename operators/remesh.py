@@ -62,7 +62,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         if self.size:
             replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons
-        notes.write_checks(made.data, [*check.findings(polygons), *result.findings])
+        notes.write_checks(made.data, [*check.everything(polygons), *result.findings])
         states.stamp(made, context.scene)
         states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has made them as square as they get
         edge = check.median_edge(polygons)
