@@ -157,7 +157,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
-        *(one for name in SAID for one in _sentences(name, blocks.get(name, {}))),
+        *(one for name in SAID for one in _sentences(name, blocks)),
     ]
     seen = [_seen(obj.data, notice) for notice in found]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
@@ -337,7 +337,7 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
     told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _far(block) else ())}
     choose = obj.flexmaps.choose
-    if percent is None or percent <= (choose.match if choose.goal == "match" else remedies.WANTED) or said & told:
+    if percent is None or percent <= remedies.wanted(choose) or said & told:
         return []
     key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
     others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
@@ -381,11 +381,17 @@ def _findings(source: str, found: Any) -> list[Notice]:
     return made
 
 
-def _sentences(source: str, block: dict[str, Any]) -> list[Notice]:
+def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     """Warnings of a block that are plain sentences, as one notice."""
     rows, one, more = SAID[source]
-    said, key = block.get(rows, ()), f"{source}/{rows}"
+    said, key = blocks.get(source, {}).get(rows, ()), f"{source}/{rows}"
     if not said:
         return []
+    ways = []
+    if source == "layout" and "choose" not in blocks:
+        ways = [cures.choose()]
+    elif source == "assembly":  # what joints carry falls as the piece grows, and with its thickness
+        advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
+        ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
     words = interface(one) if len(said) == 1 else interface(more, len(said))
-    return [Notice(key, words, "\n".join(said), WORSE, cures=(cures.let_go(key),))]
+    return [Notice(key, words, "\n".join(said), WORSE, cures=(*ways, cures.let_go(key)))]

@@ -18,7 +18,7 @@ from ..mechanics.laplacian import laplacian_difference
 from ..mechanics.loads import LOWEST, standing
 from ..optimisation.optimise import optimise
 from ..optimisation.reach import Reach
-from ..optimisation.remedies import CUT, WANTED
+from ..optimisation.remedies import CUT, wanted
 from ..params import Settings
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation
@@ -53,7 +53,7 @@ def prospects(
     Percent of the size (RMS) by what is done: ``LOWEST`` and ``BORDER`` hold these quads, ``CUT`` cuts where the shape is to blame.
     """
     now = found.match["rms_percent"]
-    if not found.equilibrium.converged or now <= WANTED:
+    if not found.equilibrium.converged or now <= wanted(settings.choose):
         return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))

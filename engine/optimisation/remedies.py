@@ -35,6 +35,11 @@ MILLIMETRES = SHOWN["m"][0]
 WANTED = 1.0
 
 
+def wanted(choose: Any) -> float:
+    """Percent of the size within which a piece shall come to its target; ``choose`` : the settings of the layout."""
+    return float(choose.match) if choose.goal == "match" else WANTED
+
+
 def amounts(
     advised: Collection[str],
     *,

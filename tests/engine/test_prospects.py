@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +28,7 @@ def saddle() -> Simulation:
     assert made.flat is not None
     design = uniform(made.flat, Settings().spiral)
     found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
-    assert found.match["rms_percent"] > prospects.WANTED
+    assert found.match["rms_percent"] > Settings().choose.match
     return found
 
 
@@ -53,6 +54,13 @@ def told(
     return prospects.prospects(found, reach(found), Settings()), held
 
 
+def test_nothing_is_tried_within_the_match_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = saddle().match["rms_percent"]
+    monkeypatch.setattr(prospects, "_holding", lambda *_: pytest.fail("tried"))
+    near = Settings(choose=replace(Settings().choose, match=1.01 * now))
+    assert prospects.prospects(saddle(), reach(saddle()), near) is None
+
+
 def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, now = saddle().target, saddle().match["rms_percent"]
     uses = np.bincount(mesh.quad_edges.ravel(), minlength=len(mesh.edges))
@@ -65,12 +73,6 @@ def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pyte
     assert list(found) == ["border", "cut", "lowest"] and found["lowest"] == pytest.approx(0.3 * now)
     found, _ = told(monkeypatch, {len(border): 0.95 * now}, np.inf)
     assert found == {}
-
-
-def test_a_piece_that_is_near_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prospects, "WANTED", 2.0 * saddle().match["rms_percent"])
-    found, held = told(monkeypatch, {}, np.inf)
-    assert found is None and not held
 
 
 def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
