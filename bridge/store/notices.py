@@ -384,9 +384,12 @@ def _findings(source: str, found: Any) -> list[Notice]:
 def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     """Warnings of a block that are plain sentences, as one notice."""
     rows, one, more = SAID[source]
-    said, key = blocks.get(source, {}).get(rows, ()), f"{source}/{rows}"
+    block, key = blocks.get(source, {}), f"{source}/{rows}"
+    halved = block.get("halved")  # no limit: what drives the piece out of the plane
+    plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
+    said = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not said:
-        return []
+        return plain
     ways = []
     if source == "layout" and "choose" not in blocks:
         ways = [cures.choose()]
@@ -394,4 +397,4 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
         advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
     words = interface(one) if len(said) == 1 else interface(more, len(said))
-    return [Notice(key, words, "\n".join(said), WORSE, cures=(*ways, cures.let_go(key)))]
+    return [*plain, Notice(key, words, "\n".join(said), WORSE, cures=(*ways, cures.let_go(key)))]

@@ -1,7 +1,8 @@
-"""Layouts of more panels where fewer are predicted to stay far from the target: limits of distortion alone do not say how near a piece comes."""
+"""Other layouts where the one of the fewest panels is predicted to stay far from the target: limits of distortion alone do not say how near a piece comes."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,8 @@ from ..patches.flattening.report import forced_notes
 from ..patches.layout import PatchLayout
 from ..patches.merging.merge import merge
 from ..progress import SILENT, Progress
-from .judge import Piece
+from .judge import Idea, Piece, lay
+from .lines import along_folds
 from .predict import Start, predicted
 
 SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again
@@ -25,7 +27,7 @@ SEARCHED = 0.85  # of a prediction is left by a search: the median over 17 layou
 def tightened(
     piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return a layout that was merged under tighter limits where that is predicted to bring the piece as near as is wanted.
+    """Return a layout along folds, or one merged under tighter limits, where that is predicted to bring the piece as near as is wanted.
 
     Parameters
     ----------
@@ -50,20 +52,11 @@ def tightened(
     left = _expected(piece, flat, start, progress)
     if left == np.inf:
         return flat
-    best, wanted = flat, 0.01 * params.match
-
-    def panels(one: FlatPatches) -> int:
-        return len(one.layout.patches)
-
-    limits, held = piece.settings.layout, piece.supports is not None and len(piece.supports) > 0
-    for turn, share in enumerate(SHARES):
-        if left <= wanted or panels(best) ** 2 > MOST * panels(flat) ** 2:  # as many more again would be too many
-            break
-        part = progress.part((1 + turn) / (1 + len(SHARES)), (2 + turn) / (1 + len(SHARES)))
-        one = merge(begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=held)
-        if panels(one) > MOST * panels(flat):
-            break
-        if np.array_equal(one.layout.cut, best.layout.cut):
+    best, limits = flat, piece.settings.layout
+    tries = _candidates(piece, begun, flat, progress.part(0.1, 1.0))
+    while left > 0.01 * params.match and (one := next(tries, None)) is not None:
+        fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
+        if not fits or _panels(one) > MOST * _panels(flat) or np.array_equal(one.layout.cut, best.layout.cut):
             continue
         now = _expected(piece, one, start, progress)
         if now < NEARER * left:
@@ -71,9 +64,29 @@ def tightened(
     notes = best.layout.notes
     if best is not flat:
         notes.pop("forced", None)
-        notes |= forced_notes(best, limits) | {"fewest_panels": panels(flat)}
+        notes |= forced_notes(best, limits) | {"fewest_panels": _panels(flat)}
     notes["expected_percent"] = 100.0 * left
     return best
+
+
+def _candidates(piece: Piece, begun: PatchLayout, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
+    """The surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
+    for name, cut in along_folds(piece.mesh):
+        laid = lay(piece, Idea(cut, name), progress=progress.quiet())
+        if laid is not None:
+            yield laid.flat
+    limits, held = piece.settings.layout, piece.supports is not None and len(piece.supports) > 0
+    last = flat
+    for turn, share in enumerate(SHARES):
+        if _panels(last) ** 2 > MOST * _panels(flat) ** 2:  # as many more again
+            return
+        part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
+        last = merge(begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=held)
+        yield last
+
+
+def _panels(flat: FlatPatches) -> int:
+    return len(flat.layout.patches)
 
 
 def _expected(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> float:

@@ -386,6 +386,10 @@ def test_sentences_of_one_kind_are_one_row() -> None:
     (more,) = notices._sentences("layout", {"layout": {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]}})
     assert one.words != more.words and "2" in more.words and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
     assert not notices._sentences("sheets", {"sheets": {"warnings": []}})
+    (plain,) = notices._sentences(
+        "layout", {"layout": {"halved": "Its seam drives it", "remarks": ["Its seam drives it"]}}
+    )
+    assert plain.kind == notices.INFORMATION and plain.sentence == "Its seam drives it"
 
 
 def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
