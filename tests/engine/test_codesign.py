@@ -21,7 +21,7 @@ from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.terms import Bearing, Excess
-from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flatten, flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
@@ -40,7 +40,12 @@ LIMIT, SEAM = 0.035, 0.06
 
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(
+        PolygonMesh.of(shapes.make(name, 0.03)),
+        Settings(choose=ChooseParams(goal="panels")),
+        edge=0.02,
+        stop_after="spirals",
+    )
     assert found.design is not None
     return found.design, found.mesh
 

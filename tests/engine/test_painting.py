@@ -11,7 +11,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.spiral_stiffness import renewed, stiffness
 from flexmaps.engine.optimisation.optimise import optimise
-from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
+from flexmaps.engine.params import ChooseParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.constraints import Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, outside, uniform
@@ -27,7 +27,12 @@ POM = MATERIALS["pom"]
 
 @lru_cache(maxsize=2)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make(name, edge)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(
+        PolygonMesh.of(shapes.make(name, edge)),
+        Settings(choose=ChooseParams(goal="panels")),
+        edge=0.02,
+        stop_after="spirals",
+    )
     assert found.design is not None
     return found.design, found.mesh
 

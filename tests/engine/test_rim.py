@@ -23,7 +23,7 @@ from flexmaps.engine.optimisation.firmness import Firmness
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
 from flexmaps.engine.optimisation.terms import Bearing
-from flexmaps.engine.params import Settings, SimulateParams, SpiralParams
+from flexmaps.engine.params import ChooseParams, Settings, SimulateParams, SpiralParams
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
@@ -43,7 +43,7 @@ def polygon(outline):
 
 @lru_cache(maxsize=4)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
-    settings = dataclasses.replace(Settings(), spiral=RIM)
+    settings = Settings(spiral=RIM, choose=ChooseParams(goal="panels"))
     found = job.run(PolygonMesh.of(shapes.make(name, edge)), settings, edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh

@@ -1,0 +1,35 @@
+"""What to look at where a block of the results warns in plain sentences."""
+
+from __future__ import annotations
+
+from flexmaps.bridge.store import notices
+
+
+def test_sentences_of_one_kind_are_one_row() -> None:
+    (one,) = notices._sentences("layout", {"layout": {"remarks": ["Panel 1 keeps a neck"]}})
+    (more,) = notices._sentences("layout", {"layout": {"remarks": ["Panel 1 keeps a neck", "Panel 2 keeps a neck"]}})
+    assert one.words != more.words and "2" in more.words and more.sentence.splitlines()[1] == "Panel 2 keeps a neck"
+    assert not notices._sentences("sheets", {"sheets": {"warnings": []}})
+    (plain,) = notices._sentences(
+        "layout", {"layout": {"halved": "Its seam drives it", "remarks": ["Its seam drives it"]}}
+    )
+    assert plain.kind == notices.INFORMATION and plain.sentence == "Its seam drives it"
+
+
+def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
+    """Beside going on: other layouts where none were compared, and what is advised where joints carry too much."""
+    limits = {"layout": {"remarks": ["Panel 1 keeps a neck"]}}
+    hard = {
+        "assembly": {"warnings": ["Hard to assemble"]},
+        "reach": {"advice": "", "remedies": {"larger": 1.25, "cut": None}},
+    }
+    names = [
+        [cure.idname for cure in one.cures]
+        for source, blocks in (("layout", limits), ("layout", limits | {"choose": {}}), ("assembly", hard))
+        for one in notices._sentences(source, blocks)
+    ]
+    assert names == [
+        ["flexmaps.choose", "flexmaps.let_go"],
+        ["flexmaps.let_go"],
+        ["flexmaps.make_larger", "flexmaps.let_go"],
+    ]
