@@ -15,6 +15,7 @@ What is written:
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -184,6 +185,17 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
     if block.get("lasts") == "years":
         broken = "The arms of {} spirals are strained by up to {:.0f} % of what the material bears for years: they sag or crack."
     return translate(broken, len(finding["faces"]), 100 * block.get("strain_share_max", 0.0))
+
+
+def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Findings of a simulation, one of a kind: of several bodies that say the same of different places, a line each."""
+    found: dict[str, dict[str, Any]] = {}
+    for row in findings:
+        first = found.setdefault(row["code"], row)
+        if first is not row:
+            faces = sorted({*first["faces"], *row["faces"]})
+            found[row["code"]] = first | {"faces": faces, "message": f"{first['message']}\n{row['message']}"}
+    return list(found.values())
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:

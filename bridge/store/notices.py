@@ -298,7 +298,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
         advised.pop(remedies.CUT, None)
     found = []
     found += _other_limit(obj, block)
-    for row in block.get("findings", ()):
+    for row in equilibrium.by_code(block.get("findings", ())):
         if row["code"] == "strained-for-years":  # of an earlier version, which knew both limits at once
             continue
         helping = HELPED.get(row["code"], ())

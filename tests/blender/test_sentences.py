@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexmaps.bridge.store import notices
+from flexmaps.bridge.store import equilibrium, notices
 
 
 def test_sentences_of_one_kind_are_one_row() -> None:
@@ -33,3 +33,14 @@ def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
         ["flexmaps.let_go"],
         ["flexmaps.make_larger", "flexmaps.let_go"],
     ]
+
+
+def test_several_bodies_that_are_far_are_one_row() -> None:
+    rows = [
+        {"code": "far-from-target", "message": "One is far.", "faces": [1, 2]},
+        {"code": "kinked", "message": "A kink.", "faces": [3]},
+        {"code": "far-from-target", "message": "Another is far.", "faces": [2, 9]},
+    ]
+    far, kinked = equilibrium.by_code(rows)
+    assert far["faces"] == [1, 2, 9] and far["message"].splitlines() == ["One is far.", "Another is far."]
+    assert kinked is rows[1]
