@@ -14,6 +14,7 @@ from ..patches.flattening.report import forced_notes
 from ..patches.layout import PatchLayout
 from ..patches.merging.merge import merge
 from ..progress import SILENT, Progress
+from ..threads import one_thread
 from .judge import Idea, Piece, lay
 from .lines import along_folds
 from .predict import Start, predicted
@@ -24,6 +25,7 @@ MOST = 2  # times the panels that the limits alone ask for
 SEARCHED = 0.85  # of a prediction is left by a search: the median over 17 layouts of nine surfaces, of which it was 0.5 to 1.2 on all but one
 
 
+@one_thread
 def tightened(
     piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:

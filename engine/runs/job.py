@@ -24,6 +24,7 @@ from ..spirals.design import fitted
 from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
+from ..threads import one_thread
 from .result import Result
 from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
 from .steps import STEPS
@@ -202,6 +203,7 @@ def _could(stage: Stage, result: Result) -> bool:
 HELD = {"choose", "optimise", "sheets"}
 
 
+@one_thread
 def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _Stages, lenient: bool) -> Result:
     if HELD.intersection(wanted):
         check_early(result.mesh, result.supports, settings.base, settings.simulate, settings.spiral)
