@@ -14,6 +14,7 @@ from ..patches.flattening.report import forced_notes
 from ..patches.layout import PatchLayout
 from ..patches.merging.merge import merge
 from ..progress import SILENT, Progress
+from ..surface.curvature import is_flat
 from ..threads import one_thread
 from .judge import Idea, Piece, lay
 from .lines import along_folds
@@ -44,7 +45,7 @@ def tightened(
     ``expected_percent``, the distance (RMS) from the target that a search may leave, as a percentage of the size, and
     ``fewest_panels``, of ``flat``, where it is another.
     """
-    if params.goal != "match" or piece.settings.simulate.model == "rod":
+    if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(piece.mesh):
         return flat
     progress(0.0, "Predicting the match")
     try:

@@ -27,7 +27,9 @@ GOOD = 0.06  # a quad with no more square energy than this is fine, whatever it 
 WORSE = 1.4  # how many times its square energy another quad may get for the good of the others
 DEVIATION = 0.25  # how far the new surface may leave a vertex or middle of the old one, relative to the quads there
 WARP = 0.15  # how far corners may lie off their quad's plane, relative to its shortest side: more cannot be flattened
-BEND = np.radians(30.0)  # a quad that bends further is pressed flat
+# a quad that bends further is pressed flat: of 17 surfaces that were remeshed to some 500 quads, all but Suzanne, a figure with fingers, a
+# heart and a bent eight stay below 27 degrees, and a hyperbolic paraboloid of 36 quads below 19
+BEND = np.radians(30.0)
 SHORT = 0.3  # of the median edge: no edge becomes shorter than that
 # median edges: quads broader than this have room enough, and square ones are worth more; cubespheres and saddles fall from .8 to .75
 PLENTY = 0.4
