@@ -137,6 +137,8 @@ def test_as_much_larger_as_is_advised_the_arms_bear_their_strain() -> None:
     assert larger.mesh.median_edge == pytest.approx(told["larger"] * start.mesh.median_edge)
     assert larger.mesh.vertices[3] - about == pytest.approx(told["larger"] * (start.mesh.vertices[3] - about))
     assert (larger.flat.layout.cut == start.flat.layout.cut).all()
+    assert larger.flat.points == pytest.approx(told["larger"] * start.flat.points)
+    assert larger.flat.energy == pytest.approx(start.flat.energy)
     assert larger.design.twist == pytest.approx(start.design.twist, abs=0.02)  # there is more room: nothing has to give
     after = simulate(larger.design, larger.mesh, before.material, SimulateParams())
     assert after.strain is not None and after.strain.max() == pytest.approx(1.0 / STRAIN_MARGIN, rel=0.08)
