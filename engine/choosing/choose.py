@@ -126,7 +126,7 @@ def _begin(search: Search, first: Laid, progress: Progress) -> None:
     piece = search.piece
     if not search.params.near and piece.settings.simulate.model != "rod":
         with suppress(FlexMapsError):  # a short search fails too, and is told
-            search.start = Start.from_layout(piece, first.flat)
+            search.start = Start.from_layout(piece, first.flat, progress.quiet())
             search.expected = 1.0
     began = time.monotonic()
     search.judge([first], progress)

@@ -47,12 +47,12 @@ class Start:
     space: DesignSpace
 
     @classmethod
-    def from_layout(cls, piece: Piece, flat: FlatPatches) -> Start:
+    def from_layout(cls, piece: Piece, flat: FlatPatches, progress: Progress = SILENT) -> Start:
         """Return the spirals that the curvature asks for, as far as they can be cut in one layout."""
         settings = piece.settings
         wanted = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-        design = fitted(flat, settings.spiral, *wanted, prove=False)
-        return cls((design.width, design.twist), _task(piece).space(design))
+        design = fitted(flat, settings.spiral, *wanted, prove=False, progress=progress)
+        return cls((design.width, design.twist), _task(piece).space(design, progress))
 
 
 def predicted(piece: Piece, flat: FlatPatches, start: Start | None = None, progress: Progress = SILENT) -> float:
@@ -99,7 +99,7 @@ def foreseen(piece: Piece, start: Start, laid: Laid, progress: Progress = SILENT
 def _rest(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> tuple[SpiralDesign, FlatPoint]:
     """Return the design that a prediction begins with, and its equilibrium, from which flat shapes may move."""
     task = _task(piece)
-    design = fitted(flat, piece.settings.spiral, *start.spirals, prove=False)
+    design = fitted(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
     problem = task.problem(design, progress, start.space.including(design))
     limits = task.params.distortion_limit, SEAM
     free, movable = problem.space.free, design.rim is None

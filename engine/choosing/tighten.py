@@ -49,7 +49,7 @@ def tightened(
         return flat
     progress(0.0, "Predicting the match")
     try:
-        start = Start.from_layout(piece, flat)
+        start = Start.from_layout(piece, flat, progress.quiet())
     except FlexMapsError:  # quads are too small for spirals, which the next stage tells
         return flat
     left = _expected(piece, flat, start, progress)
