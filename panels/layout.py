@@ -34,15 +34,12 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         return
     layout, block = found
     limit, most = context.object.flexmaps.layout.distortion_limit, block.get("energy_max", 0.0)
-    expected = block.get("expected_percent")
+    searched, expected = "optimise" in look(context).blocks, block.get("expected_percent")
+    match = [] if searched or expected is None else [(tr("Expected match"), f"~ {expected:.2g} %")]
     figures(
         layout,
         (tr("Panels"), str(block.get("patches"))),
-        *(
-            []
-            if expected is None or "optimise" in look(context).blocks
-            else [(tr("Expected match"), f"~ {expected:.2g} %")]
-        ),
+        *match,
         (tr("Distortion, largest"), tr("{} of {}", f"{most:.3f}", f"{limit:.3f}"), past_limit(context)),
         (tr("Seam mismatch"), percent(block, "seam_mismatch_max")),
         (tr("Narrowest"), quads(block.get("neck_min_quads", 0))),

@@ -188,7 +188,7 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
 
 
 def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Findings of a simulation, one of a kind: of several bodies that say the same of different places, a line each."""
+    """Return the findings of a simulation with one for every code: where several bodies have it, their messages are its lines."""
     found: dict[str, dict[str, Any]] = {}
     for row in findings:
         first = found.setdefault(row["code"], row)

@@ -382,10 +382,10 @@ def _findings(source: str, found: Any) -> list[Notice]:
 
 
 def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
-    """Warnings of a block that are plain sentences, as one notice."""
+    """Return warnings of a block that are plain sentences as one notice, with what helps; of a layout also that it was cut once more."""
     rows, one, more = SAID[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
-    halved = block.get("halved")  # no limit: what drives the piece out of the plane
+    halved = block.get("halved")  # a seam that makes the panel leave the plane: no limit was missed
     plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
     said = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not said:

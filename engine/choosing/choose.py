@@ -235,11 +235,11 @@ def _done(
         ideas = [job]
     else:
         shares = SHARES if params.goal == "panels" else LADDER
-        held, merged = piece.supports is not None, []
+        merged: list[PatchLayout] = []
         try:
             traced = trace(piece.mesh, job)
             for kept in (piece.symmetries, ()) if piece.symmetries else ((),):
-                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=held)
+                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=piece.held)
         except FlexMapsError:
             return []
         ideas, most = [Idea(one.cut, "merged under other limits") for one in merged], np.inf

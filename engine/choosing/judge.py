@@ -50,6 +50,11 @@ class Piece:
     symmetries: tuple[Symmetry, ...] = ()
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
 
+    @property
+    def held(self) -> bool:
+        """Whether something holds it in its shape, so that one panel without a cut need not stay flat."""
+        return self.supports is not None and len(self.supports) > 0
+
 
 @dataclass(frozen=True, eq=False)
 class Idea:

@@ -1,4 +1,7 @@
-"""Other layouts where the one of the fewest panels is predicted to stay far from the target: limits of distortion alone do not say how near a piece comes."""
+"""Another layout where the one that merging gives is predicted to stay far from the target.
+
+Limits of distortion lead to few panels, but do not say how near to its target the piece comes.
+"""
 
 from __future__ import annotations
 
@@ -21,29 +24,33 @@ from .lines import along_folds
 from .predict import Start, predicted
 
 SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again
-NEARER = 0.9  # of what is expected of another layout, from which this one is worth more panels; not measured
-MOST = 2  # times the panels that the limits alone ask for
-SEARCHED = 0.85  # of a prediction is left by a search: the median over 17 layouts of nine surfaces, of which it was 0.5 to 1.2 on all but one
+NEARER = (
+    0.9  # a layout replaces another one if it is expected to come at least so much nearer, as a share; not measured
+)
+MOST = 2  # times as many panels as the layout that is replaced, at most
+# Share of a predicted distance with which a search ends: the median over 23 layouts of 12 surfaces; 0.5 to 1.5 on all but a cone, with 2.9
+SEARCHED = 0.85
 
 
 @one_thread
 def tightened(
     piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return a layout along folds, or one merged under tighter limits, where that is predicted to bring the piece as near as is wanted.
+    """Return another layout, along the folds or merged under tighter limits, where the given one is expected to miss the match that is wanted.
 
     Parameters
     ----------
     piece : the surface, how it is held, and what it is made of
     begun : the patches that ``flat`` was merged from
-    flat : the layout that the limits of ``piece`` lead to
-    params : the match that is wanted; where something else is, ``flat`` comes back
+    flat : the given layout, merged under the limits in the settings of ``piece``
+    params : the match that is wanted; with any other goal ``flat`` comes back
 
     Returns
     -------
-    The first that holds the match, else the nearest of at most ``MOST`` times the panels, or ``flat`` itself. Its notes have
-    ``expected_percent``, the distance (RMS) from the target that a search may leave, as a percentage of the size, and
-    ``fewest_panels``, of ``flat``, where it is another.
+    The first layout that is expected to hold the match, else the one that is expected nearest, of at most ``MOST`` times the panels
+    of ``flat``; ``flat`` itself where no other comes nearer. Its notes have ``expected_percent``, the RMS distance from the target
+    with which a search may end, as a percentage of the size. A layout other than ``flat`` also has ``fewest_panels``, the
+    panels of ``flat``.
     """
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(piece.mesh):
         return flat
@@ -73,18 +80,19 @@ def tightened(
 
 
 def _candidates(piece: Piece, begun: PatchLayout, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
-    """The surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
+    """Yield the surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
     for name, cut in along_folds(piece.mesh):
         laid = lay(piece, Idea(cut, name), progress=progress.quiet())
         if laid is not None:
             yield laid.flat
-    limits, held = piece.settings.layout, piece.supports is not None and len(piece.supports) > 0
-    last = flat
+    limits, last = piece.settings.layout, flat
     for turn, share in enumerate(SHARES):
-        if _panels(last) ** 2 > MOST * _panels(flat) ** 2:  # as many more again
+        if (
+            _panels(last) ** 2 > MOST * _panels(flat) ** 2
+        ):  # the next one would have more than MOST if it grew by as much again
             return
         part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
-        last = merge(begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=held)
+        last = merge(begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.held)
         yield last
 
 
@@ -93,7 +101,7 @@ def _panels(flat: FlatPatches) -> int:
 
 
 def _expected(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> float:
-    """What a search of a layout may leave of the distance from the target, as a share of the size; infinite where it takes no shape."""
+    """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
     try:
         return SEARCHED * predicted(piece, flat, start, progress.quiet())
     except FlexMapsError:

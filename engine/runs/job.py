@@ -157,15 +157,14 @@ def enlarged(
 ) -> Result:
     """The result ``factor`` times as large, about a point in metres: cut where it was, and further where a panel outgrows its sheet.
 
-    The flat shapes are as much larger, as a search has left them; the spirals have the widths and twists that they had, as near as
-    they can be cut. Raises as ``go_on`` does.
+    The flat shapes that it has, perhaps moved by a search, are scaled with it. The spirals have the widths and twists that they
+    had, as near as they can be cut. Raises as ``go_on`` does.
     """
     flat, design = needed(result, "flat"), needed(result, "design")
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
     begun = replace(begin(PolygonMesh.of(mesh)), supports=result.supports, force=result.force)
-    notes = {
-        name: value for name, value in flat.layout.notes.items() if name != "expected_percent"
-    }  # of the former size
+    notes = dict(flat.layout.notes)
+    notes.pop("expected_percent", None)  # of the former size
     larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = go_on(replace(begun, flat=larger), settings, ("split",), progress.part(0.0, 0.8))
     assert made.flat is not None

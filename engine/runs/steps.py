@@ -45,6 +45,8 @@ from ..surface.symmetry import symmetries
 from ..workers import Workers
 from .result import Result
 
+MERGED = 0.4  # of the progress of merging: what comes then is as much again or nothing; by eye
+
 
 def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
     mesh = regularise.regularise(result.mesh, settings.regularise, progress)
@@ -71,10 +73,9 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.layout is not None
-    held = result.supports is not None and len(result.supports) > 0
-    few = merge.merge(result.layout, settings.layout, progress.part(0.0, 0.4), held=held)
     piece = Piece(result.mesh, settings, result.supports, result.force)
-    nearer = tighten.tightened(piece, result.layout, few, settings.choose, progress.part(0.4, 1.0))
+    few = merge.merge(result.layout, settings.layout, progress.part(0.0, MERGED), held=piece.held)
+    nearer = tighten.tightened(piece, result.layout, few, settings.choose, progress.part(MERGED, 1.0))
     return replace(result, flat=nearer)
 
 

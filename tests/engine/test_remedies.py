@@ -11,7 +11,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS, STRAIN_MARGIN
 from flexmaps.engine.optimisation import reach as reaching
 from flexmaps.engine.optimisation import remedies
-from flexmaps.engine.params import Settings, SimulateParams
+from flexmaps.engine.params import ChooseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.simulation.simulate import Simulation, simulate
@@ -117,7 +117,7 @@ def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
 @lru_cache(maxsize=1)
 def dome() -> Result:
     """In as few panels as the limits allow, so that its arms are strained."""
-    few = dataclasses.replace(Settings(), choose=dataclasses.replace(Settings().choose, goal="panels"))
+    few = Settings(choose=ChooseParams(goal="panels"))
     return job.run(PolygonMesh.of(shapes.make("dome")), few, edge=0.02, stop_after="spirals")
 
 

@@ -187,11 +187,11 @@ def _unwarped(mesh: QuadMesh, points: np.ndarray) -> np.ndarray:
 
 
 def flatter(mesh: QuadMesh) -> QuadMesh:
-    """Return the mesh with quads pressed flat until none bends within itself by more than BEND; itself where none does.
+    """Return the mesh with the quads that bend by more than BEND pressed flat; the mesh itself where there are none.
 
-    A quad that bends as far is longer than a feature of the surface, and a spiral that follows it hardly fits into a panel:
-    its vertices leave the surface by a share of an edge. Quads of smooth surfaces bend less and stay. Where a quad would lose
-    its room or its shape, the moves round it are shorter. Border vertices stay.
+    A quad that bends so far spans a feature of the surface that is smaller than itself. Its vertices leave the surface by a share
+    of an edge. Quads of smooth surfaces bend less and stay. Where a quad would lose its room or its shape, the moves round it are
+    shorter, and it keeps a part of its bend. Border vertices stay.
     """
     if bends(mesh.vertices[mesh.quads]).max() <= BEND:
         return mesh
@@ -210,7 +210,7 @@ def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"
 
 
 def _pressed(mesh: QuadMesh, points: np.ndarray, allowed: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-    """The points, with quads pressed flat until no corner is further off its quad's plane than ``allowed(corners, off)``."""
+    """Return the points with quads pressed flat: of corners and how far they are off their quad's plane, ``allowed`` tells how far they may be."""
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(100):
         p = points[mesh.quads]

@@ -115,7 +115,10 @@ def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
 
 
 def squarer(quads: PolygonMesh) -> PolygonMesh:
-    """Return quads moved where that leaves fewer poor ones: along their surface, then off it where they bend within themselves."""
+    """Return better quads, or the same: moved along their surface where that leaves fewer poor ones, then pressed flat where they bend.
+
+    Quads are pressed flat only where that makes no more of them poor.
+    """
     best, found = quads, findings(quads)
     if any(one.is_error for one in found):
         return quads
