@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -47,14 +46,14 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
         # and a base stands under the simulated shape
         asked = settings.export.guide or settings.base.base != "none"
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
-        once = replace(settings, simulate=replace(settings.simulate, restarts=0))
-        names = ("sheets",) if rest is None else ("simulate", "sheets")
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.hosts import job_folder
             from ..engine.runs import job, report
 
-            made = job.go_on(replace(result, rest=rest), once, names, progress.part(0.0, 0.85))
+            if rest is not None:
+                result = job.settled(result, rest, settings, progress.part(0.0, 0.05))
+            made = job.go_on(result, settings, ("sheets",), progress.part(0.05, 0.85))
             assert made.sheets is not None
             assert made.design is not None
             assert made.assembly is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -35,12 +34,12 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         if rest is None:
             raise FlexMapsError("The simulated shape is no equilibrium, or out of date; press Simulate first")
         settings = snapshot.settings
-        once = replace(settings, simulate=replace(settings.simulate, restarts=0))
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            made = job.go_on(replace(result, rest=rest), once, ("simulate", "structure"), progress)
+            at_rest = job.settled(result, rest, settings, progress.part(0.0, 0.1))
+            made = job.go_on(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
             assert made.structure is not None
             return made.structure
 

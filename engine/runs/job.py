@@ -14,6 +14,7 @@ from ..arrays import Float
 from ..errors import FlexMapsError
 from ..fabrication.standing.early import check_early
 from ..mechanics import loads
+from ..mechanics.assembly import Pose
 from ..params import LayoutParams, Settings, refuse_crossed
 from ..patches.flattening import flatten
 from ..patches.flattening.flatten import FlatPatches
@@ -27,9 +28,22 @@ from ..surface.mesh import PolygonMesh
 from ..threads import one_thread
 from .result import Result
 from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
-from .steps import STEPS
+from .steps import STEPS, at_rest
 
-__all__ = ["NAMES", "Result", "begin", "completed", "enlarged", "flattened", "go_on", "go_to", "run", "stages", "taken"]
+__all__ = [
+    "NAMES",
+    "Result",
+    "begin",
+    "completed",
+    "enlarged",
+    "flattened",
+    "go_on",
+    "go_to",
+    "run",
+    "settled",
+    "stages",
+    "taken",
+]
 
 CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
@@ -172,6 +186,17 @@ def enlarged(
         made.flat, settings.spiral, design.width, design.twist, prove=False, progress=progress.part(0.8, 1.0)
     )
     return replace(made, design=again)
+
+
+@one_thread
+def settled(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
+    """The result simulated from a pose that was found to be at rest, for stages that need its forces.
+
+    What a simulation tells beside, the band of real sheets, what limits the match and other shapes at rest, was told with that pose.
+    """
+    needed(result, "design")
+    once = replace(settings, simulate=replace(settings.simulate, restarts=0))
+    return replace(result, simulation=at_rest(result, once, pose, progress))
 
 
 def taken(result: Result, number: int) -> Result:

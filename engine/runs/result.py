@@ -39,7 +39,7 @@ class Result:
     wishes : places where some spirals shall come to when it is optimised
     groups : quads by the names that loads may use beside numbers
     seams : where somebody wants the surface to be cut; tracing then begins there
-    rest : a pose that was found before, from which simulating starts
+    rest : the pose of a simulation that is not kept itself
     protected : quads whose spirals the optimiser leaves exactly as they are
     layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
     choice : the layouts that were compared, if that was asked for, and which of them flat is

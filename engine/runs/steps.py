@@ -172,8 +172,7 @@ def _grained(result: Result, settings: Settings, progress: Progress) -> SpiralDe
 
 
 def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.design is not None
-    better, start = result.optimisation, result.rest
+    better, start = result.optimisation, None
     if better is not None:
         if not settings.simulate.restarts:
             limits = reach.reach(better, progress.part(0.0, 0.3))
@@ -181,7 +180,15 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
                 result, simulation=_with_band(better.after, settings, progress.part(0.3, 1.0)), limits=limits
             )
         start = better.after.equilibrium.pose
-    found = simulate.simulate(
+    found = at_rest(result, settings, start, progress.part(0.0, 0.6))
+    limits = reach.reach(found if better is None else better, progress.part(0.6, 0.65))
+    return replace(result, simulation=_with_band(found, settings, progress.part(0.65, 1.0)), limits=limits)
+
+
+def at_rest(result: Result, settings: Settings, start: Pose | None, progress: Progress) -> Simulation:
+    """Return the simulation of a result's design, found from a pose, or from where simulations begin."""
+    assert result.design is not None
+    return simulate.simulate(
         result.design,
         result.mesh,
         settings.material.chosen,
@@ -189,10 +196,8 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
         supports=result.supports,
         force=result.force,
         start=start,
-        progress=progress.part(0.0, 0.6),
+        progress=progress,
     )
-    limits = reach.reach(found if better is None else better, progress.part(0.6, 0.65))
-    return replace(result, simulation=_with_band(found, settings, progress.part(0.65, 1.0)), limits=limits)
 
 
 def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
