@@ -101,16 +101,23 @@ class _Tour:
         order = self.order
         group = np.array([self.cuts[i].group for i in order.tolist()])
         start, end = self.ends(order)
+        ahead = np.append(np.abs(end[:-1] - start[1:]), 0.0)  # the last cut may end anywhere
         gained = False
         for i in progress.each(range(len(order) - 1), ORDER):
             before = end[i - 1] if i else self.begin
-            last = np.arange(i + 1, min(i + _WINDOW, len(order)))
-            after = np.append(start, end[-1])[last + 1]  # the last cut may end anywhere
-            ahead = np.where(last + 1 < len(order), np.abs(end[last] - after), 0.0)
-            turned = np.where(last + 1 < len(order), np.abs(start[i] - after), 0.0)
-            change = np.abs(before - end[last]) + turned - np.abs(before - start[i]) - ahead
-            whole = (i == 0 or group[i - 1] != group[i]) & np.append(group[1:] != group[:-1], True)[last]
-            change[~(whole | (group[last] == group[i]))] = 0.0
+            here = float(np.abs(before - start[i]))
+            window = slice(i + 1, i + _WINDOW)
+            # a turned part must end so near to the cut before it that this alone can be a gain
+            far, most = end[window] - before, here + ahead[window]
+            last = i + 1 + np.flatnonzero((np.abs(far.real) < most) & (np.abs(far.imag) < most))
+            after = (last + 1) % len(order)
+            whole = (i == 0 or group[i - 1] != group[i]) & ((after == 0) | (group[after] != group[last]))
+            keep = whole | (group[last] == group[i])
+            last, after = last[keep], after[keep]
+            if not len(last):
+                continue
+            turned = np.where(after, np.abs(start[i] - start[after]), 0.0)
+            change = np.abs(before - end[last]) + turned - here - ahead[last]
             best = int(np.argmin(change))
             if change[best] < -1e-9:
                 part = slice(i, last[best] + 1)
@@ -119,6 +126,7 @@ class _Tour:
                 flipped = [k for k in order[part].tolist() if self.cuts[k].turns]
                 self.node[flipped] = 1 - self.node[flipped]
                 start[part], end[part] = self.ends(order[part])
+                ahead[:-1] = np.abs(end[:-1] - start[1:])
                 gained = True
         return gained
 
