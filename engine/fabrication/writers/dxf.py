@@ -4,67 +4,66 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TextIO
+from typing import Any
 
 import numpy as np
 
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from .operations import FRAME, OPERATIONS, WRITING, Drawn, Operation, frame, on_sheet
+from .operations import FRAME, OPERATIONS, Drawn, Operation, frame, on_sheet
 
 FLAT = 1e-4  # bulge; FreeCAD loses whole polylines at flatter arcs, and one of 20 mm is then 1 um off
-WRITES = 250  # pieces of text that are written from one word of the progress to the next, some hundredths of a second
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R2010, which knows its units."""
-    drawing = _document(sheets, index, "R2010", _entities(sheets, index, progress.part(0.0, 0.7)))
-    with open(path, "w", encoding=drawing.output_encoding) as stream:
-        drawing.write(_Monitored(stream, progress.part(0.7, 0.7)))
+    document = _document(sheets, index, "R2010")
+    owner, handles = document.modelspace().layout_key, document.entitydb.handles
+    parts, handle = list[str](), int(str(handles), 16)
+    for name, curve in _entities(sheets, index, progress):
+        parts.append(
+            f"  0\nLWPOLYLINE\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{name}\n100\nAcDbPolyline\n"
+            f" 90\n{len(curve.points)}\n 70\n{int(curve.closed)}\n"
+        )
+        parts.extend(f" 10\n{x}\n 20\n{y}\n{_bulge(bulge, 17)}" for x, y, bulge in _rows(curve))
+        handle += 1
+    handles.reset(f"{handle:X}")  # the header names the next one
+    path.write_text(_framed(document, parts), encoding=document.output_encoding)
 
 
 def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as R12, which every cutter's program reads.
-
-    Header and tables come from ezdxf; the polylines, one entity per node there, are written straight between them.
-    """
-    frame = io.StringIO()
-    _document(sheets, index, "R12").write(frame)
-    before, mark, after = frame.getvalue().partition("  2\nENTITIES\n")
-    assert mark, "a DXF document has a section of entities"
-    parts = [f"999\n{MARK}\n", before, mark]  # a comment: R12 has no place for the program's name
+    """Write one sheet as R12, which every cutter's program reads, with one entity per node."""
+    parts = list[str]()
     for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
-        # some programs lose every polyline that has the bulge of a straight segment
-        parts.extend(
-            f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{f' 42{chr(10)}{bulge:.12g}{chr(10)}' if bulge else ''}"
-            for x, y, bulge in _rows(curve)
-        )
+        parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{_bulge(bulge, 12)}" for x, y, bulge in _rows(curve))
         parts.append(f"  0\nSEQEND\n  8\n{name}\n")
-    path.write_text("".join([*parts, after]), encoding="ascii", newline="\r\n")
+    # a comment: R12 has no place for the program's name
+    text = f"999\n{MARK}\n{_framed(_document(sheets, index, 'R12'), parts)}"
+    path.write_text(text, encoding="ascii", newline="\r\n")
 
 
-class _Monitored:
-    """A stream that reports to the progress while it is written to, for ezdxf writes a whole drawing at once."""
-
-    def __init__(self, stream: TextIO, progress: Progress):
-        self.stream, self.progress, self.count = stream, progress, 0
-
-    def write(self, text: str) -> None:
-        self.count += 1
-        if self.count % WRITES == 0:
-            self.progress(0.0, WRITING)
-        self.stream.write(text)
+def _bulge(bulge: float, digits: int) -> str:
+    """The tag of a bulge; none for a straight segment, for some programs lose every polyline with a bulge of 0."""
+    return f" 42\n{bulge:.{digits}g}\n" if bulge else ""
 
 
-def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
-    sheets: Drawn, index: int, version: str, entities: Iterable[tuple[str, Curve]] = ()
-):
+def _framed(document: Any, entities: Sequence[str]) -> str:
+    """The text of a document of ezdxf's, with entities that are text already: ezdxf takes ten times as long for them."""
+    stream = io.StringIO()
+    document.write(stream)
+    before, mark, after = stream.getvalue().partition("  2\nENTITIES\n")
+    assert mark, "a DXF document has a section of entities"
+    return "".join([before, mark, *entities, after])
+
+
+def _document(sheets: Drawn, index: int, version: str) -> Any:
+    """A document of ezdxf's with header and layers for one sheet."""
     import ezdxf
     from ezdxf import units
 
@@ -82,8 +81,6 @@ def _document(  # type: ignore[no-untyped-def]  # ezdxf's Drawing
         document.layers.add(_layer(operation), color=operation.aci)
     if sheets.params.frame:
         document.layers.add(_layer(FRAME), color=FRAME.aci, plot=False)
-    for name, curve in entities:
-        document.modelspace().add_lwpolyline(_rows(curve), format="xyb", close=curve.closed, dxfattribs={"layer": name})
     return document
 
 
