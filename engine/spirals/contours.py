@@ -89,20 +89,22 @@ def _larger(
 ) -> Float[np.ndarray, "quads 4"]:
     """Larger fillets, and their roots put in place, where a slot is still wide beside the centre: where its root was missed, lies
     beyond the centre or where an edge turns back."""
-    radius = np.full(left.shape, fillet)
-    astray = _astray(arms, left, right, miss)
+    radius, astray = np.full(left.shape, fillet), _astray(arms, left, right, miss)
+    quads = np.flatnonzero(astray.any(axis=1))
+    if not len(quads):
+        return radius
     least = max(fillet, _LEAST * float(arms.width.min()))
-    for wider, first in [(fillet, t) for t in _BEFORE] + [(x * least, t) for x in _WIDER for t in _BEFORE]:
-        quads = np.flatnonzero(astray.any(axis=1))
-        if not len(quads):
-            break
-        some = arms.of(quads)
-        begin = np.minimum(left[quads], first), np.minimum(right[quads], first)
-        found = _newton(some, *begin, float(wider), rounds=30, step=0.02)
-        better = astray[quads] & ~_astray(some, *found)
-        for whole, part in zip((left, right, miss, radius), (*found, np.full(better.shape, wider)), strict=True):
-            whole[quads] = np.where(better, part, whole[quads])
-        astray[quads] &= ~better
+    wider = np.array([fillet, *(x * least for x in _WIDER)]).repeat(len(_BEFORE))
+    first = np.tile(_BEFORE, 1 + len(_WIDER))
+    shape, some = (len(wider), len(quads), 4), arms.of(np.tile(quads, len(wider)))  # all tries together
+    begin = [np.minimum(t[quads], first[:, None, None]).reshape(-1, 4) for t in (left, right)]
+    tried = np.broadcast_to(wider[:, None, None], shape)
+    found = _newton(some, *begin, tried.reshape(-1, 4)[..., None], rounds=30, step=0.02)
+    good = ~_astray(some, *found).reshape(shape)
+    better, best = astray[quads] & good.any(axis=0), good.argmax(axis=0)[None]
+    for whole, every in zip((left, right, miss, radius), (*found, tried), strict=True):
+        part = np.take_along_axis(every.reshape(shape), best, axis=0)[0]
+        whole[quads] = np.where(better, part, whole[quads])
     return radius
 
 
@@ -137,7 +139,7 @@ def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _newton(
-    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float, rounds: int, step: float = 0.08
+    arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float | np.ndarray, rounds: int, step: float = 0.08
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Improve both parameters (F, 4); also returns the distance (F, 4) in metres that was left before the last round."""
     miss = np.empty(0)
