@@ -97,9 +97,9 @@ def _larger(
     wider = np.array([fillet, *(x * least for x in _WIDER)]).repeat(len(_BEFORE))
     first = np.tile(_BEFORE, 1 + len(_WIDER))
     shape, some = (len(wider), len(quads), 4), arms.of(np.tile(quads, len(wider)))  # all tries together
-    begin = [np.minimum(t[quads], first[:, None, None]).reshape(-1, 4) for t in (left, right)]
+    begin, end = (np.minimum(t[quads], first[:, None, None]).reshape(-1, 4) for t in (left, right))
     tried = np.broadcast_to(wider[:, None, None], shape)
-    found = _newton(some, *begin, tried.reshape(-1, 4)[..., None], rounds=30, step=0.02)
+    found = _newton(some, begin, end, tried.reshape(-1, 4)[..., None], rounds=30, step=0.02)
     good = ~_astray(some, *found).reshape(shape)
     better, best = astray[quads] & good.any(axis=0), good.argmax(axis=0)[None]
     for whole, every in zip((left, right, miss, radius), (*found, tried), strict=True):
