@@ -72,6 +72,7 @@ WORDS = {
     "slots-close": ("Spirals touch: {}", BREAKS),
     "about-to-snap": ("About to snap", BREAKS),
     "other-rest": ("Another rest", WORSE),
+    "rest-as-near": ("Another rest", INFORMATION),
     "snaps": ("Snaps under load", BREAKS),
     "overstrained": ("{} too loaded", BREAKS),
     "joints-overloaded": ("Weak joints: {}", BREAKS),

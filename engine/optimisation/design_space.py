@@ -106,6 +106,10 @@ class DesignSpace:
         least = space.design(space.coordinates(design.width, design.twist))[1]
         return space._limited(design.width, design.twist, least > design.twist + 1e-12)
 
+    def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
+        """The space in which some spirals are wound no more than in a design that lies in it."""
+        return self._limited(design.width, design.twist, where)
+
     def _limited(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
     ) -> DesignSpace:

@@ -14,7 +14,7 @@ from ..progress import Progress
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign, proved
 from .inverse import Point
-from .search import Search
+from .search import Held, Search
 from .terms import LOOSE
 
 # Share of its twist that a spiral keeps whose slots close in space, how often at the most, and by how many times the mismatch, and a strain
@@ -22,6 +22,8 @@ from .terms import LOOSE
 # Unwinding before the last steps of the search left arms that these had no time to ease
 UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
 IDLE = 2  # times that this may open no more
+# Searches after that, and the share of the whole search's time for each
+EASINGS, EASING = 2, 0.15
 STRAIGHT = 0.1  # radians of twist, less of which is none
 
 
@@ -63,24 +65,21 @@ class Found:
 def opened(search: Search, found: Found, progress: Progress) -> Found:
     """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
 
-    Where slots may close, as the settings say, nothing is done. Spirals whose arms would be strained too much for it, and those beside them, keep their twists.
+    Where slots may close, as the settings say, nothing is done. Where less wound spirals would be strained too much, or their neighbours, the
+    search goes on for a few steps in which they stay so little wound.
     """
     if not search.task.params.open_slots:
         return found
-    free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
-    least, best, idle = _closed(found), found, 0
-    for _ in range(UNWINDINGS):
-        design, slots = here.simulation.design, here.simulation.slots(progress)
-        strained = here.strained_by(found)
-        pairs = search.task.target.dual
-        free[pairs[strained[pairs].any(axis=1)]] = False
-        twist = design.twist if slots is None else np.where(free, unwound(design, slots, free), given)
-        if (twist == design.twist).all():
+    best = here = _unwound_result(search, found, found, progress, bearable=True)
+    for _ in range(EASINGS):
+        eased = _eased(search, here, progress) if _closed(here) else None
+        if eased is None:
             break
-        here = _redesigned(search, here, replace(design, twist=twist), progress)
-        if _closed(here) < least and here.bears(found):
-            least, best, idle = _closed(here), here, 0
-        elif (idle := idle + 1) > IDLE:
+        here = eased
+        again = _unwound_result(search, eased, found, progress, bearable=True)
+        if _closed(again) < _closed(best) and again.bears(found):
+            best = again
+        if not _closed(best):
             break
     if best is found:
         return found
@@ -89,7 +88,54 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     except FlexMapsError:
         return found
     best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
-    return best if best.bears(found) and _closed(best) <= least else found
+    return best if best.bears(found) and _closed(best) < _closed(found) else found
+
+
+def _unwound_result(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
+    """Return the result with the fewest closed slots among those whose spirals are unwound step by step; the same where none has fewer.
+
+    bearable : spirals whose arms are then strained too much, and those beside them, keep their twists, and only results count that ``before`` allows
+    """
+    free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
+    least, best, idle = _closed(found), found, 0
+    for _ in range(UNWINDINGS):
+        design, slots = here.simulation.design, here.simulation.slots(progress)
+        if bearable:
+            pairs = search.task.target.dual
+            free[pairs[here.strained_by(before)[pairs].any(axis=1)]] = False
+        twist = design.twist if slots is None else np.where(free, unwound(design, slots, free), given)
+        if (twist == design.twist).all():
+            break
+        here = _redesigned(search, here, replace(design, twist=twist), progress)
+        if _closed(here) < least and (here.bears(before) if bearable else here.merit(LOOSE) < np.inf):
+            least, best, idle = _closed(here), here, 0
+        elif (idle := idle + 1) > IDLE:
+            break
+    return best
+
+
+def _eased(search: Search, found: Found, progress: Progress) -> Found | None:
+    """Return what a few more steps of the search make of a result whose closed slots are opened by less twist, which they do not bring back.
+
+    None where no slot opens so, or nothing that can be cut comes of it.
+    """
+    loose = _unwound_result(search, found, found, progress, bearable=False)
+    if loose is found:
+        return None
+    design, given, work = loose.simulation.design, found.point.problem, search.task.work
+    space = given.space.including(design).winding_at_most(design, design.twist < found.simulation.design.twist)
+    x, pose = space.coordinates(design.width, design.twist), loose.simulation.equilibrium.pose
+    point = replace(given, space=space).at(x, pose, progress)
+    if not point.equilibrium.converged:
+        return None
+    work.share = EASING + (work.done / work.limit if work.limit else 0.0)
+    held = search.polished(Held(design, point.pressed(), found.farthest), progress)
+    try:
+        design = proved(held.design, progress, free=space.free)
+    except FlexMapsError:
+        return None
+    pose = held.point.equilibrium.pose
+    return Found(search.task.simulated(design, pose, progress), held.point, found.farthest)
 
 
 def unwound(

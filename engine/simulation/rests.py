@@ -14,6 +14,7 @@ from ..surface.mesh import QuadMesh
 Softest = Callable[[], tuple[np.ndarray, float]]  # the hubs' softest motion (n, 6), and its share of stiffness
 SNAPPING = 0.02  # share of its stiffness that the softest motion has left, below which a piece is about to snap
 MOVING = 0.5  # of the largest turn in that motion, from which on spirals are named; by eye
+AS_NEAR = 1.1  # times the shown shape's distance from the target, up to which another rest matches as well: a difference nobody sees
 LOWER = 1e-3  # share of the elastic energy by which another rest has to be lower to be named: rounding is far below
 
 
@@ -42,21 +43,29 @@ def rest_findings(
         told.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
     other = lower_rest(found, others) or assembled
     if other is not None:
-        rms = float(np.sqrt(((other.pose.centres - target.centroids) ** 2).sum(axis=1).mean()))
-        where = f"another shape, {100.0 * rms / size:.2g} % of its size from the target"
-        if other is assembled and not _is_lower(other, found):
-            text = (
-                f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
-                "Push it over from there, or hold it with supports."
-            )
-        else:
-            text = (
-                f"The piece can also rest in {where}, with less energy than in the "
-                "one that is shown. Press Optimise again to improve it from there, or hold it with supports."
-            )
-        far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
-        told.append(Finding("other-rest", "warning", text, tuple(np.flatnonzero(far > MOVING * far.max()).tolist())))
+        told.append(_other_rest(found, other, lower=_is_lower(other, found), target=target, size=size))
     return told
+
+
+def _other_rest(
+    found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float
+) -> Finding:
+    """Return what there is to say about another rest; no more than information where it is as near to the target as the shown one."""
+    here, there = (float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other))
+    where = f"another shape, {100.0 * there / size:.2g} % of its size from the target"
+    if lower:
+        text = f"The piece can also rest in {where}, with less energy than in the one that is shown. "
+        cure = "Press Optimise again to improve it from there, or hold it with supports."
+    else:
+        text = (
+            f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
+        )
+        cure = "Push it over from there, or hold it with supports."
+    far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
+    moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
+    if there <= AS_NEAR * here:
+        return Finding("rest-as-near", "warning", text + "It matches the target as well there.", moved)
+    return Finding("other-rest", "warning", text + cure, moved)
 
 
 def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
