@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Bool, Float
+from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...progress import Progress
 from ..checking.check import Finding
@@ -54,24 +54,25 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
 
 
 def without_crumbs(
-    areas: Float[np.ndarray, " bodies"], count: int, fewest: int, crumbs: float
+    areas: Float[np.ndarray, " bodies"], count: int, fewest: Int[np.ndarray, " bodies"], crumbs: float
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
-    """Which bodies get ``fewest`` quads at least, and what is said of the others.
+    """Return which bodies get their ``fewest`` quads at least, and what is said of the others.
 
     The others have at most ``crumbs`` of the area: as many bodies as that takes are kept, however few of ``count`` quads are theirs by
     area. Raises ``FlexMapsError`` where that takes more than ``BEYOND`` times the count.
     """
     share = areas / areas.sum()
-    large = share * count >= min(fewest, share.max() * count)
+    large = share * count >= np.minimum(fewest, share.max() * count)
     order = np.argsort(-areas, kind="stable")
     needed = np.flatnonzero(1.0 - np.cumsum(share[order]) <= crumbs)
-    if len(needed) and (needed[0] + 1) * fewest <= BEYOND * count:
+    if len(needed) and fewest[order[: needed[0] + 1]].sum() <= BEYOND * count:
         large[order[: needed[0] + 1]] = True
     if large.all():
         return large, []
     left, many = float(share[~large].sum()), int((~large).sum())
-    enough = int(np.ceil(fewest / max(float(share.min()), 1e-9) / 10.0) * 10)
-    which = f"{many} of {len(areas)} bodies would get fewer than {fewest} quads of this size: {100 * left:.2g} % of the area"
+    enough = int(np.ceil((fewest / np.maximum(share, 1e-9)).max() / 10.0) * 10)
+    few = " or ".join(str(number) for number in np.unique(fewest[~large]))
+    which = f"{many} of {len(areas)} bodies would get fewer than {few} quads of this size: {100 * left:.2g} % of the area"
     if left > crumbs * (1.0 + 1e-9):
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
