@@ -180,7 +180,7 @@ def crumbs(name: str, random: np.random.Generator) -> str:
     """bodies too small for the count"""
     areas = np.append(1.0, random.uniform(1e-4, 0.01, int(random.integers(1, 40))))
     try:
-        large, _ = without_crumbs(areas, 100, 6, 0.1)
+        large, _ = without_crumbs(areas, 100, np.full(len(areas), 6), 0.1)
     except FlexMapsError as error:
         return REFUSAL if "--remesh" in str(error) and "--crumbs" in str(error) else WRONG
     return right(areas[~large].sum() <= 0.1 * areas.sum() * (1.0 + 1e-9))

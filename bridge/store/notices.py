@@ -19,8 +19,7 @@ from . import cures, equilibrium, failures, flat_target, notes, objects, origin,
 from .cures import Cure
 from .i18n import interface, quads, translate
 
-STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
-ORDER = (STOPS, BREAKS, WORSE, INFORMATION)
+ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
 # findings by code: two or three words with their count, and how bad it is (of a check's error that does not count)
 WORDS = {

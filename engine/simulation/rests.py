@@ -47,19 +47,17 @@ def rest_findings(
     return told
 
 
-def _other_rest(
-    found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float
-) -> Finding:
+def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
     """Return what there is to say about another rest; no more than information where it is as near to the target as the shown one."""
-    here, there = (float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other))
+    here, there = (
+        float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other)
+    )
     where = f"another shape, {100.0 * there / size:.2g} % of its size from the target"
     if lower:
         text = f"The piece can also rest in {where}, with less energy than in the one that is shown. "
         cure = "Press Optimise again to improve it from there, or hold it with supports."
     else:
-        text = (
-            f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
-        )
+        text = f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
         cure = "Push it over from there, or hold it with supports."
     far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())

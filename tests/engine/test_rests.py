@@ -15,7 +15,6 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from scipy.linalg import eigh
 
-
 RESTS = ("other-rest", "rest-as-near")  # codes of what is said of another rest
 
 

@@ -72,7 +72,9 @@ def without_crumbs(
     left, many = float(share[~large].sum()), int((~large).sum())
     enough = int(np.ceil((fewest / np.maximum(share, 1e-9)).max() / 10.0) * 10)
     few = " or ".join(str(number) for number in np.unique(fewest[~large]))
-    which = f"{many} of {len(areas)} bodies would get fewer than {few} quads of this size: {100 * left:.2g} % of the area"
+    which = (
+        f"{many} of {len(areas)} bodies would get fewer than {few} quads of this size: {100 * left:.2g} % of the area"
+    )
     if left > crumbs * (1.0 + 1e-9):
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
