@@ -22,7 +22,8 @@ from .terms import LOOSE
 # Unwinding before the last steps of the search left arms that these had no time to ease
 UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
 IDLE = 2  # times that this may open no more
-# Searches after that, and the share of the whole search's time for each
+# Searches after that, and the share of the whole search's time for each. Suzanne's nine closed slots, of which four stayed, are open after one,
+# at 1.02 times the RMSE; of a decimated one, five stayed closed after two, and four opened them all at 1.19 times the RMSE and strains beyond the limit
 EASINGS, EASING = 2, 0.15
 STRAIGHT = 0.1  # radians of twist, less of which is none
 

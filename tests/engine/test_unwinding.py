@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import STRAINED, material
+from flexmaps.engine.optimisation import found as found_module
 from flexmaps.engine.optimisation.found import Found, opened, unwound
 from flexmaps.engine.optimisation.optimisers import Trace
 from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
@@ -44,6 +45,22 @@ def test_slots_open_and_the_shape_hardly_changes(wound):
     assert after.match["laplacian_rmse_mm"] <= 1.05 * before.match["laplacian_rmse_mm"]
     again = simulate(after.design, after.target, after.material, SimulateParams())
     assert again.match["rms_percent"] == pytest.approx(after.match["rms_percent"], rel=1e-2)
+
+
+def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(wound, monkeypatch):
+    task, found = wound
+    before, limit = found.simulation, 1.02 * float(found.simulation.strain.max())
+    bearing = replace(found.point.problem.bearing, share=limit)
+    found = replace(found, point=replace(found.point, problem=replace(found.point.problem, bearing=bearing)))
+    monkeypatch.setattr(found_module, "STRAINED", limit)
+    closed = []
+    for searches in (0, found_module.EASINGS):
+        monkeypatch.setattr(found_module, "EASINGS", searches)
+        after = opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
+        assert after.strain.max() <= limit
+        closed.append(len(after.slots().closed))
+    assert closed[0] > 10 and closed[1] < 0.2 * closed[0]
+    assert after.match["laplacian_rmse_mm"] <= 1.1 * before.match["laplacian_rmse_mm"]
 
 
 def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
