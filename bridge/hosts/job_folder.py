@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...engine import files
 from ...engine.assembling import sheet as assembly_sheet
@@ -20,6 +20,9 @@ from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import job, page_data, report, report_page
 from ...engine.runs.page_data import Shown
+
+if TYPE_CHECKING:
+    import bpy
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {
@@ -67,6 +70,7 @@ def write(
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings, progress.part(0.2, 0.28))
+        looked = _findings(model)
         progress(0.28, "saving the Blender file")
         scene.save(new(out / MODEL))
         if pictures:
@@ -79,7 +83,7 @@ def write(
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))
                     shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
-    described = report.build(result, source=name, files=written, settings=settings)
+    described = report.build(result, source=name, files=written, settings=settings) | looked
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
     view, show = Shown.of(result), settings.page.viewer
@@ -88,6 +92,17 @@ def write(
     report_page.write(described, drawn, out, new, shown, piece=piece)
     progress(1.0, "done")
     return described
+
+
+def _findings(model: bpy.types.Object) -> dict[str, Any]:
+    """Return the block of the report with what there is to look at, each with its cures; none where the extension is not registered."""
+    import bpy
+
+    from ..store import guidance
+
+    if not hasattr(model, "flexmaps"):
+        return {}
+    return {"findings": [notice.as_dict() for notice in guidance.of(model, bpy.context.scene).notices]}
 
 
 def write_sheets(

@@ -32,6 +32,7 @@ class Reported:
     shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
     values : (F,) arrays of that simulation, or None, by the names of ``Measured``
     pose : where it has left the hubs; None as ``shape`` is, or where it was lost
+    findings : what there is to look at, each with its cures
     """
 
     taken: Snapshot
@@ -39,6 +40,7 @@ class Reported:
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
     pose: Pose | None = None
+    findings: tuple[dict[str, Any], ...] = ()
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -65,7 +67,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
     import bpy
 
-    from ..store import attributes, equilibrium, notes, pose, scans, states
+    from ..store import attributes, equilibrium, guidance, notes, pose, scans, states
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
@@ -74,7 +76,8 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
     scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
-    found = Reported(taken, blocks, values={"scan": scan})
+    looked = tuple(notice.as_dict() for notice in guidance.of(obj, bpy.context.scene, now).notices)
+    found = Reported(taken, blocks, values={"scan": scan}, findings=looked)
     if "equilibrium" not in blocks:
         return found
     key = equilibrium.key_of(obj.data)
@@ -100,6 +103,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     measured = _measured(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
+    described["findings"] = list(found.findings)
     return described, run_plots.drawings(measured, described, taken.settings.layout.distortion_limit)
 
 
