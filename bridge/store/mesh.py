@@ -53,7 +53,7 @@ LAST_NAMES = ("last_width", "last_twist")
 # metres between an object and the world's origin from which on it is computed about its own: there Blender, which draws in single
 # precision, has steps of 8 mm, and searches for a rest lose their last digits
 FAR = 1e5
-NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness", "protect")
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # what stages make; what people mark stays
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"

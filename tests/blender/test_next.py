@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import cures, failures, guidance, handing_down, next_button, notices, states
+from flexmaps.bridge.store import cures, failures, fields, guidance, handing_down, next_button, notices, states
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
@@ -169,12 +169,26 @@ def test_groups_and_seams_hold_for_new_quads(add: Any) -> None:
     group.add([v.index for v in old.data.vertices if v.co.x < 0.01], 1.0, "REPLACE")
     for edge in old.data.edges:
         edge.use_seam = all(abs(old.data.vertices[k].co.y - 0.5) < 0.01 for k in edge.vertices)
+    fields.protect(old, np.array([0, 5]))
     handing_down.hand_down(old, new)
     inside = {v.index for v in new.data.vertices if any(g.weight > 0 for g in v.groups)}
     assert {v.index for v in new.data.vertices if v.co.x < 0.01} <= inside
     assert all(new.data.vertices[k].co.x < 0.15 for k in inside)
     cut = [edge for edge in new.data.edges if edge.use_seam]
+    marks = np.array([item.value for item in new.data.attributes[fields.PROTECT].data])
+    middles = np.array([face.center[:2] for face in new.data.polygons])
+    kept = (middles < 0.25).all(axis=1) | ((middles > 0.25) & (middles < 0.5)).all(axis=1)  # the first and the sixth of sixteen
+    apart = np.abs((middles % 0.25) - 0.25 * (middles % 0.25 > 0.125)).min(axis=1) > 1e-6  # not between two of them
+    assert (marks[apart] == kept[apart]).all() and marks.any()
     assert len(cut) == 10 and all(abs(new.data.vertices[k].co.y - 0.5) < 0.01 for edge in cut for k in edge.vertices)
+
+
+@pytest.mark.parametrize("stage", ["set_size", "regularise"])
+def test_protected_spirals_stay_so_where_quads_are_moved(add: Any, stage: str) -> None:
+    piece = add(shapes.make("dome"))
+    fields.protect(piece, np.array([3, 7]))
+    assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
+    assert fields.protected(piece) == 2
 
 
 def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
