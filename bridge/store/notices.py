@@ -93,7 +93,6 @@ REMESHED = {
 }  # what new quads cure
 FAILED = {
     "flexmaps.quad_remesh": "No quads found",
-    "flexmaps.lay_out": "No layout found",
     "flexmaps.merge": "No layout found",
     "flexmaps.flatten": "Seams do not do",
     "flexmaps.update_from_seams": "Seams do not do",
@@ -193,7 +192,7 @@ def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list
         ]
     if idname in {"flexmaps.simulate", "flexmaps.optimise", "flexmaps.regularise"}:
         return [cures.let_go(key)]
-    if idname in {"flexmaps.merge", "flexmaps.lay_out", "flexmaps.update_from_seams"}:
+    if idname in {"flexmaps.merge", "flexmaps.update_from_seams"}:
         return [cures.remesh(n) for n in cures.fewer(quads)]
     if idname == "flexmaps.flatten":
         return [Cure(interface("Lay out anew"), "flexmaps.merge"), *(cures.remesh(n) for n in cures.fewer(quads))]

@@ -15,13 +15,18 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ...arrays import Float, Int, Num
+from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from .seamless import SIGN, TAKEN, Maps
 
+FOLDS = "The surface has too many sharp folds for a map"
 NEAR = 2.0  # quads: irregular points farther apart than this stay apart by themselves
 ACROSS = 1.2  # quads: the same of borders and folds
 BESIDE = 0.6  # quads: a point is beside a border if it lies no farther off along it
 SAME_PLACE = 1e-6  # quads: what lies no farther off has no side, but for rounding errors
+# pairs: Suzanne with 500 quads has 785 at most, other objects of Blender's own up to 76; of noise or of many pleats there are 70,000 and
+# more, which take half a gigabyte and minutes
+MANY = 5000
 DIGITS = 9  # factors of whole numbers that differ by less are equal, but for rounding errors
 LEAST = 0.05  # quads: irregular points keep their sides if the grid's step between them goes as far the right way
 
@@ -46,11 +51,16 @@ NOTHING = Apart(np.empty((0, 0)), np.empty(0))  # is held by all
 
 
 def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> Apart:
-    """What lies so near each other that quads of this edge (metres) might bring it together."""
+    """Return what lies so near each other that quads of this edge (metres) might bring it together.
+
+    Raises ``FlexMapsError`` where that is too much for a map.
+    """
     search = _Search(maps, edge)
     every = [(int(corner), radius) for held, radius in ((2, NEAR), (1, ACROSS)) for corner in search.held_in(held)]
     for corner, radius in progress.each(every, "Looking for what lies near each other"):
         search.look_round(corner, radius)
+        if len(search.found) > MANY:
+            raise FlexMapsError(FOLDS)
     found = list(search.found.values())
     rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.lattice.whole.shape[1])
     return Apart(rows, np.array([least for _, least in found], dtype=float))
