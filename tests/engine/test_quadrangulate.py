@@ -12,6 +12,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.curvature import misalignment
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from flexmaps.engine.surface.quadrangulation import separation
 from flexmaps.engine.surface.quadrangulation.even import evened
 from flexmaps.engine.surface.quadrangulation.extraction import _is_like, extracted
 from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
@@ -219,6 +220,20 @@ def test_sharp_points_near_each_other_stay_apart():
     assert (on == 3).sum() == 8
     triangles = np.concatenate([quads.quads[:, [0, 1, 2]], quads.quads[:, [0, 2, 3]]])
     assert igl.euler_characteristic(triangles) == 2
+
+
+def test_a_map_of_too_many_pairs_is_refused_before_they_are_all_found(monkeypatch):
+    box = t.cube()
+    thin = Triangles(box.vertices * [1.0, 1.0, 0.08], box.corners)
+    looked = []
+    look = separation._Search.look_round
+    monkeypatch.setattr(separation._Search, "look_round", lambda *args: looked.append(args[1]) or look(*args))
+    quads_of(thin, 0.4, SHARP)
+    all_of_them = len(looked)
+    monkeypatch.setattr(separation, "MANY", 0)
+    with pytest.raises(FlexMapsError, match="too many sharp folds"):
+        quads_of(thin, 0.4, SHARP)
+    assert 0 < len(looked) - all_of_them < all_of_them
 
 
 def test_short_folds_are_noise():
