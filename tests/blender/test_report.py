@@ -14,7 +14,6 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.api import pressing
 from flexmaps.bridge.view import images
 from flexmaps.bridge.view import report as pages
 from flexmaps.engine import colours
@@ -341,25 +340,6 @@ def test_what_an_object_holds_tells_the_same(strip: api.Piece, out: Path, tmp_pa
         roots = [ElementTree.fromstring(text) for text in both]
         texts = [[t.text for t in root.iter(f"{SVG}text")] for root in roots]
         assert texts[0] == texts[1], name
-
-
-def test_what_there_is_to_look_at_is_in_the_report_with_calls_that_cure_it(strip: api.Piece, tmp_path: Path) -> None:
-    obj = api.show(strip)
-    found = api.report(obj, tmp_path)["findings"]
-    assert found == pressing.told(obj)["findings"] == json.loads((tmp_path / "report.json").read_text())["findings"]
-    cures = [cure for one in found for cure in one["cures"]]
-    assert cures, "a strip of a few steps lies far from its target"
-    before = len(found)
-    exec(next(cure["call"] for cure in cures if "let_go" in cure["call"]), {"bpy": bpy})
-    after = pressing.told(obj)["findings"]
-    assert len(after) == before
-    assert sum(one["kind"] == "information" for one in after) == 1 + sum(one["kind"] == "information" for one in found)
-
-
-def test_the_main_job_tells_the_same(tmp_path: Path) -> None:
-    described = api.run("shape:strip", tmp_path, edge=20, settings=FEW, formats=("svg",), pictures=False)
-    assert described["findings"] == json.loads((tmp_path / "report.json").read_text())["findings"]
-    assert described["findings"] == pressing.told(bpy.context.view_layer.objects.active)["findings"]
 
 
 def test_the_button(strip: api.Piece, tmp_path: Path) -> None:
