@@ -104,9 +104,9 @@ def test_where_sheets_are_as_few_as_can_be_the_search_goes_on(monkeypatch):
     assert len(asked) == nesting.PATIENCE
 
 
-@pytest.mark.parametrize(("seconds", "fine"), [(10.0, [False, True]), (4.0, [False])])
+@pytest.mark.parametrize(("seconds", "fine"), [(10.0, [False, True]), (1.0, [False])])
 def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(monkeypatch, seconds, fine):
-    """With answers by hand that take what they are given: half of the time for the simple outlines, half for the fine ones."""
+    """With answers by hand that gain a little every time: half of the time for the simple outlines, half for the fine ones."""
     comb = [
         [0, 0],
         *([0.02 * k + x, y] for k in range(10) for x, y in ((0.0, 0.1), (0.005, 0.1), (0.005, 0.02), (0.02, 0.02))),
@@ -117,9 +117,10 @@ def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(
     def solutions(self, task, seconds):
         told.append((task["seconds"], len(task["items"][0][1])))
         now[0] += task["seconds"]
-        yield None
+        yield nest_process.Strip(0.9 ** len(told) * 100.0, {})
 
     monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips, "cores", lambda: 1)
     monkeypatch.setattr(strips.time, "monotonic", lambda: now[0])
     shapes, params = [np.array(comb)] * 2, SheetParams(nesting_seconds=seconds)
     packing = nesting.nest(shapes, params)
@@ -130,7 +131,9 @@ def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(
         len(grown(shapes[0], half, strips.FINE_BAY, strips.FINE_CORNERS)),
     ]
     assert points[0] < points[1]
-    assert told == [(seconds // len(fine), points[one]) for one in fine]
+    assert [count for _, count in told] == sorted(count for _, count in told)
+    for one in fine:
+        assert sum(took for took, count in told if count == points[one]) == seconds // len(fine)
 
 
 @pytest.mark.parametrize(("rotation", "step"), [("QUARTER", 90.0), ("GRAIN", 180.0)])
@@ -262,6 +265,85 @@ def test_of_sets_tried_at_once_those_after_the_first_that_fits_are_given_up(monk
     finally:
         one.finish()
     assert list(found) == sets[:2] and found[sets[0]] is None and found[sets[1]].width < 0.5
+
+
+@pytest.mark.parametrize(("gain", "whole"), [(0.01, True), (0.0, False)])
+def test_a_strip_that_gains_nothing_is_given_up(monkeypatch, gain, whole):
+    """With answers by hand, one every tenth of a second, of which each is shorter by a share, or as long as the first."""
+    square, now, told = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), [0.0], []
+
+    def solutions(self, task, seconds):
+        for k in range(round(10 * task["seconds"])):
+            now[0] += 0.1
+            told.append(now[0])
+            yield nest_process.Strip(0.7 * (1.0 - gain) ** k, {})
+
+    monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips, "HOPELESS", np.inf)
+    monkeypatch.setattr(strips.time, "monotonic", lambda: now[0])
+    one = strips.Strips(
+        [square] * 2, SheetParams(sheet_width=0.5, sheet_height=0.25), 1e9, lambda: None, lambda panels: None
+    )
+    try:
+        assert one.on_a_sheet([frozenset((0, 1))]) == {frozenset((0, 1)): None}
+    finally:
+        one.finish()
+    assert (max(told) == pytest.approx(strips.TURN)) is whole and len(told) > 2
+
+
+def test_the_shortest_strip_of_several_starts_counts(monkeypatch):
+    """With answers by hand: every start has its own length, and a core begins anew as long as that gains."""
+    square, told = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), []
+    lengths = {7: 0.9, 8: 0.8, 9: 0.85, 10: 0.6, 11: 0.7, 12: 0.65, 13: 0.7}
+
+    def solutions(self, task, seconds):
+        told.append(task["seed"])
+        yield nest_process.Strip(lengths[task["seed"]], {})
+
+    monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
+    monkeypatch.setattr(strips, "cores", lambda: 2)
+    one = strips.Strips([square] * 2, SheetParams(seed=7), 1e9, lambda: None, lambda panels: None)
+    try:
+        found = one.shortest(frozenset((0, 1)), 60)
+    finally:
+        one.finish()
+    assert sorted(told) == [
+        7,
+        8,
+        9,
+        10,
+        11,
+        12,
+        13,
+    ]  # of one core 9 and 11 gain and 13 does not, of the other 10 and not 12
+    assert found.width == pytest.approx(0.6 - one.separation)
+
+
+def test_the_fullest_sheet_that_is_known_is_kept_where_nothing_fuller_fits(monkeypatch):
+    """With answers by hand: every set fits at first, none later. What covers most is not tried first, for it hardly ever fits."""
+    random, asked = np.random.default_rng(2), []
+    shapes = [np.array([[0, 0], [w, 0], [w, h], [0, h]]) for w, h in random.uniform(0.05, 0.2, (12, 2))]
+    one = Search(shapes, SheetParams(nesting_seconds=1e4), Progress())
+
+    def area(members):
+        return float(one.area[list(members)].sum())
+
+    def on_a_sheet(sets):
+        asked.append(sets)
+        fits = len(asked) == 1
+        return {m: nest_process.Strip(0.5, {i: (0.0, np.zeros(2)) for i in m}) if fits else None for m in sets}
+
+    monkeypatch.setattr(one.strips, "on_a_sheet", on_a_sheet)
+    try:
+        rest = np.argsort(-one.area).tolist()
+        drawn = one._drawn(rest, 0.0, np.random.default_rng(0))
+        first = one._fullest(rest, 0.0, np.random.default_rng(0))
+        again = one._fullest(rest, 0.0, np.random.default_rng(1))
+    finally:
+        one.finish()
+    assert frozenset(first.places) in asked[0] and area(asked[0][0]) < max(map(area, drawn))
+    assert len(asked) > 1 and all(area(members) > first.area for sets in asked[1:] for members in sets)
+    assert again is first
 
 
 def test_no_set_is_tried_for_longer_than_there_is_time(monkeypatch):

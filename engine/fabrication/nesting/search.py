@@ -108,20 +108,26 @@ class Search:
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
         """A sheet with the first of some panels and others that together cover more than ``least``, as many as are found to fit.
 
-        Where none are found, that of the quick packing.
+        Where none are found, the best that is known, or that of the quick packing.
         """
+        best = self._best(rest, least)
         tries: list[frozenset[int]] = []
         limit = np.inf
-        for members in self._drawn(rest, rng):
-            area = float(self.area[list(members)].sum())
-            if area <= least or len(tries) == TRIES:
-                break
-            if area <= limit:
+        for members in self._drawn(rest, least if best is None else best.area, rng):
+            hulls = float(self.hull[list(members)].sum())
+            if hulls <= limit:
                 tries.append(members)
-                limit = LOWER * area
-        number = self._first(tries)
-        found = None if number is None else self.known[tries[number]]
-        return found or next(one for one in self._quick(rest) if rest[0] in one.places)
+                limit = LOWER * hulls
+            if len(tries) == TRIES:
+                break
+        self._first(tries)
+        return self._best(rest, least) or next(one for one in self._quick(rest) if rest[0] in one.places)
+
+    def _best(self, rest: list[int], least: float) -> _Set | None:
+        """The fullest known sheet with the first of some panels and others of them, if one covers more than ``least``."""
+        left = frozenset(rest)
+        known = (one for members, one in self.known.items() if one is not None and rest[0] in members <= left)
+        return max((one for one in known if one.area > least), key=lambda one: one.area, default=None)
 
     def _first(self, tries: Sequence[frozenset[int]]) -> int | None:
         """The first of some sets that is found to lie on a sheet, as far as time allows."""
@@ -145,8 +151,8 @@ class Search:
         for members, found in self.strips.on_a_sheet(fresh).items():
             self.known[members] = self._set(found)
 
-    def _drawn(self, rest: list[int], rng: np.random.Generator) -> list[frozenset[int]]:
-        """Sets of the first of some panels and others drawn at random that may well fit; those that cover most come first."""
+    def _drawn(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
+        """Sets of the first of some panels and others drawn at random that cover more than ``least``; the most promising come first."""
         first, others = rest[0], np.array(rest[1:], dtype=np.int64)
         found: dict[frozenset[int], float] = {}
         for _ in range(DRAWS if len(others) else 0):
@@ -155,7 +161,10 @@ class Search:
                 if self.hull[i] <= left:
                     members.add(i)
                     left -= self.hull[i]
-            found[frozenset(members)] = float(self.area[list(members)].sum())
+            some = list(members)
+            gain = float(self.area[some].sum()) - least
+            if gain > 0.0:
+                found[frozenset(members)] = gain * self._chance(float(self.hull[some].sum()))
         return sorted(found, key=lambda members: -found[members])
 
     def _chance(self, hulls: float) -> float:

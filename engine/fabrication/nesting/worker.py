@@ -20,7 +20,7 @@ def main() -> None:
         strip = spyrrow.StripPackingInstance("", task["high"], items)
         config = spyrrow.StripPackingConfig(
             total_computation_time=task["seconds"],
-            num_workers=task["threads"],
+            num_workers=1,
             seed=task["seed"],
         )
         queue, done = spyrrow.ProgressQueue(), threading.Event()
