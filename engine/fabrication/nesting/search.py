@@ -27,6 +27,7 @@ from .strips import TURN, Strips
 LAST = 0.25  # least share of the time limit for drawing the panels of the emptiest sheets together
 DRAWS = 400  # sets that are drawn for a sheet, of which a few are tried; 10 ms
 LOWER, TRIES = 0.985, 8  # how much less the next set covers after one did not fit, and how many sets in a row may not
+SAME = 1e-3  # share by which the lengths of two strips differ that the same panels make as long
 # chance of the exchanges that are tried, and how many in a row may not fit; of larger sets one panel comes back, of others two may
 LEAST, EXCHANGES, FEW = 0.1, 30, 12
 
@@ -54,6 +55,7 @@ class Search:
         self.area = np.array([shapely.Polygon(s).area for s in self.strips.simple.values()])
         self.large = [i for i, turns in enumerate(self.strips.turns) if not turns]
         self.known: dict[frozenset[int], _Set | None] = {}
+        self.long_sets: dict[frozenset[int], float] = {}  # metres, of sets that did not fit
         # metres, how long a strip of each panel is at least
         self.long = np.array(
             [self.strips.alone(i)[1] if turns else self.free[0] for i, turns in enumerate(self.strips.turns)]
@@ -102,7 +104,7 @@ class Search:
         """From now on try sets for twice as long, those again that did not fit; whether there are any and that is worth it."""
         fitting: dict[frozenset[int], _Set | None] = {one: found for one, found in self.known.items() if found}
         again = self.strips.harder() and len(fitting) < len(self.known)
-        self.known = fitting
+        self.known, self.long_sets = fitting, {}
         return again
 
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
@@ -111,16 +113,19 @@ class Search:
         Where none are found, the best that is known, or that of the quick packing.
         """
         best = self._best(rest, least)
-        tries: list[frozenset[int]] = []
-        limit = np.inf
-        for members in self._drawn(rest, least if best is None else best.area, rng):
-            hulls = float(self.hull[list(members)].sum())
-            if hulls <= limit:
-                tries.append(members)
-                limit = LOWER * hulls
-            if len(tries) == TRIES:
+        least_gain, limit, failed = least if best is None else best.area, np.inf, len(self.known)
+        for _ in range(TRIES // 2):
+            tries: list[frozenset[int]] = []
+            for members in self._drawn(rest, least_gain, rng):
+                hulls = float(self.hull[list(members)].sum())
+                if hulls <= limit and len(tries) < 2:
+                    tries.append(members)
+                    limit = LOWER * hulls
+            if not tries or self._first(tries) is not None:
                 break
-        self._first(tries)
+            if len(self.known) > failed + len(tries):  # it is known why
+                limit = np.inf
+            failed = len(self.known)
         return self._best(rest, least) or next(one for one in self._quick(rest) if rest[0] in one.places)
 
     def _best(self, rest: list[int], least: float) -> _Set | None:
@@ -144,12 +149,25 @@ class Search:
         """Find out of the first of some sets, and of as many after it as there are cores, whether they lie on a sheet."""
         fresh: list[frozenset[int]] = []
         for members in sets:
-            if any(found is None and fewer <= members for fewer, found in self.known.items()):
+            if self._fails(members):
                 self.known[members] = None
             elif len(fresh) < self.strips.count and members not in fresh:
                 fresh.append(members)
         for members, found in self.strips.on_a_sheet(fresh).items():
             self.known[members] = self._set(found)
+            if found is not None and self.known[members] is None:
+                self._blame(members, found.width)
+
+    def _fails(self, members: frozenset[int]) -> bool:
+        """Whether some of these panels are known not to fit."""
+        return any(found is None and fewer <= members for fewer, found in self.known.items())
+
+    def _blame(self, members: frozenset[int], length: float) -> None:
+        """Note of a set that was too long, and of another one just as long, that what they share does not fit."""
+        for other, known in self.long_sets.items():
+            if abs(known - length) < SAME * length and len(members & other) > 1:
+                self.known.setdefault(members & other, None)
+        self.long_sets[members] = length
 
     def _drawn(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
         """Sets of the first of some panels and others drawn at random that cover more than ``least``; the most promising come first."""
@@ -163,7 +181,7 @@ class Search:
                     left -= self.hull[i]
             some = list(members)
             gain = float(self.area[some].sum()) - least
-            if gain > 0.0:
+            if gain > 0.0 and not self._fails(frozenset(members)):
                 found[frozenset(members)] = gain * self._chance(float(self.hull[some].sum()))
         return sorted(found, key=lambda members: -found[members])
 

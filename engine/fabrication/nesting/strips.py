@@ -121,9 +121,9 @@ class Strips:
         return wide, np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
 
     def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], Strip | None]:
-        """A strip no longer than a sheet of each of some sets of panels, None where none was found.
+        """The shortest strip that is found of each of some sets of panels, None where there is none.
 
-        Once one is found, those after it are given up and are not in the answer.
+        Once one is no longer than a sheet, those after it are given up and are not in the answer.
         """
         stops = [Event() for _ in sets]
         futures = [self._threads.submit(self._placed, members, stop) for members, stop in zip(sets, stops, strict=True)]
@@ -131,8 +131,12 @@ class Strips:
         return {
             members: future.result()
             for members, future, stop in zip(sets, futures, stops, strict=True)
-            if not stop.is_set() or future.result() is not None
+            if not stop.is_set() or self.fits(future.result())
         }
+
+    def fits(self, strip: Strip | None) -> bool:
+        """Whether there is a strip and it is no longer than a sheet."""
+        return strip is not None and strip.width <= float(self.free[0])
 
     def shortest(self, members: frozenset[int], seconds: int, fine: bool = False) -> Strip | None:
         """As short a strip of some panels as is found in some seconds by all cores, which begins at 0; by the simple or the fine outlines.
@@ -160,12 +164,12 @@ class Strips:
     def _wait(
         self, futures: Sequence[Future[Strip | None]], stops: Sequence[Event], panels: int, one: bool = True
     ) -> None:
-        """Wait until all are done, or, if one is enough, until all before the first strip are; when the user wants to stop, end them."""
+        """Wait until all are done, or, if one is enough, until all before the first that fits are; when the user wants to stop, end them."""
         try:
             while any(not future.done() for future in futures):
                 self.tell(panels)
                 wait(futures, timeout=WAIT)
-                found = (k for k, future in enumerate(futures) if one and future.done() and future.result() is not None)
+                found = (k for k, future in enumerate(futures) if one and future.done() and self.fits(future.result()))
                 first = next(found, len(stops))
                 for future, stop in zip(futures[first + 1 :], stops[first + 1 :], strict=True):
                     if not future.done():
@@ -184,7 +188,7 @@ class Strips:
         seconds = self._within(max(fine, self.seconds)) if fine else 0
         if found is not None and length < found.width <= NEAR * length and seconds and not stop.is_set():
             found = self._solve(members, length, seconds, stop, self._finer(members))
-        return None if found is None or found.width > length else found
+        return found
 
     def _within(self, seconds: int) -> int:
         """So many seconds, or as many whole ones as are left."""
