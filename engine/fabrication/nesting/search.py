@@ -118,7 +118,8 @@ class Search:
             tries: list[frozenset[int]] = []
             for members in self._drawn(rest, least_gain, rng):
                 hulls = float(self.hull[list(members)].sum())
-                if hulls <= limit and len(tries) < 2:
+                pair = frozenset(sorted(members, key=lambda i: -self.hull[i])[:2])
+                if hulls <= limit and len(tries) < 2 and not any(pair <= one for one in tries):
                     tries.append(members)
                     limit = LOWER * hulls
             if not tries or self._first(tries) is not None:
