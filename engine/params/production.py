@@ -142,7 +142,7 @@ class SheetParams(Params):
     )  # fmt: skip
     # sheets of 16 pieces were as many and as full as a former search left them after 8 s
     nesting_seconds: float = setting(
-        4.0, "Nesting seconds", "Longest time that the tight nesting may take", low=0.0, high=86400.0
+        3.0, "Nesting seconds", "Longest time that the tight nesting may take", low=0.0, high=86400.0
     )
     remnants: str = setting(
         "",

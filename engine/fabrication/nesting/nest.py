@@ -19,7 +19,7 @@ from .odd import on_remnants
 from .packing import Packing, pack, used_length
 from .process import Strip, python
 from .remnants import read
-from .search import LAST, Search
+from .search import Search
 from .strips import FINE_SECONDS, TURN
 
 PATIENCE = 4  # orders tried in a row without an improvement before sets are tried for longer
@@ -83,7 +83,7 @@ def _searched(search: Search, rough: Packing) -> Packing:
     tops, idle = [(search.needed(rough), rough)], 0
     rng = np.random.default_rng(params.seed)
     # on as few sheets as can be, others may leave a larger piece of the last one over
-    while len(tops[0][1].sizes) - len(search.large) > 1 and search.spent() < 1.0 - LAST:
+    while len(tops[0][1].sizes) - len(search.large) > 1 and search.going:
         search.tell(len(shapes))
         found = search.emptied(search.fill(rng, rough))
         need, idle = search.needed(found), idle + 1

@@ -26,7 +26,10 @@ from .strips import TURN, Strips
 
 LAST = 0.25  # least share of the time limit for drawing the panels of the emptiest sheets together
 DRAWS = 400  # sets that are drawn for a sheet, of which a few are tried; 10 ms
-LOWER, TRIES = 0.985, 8  # how much less the next set covers after one did not fit, and how many sets in a row may not
+LOWER, TRIES = (
+    0.985,
+    8,
+)  # how much less hulls cover in the next set after one did not fit, and how many sets in a row may not
 SAME = 1e-3  # share by which the lengths of two strips differ that the same panels make as long
 # chance of the exchanges that are tried, and how many in a row may not fit; of larger sets one panel comes back, of others two may
 LEAST, EXCHANGES, FEW = 0.1, 30, 12
@@ -73,6 +76,12 @@ class Search:
         """The share of the time limit that has passed."""
         return (time.monotonic() - self.begin) / max(self.params.nesting_seconds, 1e-9)
 
+    @property
+    def going(self) -> bool:
+        """Whether there is time for more sets: what is left is for drawing together, at least a turn of that but at most half of all."""
+        seconds = max(self.params.nesting_seconds, 1e-9)
+        return self.spent() < 1.0 - max(LAST, min(TURN / seconds, 0.5))
+
     def needed(self, packing: Packing) -> float:
         """The sheets of a packing, of which the emptiest counts as far as its panels are expected to need it once they are drawn together."""
         long = self.hull / (HULLS * self.free[1])
@@ -94,7 +103,7 @@ class Search:
         order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.known))
         rest = [i for i in np.argsort(-order, kind="stable").tolist() if i not in self.large]
         sets: list[_Set] = []
-        while rest and self.spent() < 1.0 - LAST:
+        while rest and self.going:
             least = float(self.area[[i for i in quick[rest[0]] if i in rest]].sum())
             sets.append(self._fullest(rest, least, rng))
             rest = [i for i in rest if i not in sets[-1].places]
@@ -112,19 +121,20 @@ class Search:
 
         Where none are found, the best that is known, or that of the quick packing.
         """
-        best = self._best(rest, least)
-        least_gain, limit, failed = least if best is None else best.area, np.inf, len(self.known)
-        for _ in range(TRIES // 2):
+        best, together = self._best(rest, least), max(self.strips.count, 2)
+        limit, failed = np.inf, len(self.known)
+        for _ in range(TRIES // together):
             tries: list[frozenset[int]] = []
-            for members in self._drawn(rest, least_gain, rng):
+            for members in self._drawn(rest, least if best is None else best.area, rng):
                 hulls = float(self.hull[list(members)].sum())
+                # different panels beside the first one: if two large ones do not fit beside each other, all sets with both fail
                 pair = frozenset(sorted(members, key=lambda i: -self.hull[i])[:2])
-                if hulls <= limit and len(tries) < 2 and not any(pair <= one for one in tries):
+                if hulls <= limit and len(tries) < together and not any(pair <= one for one in tries):
                     tries.append(members)
                     limit = LOWER * hulls
             if not tries or self._first(tries) is not None:
                 break
-            if len(self.known) > failed + len(tries):  # it is known why
+            if len(self.known) > failed + len(tries):  # it is known which panels do not fit
                 limit = np.inf
             failed = len(self.known)
         return self._best(rest, least) or next(one for one in self._quick(rest) if rest[0] in one.places)
@@ -139,7 +149,7 @@ class Search:
         """The first of some sets that is found to lie on a sheet, as far as time allows."""
         for k, members in enumerate(tries):
             if members not in self.known:
-                if self.spent() >= 1.0 - LAST:
+                if not self.going:
                     return None
                 self._try([one for one in tries[k:] if one not in self.known])
             if self.known.get(members) is not None:
@@ -193,7 +203,7 @@ class Search:
     def emptied(self, packing: Packing) -> Packing:
         """Panels of the emptiest sheet moved to the others, or exchanged for smaller ones of theirs, as long as time allows."""
         sets = self._sets(packing)
-        while len(sets) > 1 and self.spent() < 1.0 - LAST:
+        while len(sets) > 1 and self.going:
             sets.sort(key=lambda one: one.area)
             moved = self._moved(sets)
             if moved is None:
