@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import tempfile
 import time
 from collections.abc import Callable
@@ -21,6 +22,7 @@ import flexmaps
 from flexmaps import api
 
 USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, what it was once, and so few that a row takes seconds
+LARGER = 2.0  # times: what *Next* offers to make larger at most
 PRESSES, SECONDS, RMS = 14, 60.0, 1.0  # asked: most presses, processor seconds, and percent from the target
 
 
@@ -182,8 +184,18 @@ def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
         **{key: last["figures"][key] for key in ("sheets", "rms_percent", "strain_share")},
         "left": [finding["words"] for finding in open_ones],
         "without_cure": [finding["words"] for finding in open_ones if not finding["cures"]],
+        "larger_for_years": _larger_for_years(last["findings"]),
         "status": last["status"]["text"],
     }
+
+
+def _larger_for_years(findings: list[dict[str, Any]]) -> float | None:
+    """Times that a piece would have to be larger to last for years, as its finding says; None where none is told."""
+    for finding in findings:
+        if finding["key"] == "equilibrium/years":
+            told = re.search(r"([\d.e+]+) times larger", finding["text"])
+            return float(told[1]) if told else 1.0
+    return None
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -202,4 +214,9 @@ def _summary(rows: list[dict[str, Any]]) -> None:
     print(f"no warning at all on {sum(not row['left'] for row in there)} (asked: 18 of 25)")
     print(f"a warning without a cure on {sum(bool(row['without_cure']) for row in rows)} (asked: 0)")
     print(f"RMS <= {RMS:g} % on {near} (asked: 22 of 25)")
+    curved = [row["larger_for_years"] for row in there if row["larger_for_years"] is not None]
+    lasting = [sum(times <= most for times in curved) for most in (1.0, LARGER)]
+    print(
+        f"lasts for years: {lasting[0]} of {len(curved)} as they are, {lasting[1]} when up to {LARGER:g} times as large (asked for that default: 18)"
+    )
     print(f"over {SECONDS:g} s of processor: {sum(row['seconds'] > SECONDS for row in rows)} (asked: 0)")
