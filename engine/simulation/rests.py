@@ -14,7 +14,7 @@ from ..surface.mesh import QuadMesh
 Softest = Callable[[], tuple[np.ndarray, float]]  # the hubs' softest motion (n, 6), and its share of stiffness
 SNAPPING = 0.02  # share of its stiffness that the softest motion has left, below which a piece is about to snap
 MOVING = 0.5  # of the largest turn in that motion, from which on spirals are named; by eye
-AS_NEAR = 1.1  # times the shown shape's distance from the target, up to which another rest matches as well: a difference nobody sees
+AS_NEAR = 1.25  # times the shown distance from the target, up to which another rest matches as well; by eye: .72 and .79 % look alike
 LOWER = 1e-3  # share of the elastic energy by which another rest has to be lower to be named: rounding is far below
 
 
