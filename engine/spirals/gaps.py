@@ -144,7 +144,7 @@ def _near(lines: Lines, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np
         widest = np.maximum(lines.width[arms], lines.end.width[arms])
         enough = below[here] + 0.5 * (widest[one] + widest[two])
         # between two points that are a step apart an arm may be nearer by what half of the step takes off
-        enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=1)).max(axis=1) ** 2)[two]
+        enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=0)).max(axis=0) ** 2)[two]
         if kind == ROUND:  # which lie in one plane as they are
             kept = np.maximum(_parted(p, q, one, two), 0.0) ** 2 < enough
             here, one, two, enough = here[kept], one[kept], two[kept], enough[kept]
@@ -152,8 +152,8 @@ def _near(lines: Lines, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np
             part = slice(first, first + _TOGETHER)
             some = here[part]
             # the pairs come last: long runs of plain sums
-            there = pairs.turn[some] * q.T[:, two[part]] + pairs.shift[some]
-            apart = _squares(p.T[:, one[part]], there)
+            there = pairs.turn[some] * q[:, two[part]] + pairs.shift[some]
+            apart = _squares(p[:, one[part]], there)
             place, row = np.nonzero(apart.min(axis=1) < enough[part])
             found.append((some[row], t[place], s[apart[place, :, row].argmin(axis=1)]))
     if not found:
@@ -179,19 +179,25 @@ def _parted(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> F
     far = np.full(len(one), -np.inf)
     for way in _WAYS:
         first, second = ((x * np.conj(way)).real for x in (p, q))
-        far = np.maximum(far, first.min(axis=1)[one] - second.max(axis=1)[two])
-        far = np.maximum(far, second.min(axis=1)[two] - first.max(axis=1)[one])
+        far = np.maximum(far, first.min(axis=0)[one] - second.max(axis=0)[two])
+        far = np.maximum(far, second.min(axis=0)[two] - first.max(axis=0)[one])
     return far
 
 
-def _drawn(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "n m"]:
-    """Points of arms (N,) at evenly spaced t from 0 on, (N, M)."""
-    radius, share, wind = (v[arms, None] for v in (lines.radius, lines.end.share, lines.wind))
-    turn = np.empty((len(arms), len(t)), dtype=complex)
-    turn[:, :1], turn[:, 1:] = radius * np.exp(1j * lines.angle[arms, None]), np.exp(1j * wind * t[1])
-    return (
-        lines.centre[arms, None] + (1.0 - t) * np.cumprod(turn, axis=1) + lines.end.slope[arms, None] * bent(share, t)
-    )
+def _drawn(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
+    """Points of arms (N,) at evenly spaced t from 0 on, (M, N)."""
+    centre, slope, share = lines.centre[arms], lines.end.slope[arms], lines.end.share[arms]
+    spoke = lines.radius[arms] * np.exp(1j * lines.angle[arms])
+    further, longest = np.exp(1j * lines.wind[arms] * t[1]), share.max()
+    out = np.empty((len(t), len(arms)), dtype=complex)
+    # one place after the other, so that what is worked on stays in the processor's cache
+    for row, place in zip(out, t, strict=True):
+        np.multiply(1.0 - place, spoke, out=row)
+        row += centre
+        if place < longest:
+            row += slope * bent(share, place)
+        spoke *= further
+    return out
 
 
 def _nearest(
