@@ -110,6 +110,11 @@ class DesignSpace:
         """The space in which some spirals are wound no more than in a design that lies in it."""
         return self._limited(design.width, design.twist, where)
 
+    def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
+        """The space in which these spirals too stay as they are in a design."""
+        kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
+        return replace(self, kept=Kept.of(design, kept.astype(np.int64)) if len(kept) else None)
+
     def _limited(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray
     ) -> DesignSpace:

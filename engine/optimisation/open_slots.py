@@ -15,6 +15,7 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slot_estimate import Slots, SlotWidths
+from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..mechanics.arms.tip_motion import TipMotions, tip_motions
 from ..mechanics.assembly import Assembly, Pose
 from ..params import SpiralParams
@@ -43,12 +44,14 @@ class Opening:
 
     width : metres that they should be wide; shapes : what the flat quads give to their arms
     params : of the spirals
+    excess : metres by which the slot beside each arm, the outer one of its two, is estimated too wide; None where that was not measured
     """
 
     shapes: Shapes
     slots: Slots
     width: float
     params: SpiralParams
+    excess: Float[np.ndarray, " arms"] | None = None
 
     @classmethod
     def of(cls, design: SpiralDesign) -> Opening:
@@ -66,10 +69,25 @@ class Opening:
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
         known[arm[own]] = motions[own]
-        found = self.slots.below(LOOK * self.width, self._numbers(model), known)
+        found = self._estimated(model, known)
         joint = np.full(len(known), -1)
         joint[arm[own]] = np.flatnonzero(own)
         return Closing(self, found, joint[found.arms], model, pose)
+
+    def measured(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
+        """Return the same with what the estimate is in excess of slots that were measured in this state."""
+        exact = slots.width[: len(self.shapes.mate)]
+        found, excess = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
+        np.minimum.at(excess, found.arms[:, 0], found.values)
+        outer = slots.arms[: len(exact), 0]
+        excess[outer] = np.where(np.isfinite(excess[outer]), np.maximum(excess[outer] - exact, 0.0), 0.0)
+        return replace(self, excess=excess)
+
+    def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:
+        """Return the places where slots are narrow, from the motions of the tips."""
+        most = 0.0 if self.excess is None else float(self.excess.max())
+        found = self.slots.below(LOOK * self.width + most, self._numbers(model), known)
+        return found if self.excess is None else replace(found, values=found.values - self.excess[found.arms[:, 0]])
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
         """Of every arm, in the order of ``blends``."""

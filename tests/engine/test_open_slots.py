@@ -110,6 +110,33 @@ def test_narrow_slots_are_estimated_to_a_tenth_of_a_millimetre(clockwise) -> Non
     assert (np.percentile(missed, [50, 90]) < [5e-5, 1e-4]).all() and missed.max() < 2e-4
 
 
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(clockwise) -> None:
+    found = simulated("dome", 4.5)
+    params = dataclasses.replace(found.design.params, clockwise=clockwise)
+    count, excess = len(found.design.twist), []
+    opening = measured = None
+    for twist in (4.5, 4.45):
+        made = uniform(found.design.flat, params, width=0.0016, twist=twist)
+        at_rest = simulate(made, found.target, VERO, SimulateParams(), quick=True)
+        pose, slots = at_rest.equilibrium.pose, slots_in_space(made, bent(made, at_rest.equilibrium.pose))
+        model = model_of(made, made.width, made.twist)
+        if opening is None:
+            opening = dataclasses.replace(Opening.of(made), width=NARROW)
+            measured = opening.measured(model, pose, slots)
+        for one in (opening, measured):
+            told, least = one.at(model, pose).found, np.full(4 * count, np.inf)
+            np.minimum.at(least, told.arms[:, 0], told.values)
+            excess.append(least[slots.arms[: 4 * count, 0]] - slots.width[: 4 * count])
+    narrow = np.isfinite(excess).all(axis=0)
+    wide = narrow & (excess[0] > 2e-5)
+    assert wide.sum() > 10
+    assert np.abs(excess[1][wide]).max() < 1e-12
+    small = narrow & (excess[0] < 0.0)
+    assert excess[1][small] == pytest.approx(excess[0][small], abs=1e-12)
+    assert np.median(np.abs(excess[3][wide])) < 0.3 * np.median(np.abs(excess[2][wide]))
+
+
 def test_estimated_widths_follow_hubs_and_spirals(dome) -> None:
     design, pose, width, twist = dome
     opening = dataclasses.replace(Opening.of(design), width=0.0008)
