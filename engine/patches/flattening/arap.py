@@ -21,6 +21,9 @@ from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
 
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
+# Falls of a weighted mean from a round's first solve to its last by which more solves could lower it yet. Of 2,334 flattenings
+# within their limit on nine surfaces 0 would give 17 up, 1 and 4 none; 4 leaves 44 % of the rounds of those beyond it
+REST = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,8 @@ class PatchProblem:
         self.sizes = np.array(sizes or [len(quads)])
         self.patch_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
         self.tri = corner_triangles(mesh).pick(quads)
+        self._towards = self.tri.along.conj(), self.tri.against.conj()
+        self._around = corners[:, NEXT], corners[:, PREVIOUS]
         self.count = int(corners.max()) + 1
         self._analyse()
 
@@ -80,7 +85,7 @@ class PatchProblem:
         self.place = np.empty(n, dtype=np.int64)
         self.place[order] = np.arange(n)
         i, j = self.place[rows], self.place[cols]
-        self._lower = i >= j
+        self._lower = np.flatnonzero(i >= j)
         self.band = int((i - j).max())
         # Fortran layout of LAPACK's lower band storage: entry (i, j) at [i - j, j]
         self._slot = (j * (self.band + 1) + i - j)[self._lower]
@@ -95,7 +100,7 @@ class PatchProblem:
     ) -> Float[np.ndarray, "band vertices"]:
         """Banded Cholesky factor of the weighted Laplacian; one vertex a patch is held, which changes nothing else."""
         self.tick()
-        values = (weights[:, None, None] * self.tri.stiffness).reshape(-1)[self._lower]
+        values = (weights[:, None, None] * self.tri.stiffness).take(self._lower)
         slots = self._slot
         size = (self.band + 1) * self.count
         if springs is not None:
@@ -111,7 +116,8 @@ class PatchProblem:
         # quads without area leave their corners where they like: hold them by next to nothing
         for shift in (0.0, *SHIFTS):
             held = band.copy(order="F")
-            held[0] += shift * np.nan_to_num(band[0]).max()
+            if shift:
+                held[0] += shift * np.nan_to_num(band[0]).max()
             factor, info = dpbtrf(held, lower=1, overwrite_ab=1)
             if info == 0:
                 return factor
@@ -121,9 +127,8 @@ class PatchProblem:
         self, points: Complex[np.ndarray, " vertices"]
     ) -> tuple[Complex[np.ndarray, "quads 4"], Complex[np.ndarray, "quads 4"]]:
         """a and b of every corner triangle."""
-        u = points[self.corners]
-        d = u[:, NEXT] - u
-        before = d[:, PREVIOUS]
+        u, after, before = (points.take(corners) for corners in (self.corners, *self._around))
+        d, before = after - u, u - before
         t = self.tri
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
@@ -136,10 +141,10 @@ class PatchProblem:
     ) -> Complex[np.ndarray, " vertices"]:
         """The points that fit the rotations best."""
         self.tick()
-        t = self.tri
-        s = t.area * weights[:, None] * rotation
-        pull = t.along.conj() * s + (t.against.conj() * s)[:, NEXT]
-        force = (pull[:, PREVIOUS] - pull).ravel()
+        along, against = self._towards
+        s = self.tri.area * weights[:, None] * rotation
+        pull = along * s + (against * s).take(NEXT, axis=1)
+        force = (pull.take(PREVIOUS, axis=1) - pull).ravel()
         f = self._flat_corners
         rhs = np.empty((self.count, 2), order="F")
         real = np.bincount(f, weights=force.real, minlength=self.count)
@@ -152,7 +157,9 @@ class PatchProblem:
                 part -= np.bincount(i, weights=vector, minlength=self.count)
         rhs[self.place, 0], rhs[self.place, 1] = real, imag
         solution, _ = dpbtrs(factor, rhs, lower=1, overwrite_b=1)
-        return solution[self.place, 0] + 1j * solution[self.place, 1]
+        points = np.empty(self.count, dtype=complex)
+        points.real, points.imag = solution[:, 0].take(self.place), solution[:, 1].take(self.place)
+        return points
 
     @cached_property
     def _turns(self) -> Complex[np.ndarray, " joints"]:
@@ -233,7 +240,8 @@ class PatchProblem:
         a, b = self.maps(points)
         size_a, size_b = np.abs(a), np.abs(b)
         rotation = a / np.maximum(size_a, 1e-300)
-        return FlatPatch(points, rotation, quad_energy(self.tri, a, b), int((~(size_b < size_a)).sum()))
+        flips = size_a.size - np.count_nonzero(size_b < size_a)
+        return FlatPatch(points, rotation, quad_energy(self.tri, size_a, size_b), flips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,11 +287,18 @@ def settle(
 
 
 def minimax(
-    problem: PatchProblem, patch: FlatPatch, *, rounds: int = 15, inner: int = 2, target: float = 0.0
+    problem: PatchProblem,
+    patch: FlatPatch,
+    *,
+    rounds: int = 15,
+    inner: int = 2,
+    target: float = 0.0,
+    hopeless: float = np.inf,
 ) -> FlatPatch:
     """Lower the worst energy by weighing bad quads more, round by round; the best patch seen is returned.
 
     target : stop as soon as the worst energy is below this
+    hopeless : give up as soon as the worst energy is bound to stay above this
     """
     weights = np.ones(len(problem.quads))
     best = patch
@@ -295,8 +310,14 @@ def minimax(
         weights /= weights.mean()
         np.maximum(weights, 1e-4, out=weights)
         factor = problem.factor(weights)
+        shares, means = weights * problem.tri.whole, list[float]()
+        shares /= shares.sum()
         for _ in range(inner):
             patch = problem.patch(problem.global_step(factor, weights, patch.rotation))
+            means.append(float(shares @ patch.energy))
         if (patch.flips, patch.worst) < (best.flips, best.worst):
             best = patch
+        # the worst energy of any flat shape is at least the least weighted mean (weak duality), to which more solves would come
+        if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
+            break
     return best

@@ -86,7 +86,7 @@ def measured(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Flat
     d = np.roll(u, -1, axis=1) - u
     before = np.roll(d, 1, axis=1)
     a, b = tri.along * d + tri.against * before, tri.along_bar * d + tri.against_bar * before
-    return FlatPatches(layout, points, quad_energy(tri, a, b), square_energy(u))
+    return FlatPatches(layout, points, quad_energy(tri, np.abs(a), np.abs(b)), square_energy(u))
 
 
 def in_frame(

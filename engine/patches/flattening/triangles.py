@@ -8,7 +8,7 @@ triangles, which are both of its triangulations.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -35,6 +35,11 @@ class CornerTriangles:
     area: Float[np.ndarray, "quads 4"]
     flat: Complex[np.ndarray, "quads 4"]
     stiffness: Float[np.ndarray, "quads 4 4"]
+
+    @cached_property
+    def whole(self) -> Float[np.ndarray, " quads"]:
+        """Square metres: the areas of the four triangles of a quad together, never 0."""
+        return np.maximum(self.area.sum(axis=1), 1e-300)
 
     def pick(self, quads: np.ndarray) -> CornerTriangles:
         """Those of some quads only."""
@@ -100,11 +105,11 @@ def _triangles(
 
 
 def quad_energy(
-    tri: CornerTriangles, a: Complex[np.ndarray, "quads 4"], b: Complex[np.ndarray, "quads 4"]
+    tri: CornerTriangles, a: Float[np.ndarray, "quads 4"], b: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, " quads"]:
-    """E of every quad from the a and b of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
-    energy = 2.0 * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)
-    return (tri.area * energy).sum(axis=1) / np.maximum(tri.area.sum(axis=1), 1e-300)
+    """E of every quad from |a| and |b| of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
+    energy = 2.0 * ((a - 1.0) ** 2 + b**2)
+    return (tri.area * energy).sum(axis=1) / tri.whole
 
 
 def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:

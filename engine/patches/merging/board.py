@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
+from hashlib import blake2b
 
 import numpy as np
 
 from ...arrays import Bool, Complex, Int
 from ...params import LayoutParams
 from ...surface.curvature import corner_angles
+from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry
 from ..flattening.arap import FlatPatch, PatchProblem, minimax, settle
 from ..flattening.outline import simple
@@ -56,6 +58,17 @@ class Effort:
         return self.left <= 0
 
 
+class Shared:
+    """What boards of the same mesh and limits need not do twice.
+
+    flattened : by quads, outline, start and limit, what a flattening gave and the work that it took
+    """
+
+    def __init__(self, mesh: QuadMesh, params: LayoutParams):
+        self.sketcher = Sketcher(mesh, params.neck_min)
+        self.flattened: dict[tuple[bytes, bytes, bytes, float], tuple[FlatPatch | None, float]] = {}
+
+
 class Board:
     """The state of merging: cuts, pieces, and the symmetries that every change must keep.
 
@@ -63,6 +76,7 @@ class Board:
     bottleneck : the largest that a patch may get, see ``Sketch``; distortion_share : how much of the limit it may use up
     lenient : changes may go beyond the limits on isthmuses, sizes and compactness
     tick : called at every attempt
+    shared : with other boards of the same mesh and limits
     swept, refused : what straightening has looked at, and what it was refused, under these symmetries and limits
     solved : what was flattened before; failed : what did not lie flat, and from which parents: others may do better
     """
@@ -74,13 +88,15 @@ class Board:
         symmetries: Sequence[Symmetry] = (),
         effort: Effort | None = None,
         tick: Callable[[], None] = lambda: None,
+        shared: Shared | None = None,
     ):
         self.mesh, self.params, self.symmetries = layout.mesh, params, list(symmetries)
         self.angles = corner_angles(layout.mesh)
         self.cut = layout.cut.copy()
         self.marked = set(np.flatnonzero(layout.cut | layout.mesh.border).tolist())
         self.piece_of = -1 - layout.patch_of
-        self.sketcher = Sketcher(layout.mesh, params.neck_min)
+        self.shared = shared or Shared(layout.mesh, params)
+        self.sketcher = self.shared.sketcher
         self.bottleneck = BOTTLENECK
         self.distortion_share = MERGING_SHARE
         self.lenient = False
@@ -260,19 +276,29 @@ class Board:
         return None if piece.isthmus < min(SLACK / self.bottleneck, *(p.isthmus for p in parents)) else piece
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
+        start = self.sketcher.rotations(parents, sketch.quads, opens)
+        digest = blake2b(start, digest_size=16).digest()
+        key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
+        if key not in self.shared.flattened:
+            self.shared.flattened[key] = self._flatten(sketch, start, limit)
+        flat, work = self.shared.flattened[key]
+        self.effort.left -= work  # also where nothing is done: layouts are not to depend on what is remembered
+        return flat
+
+    def _flatten(self, sketch: Sketch, start: np.ndarray, limit: float) -> tuple[FlatPatch | None, float]:
+        """The patch where it lies flat within the limit, and the work that it took."""
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners, self.tick)
-        self.effort.left -= SOLVES * len(sketch.quads)
+        work = SOLVES * len(sketch.quads)
         # weighing the bad quads brings the worst energy down by a half; by far more where a few quads hold it all
         bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)
-        flat = settle(problem, self.sketcher.rotations(parents, sketch.quads, opens), tolerance=0.01, hopeless=bar)
+        flat = settle(problem, start, tolerance=0.01, hopeless=bar)
         if flat.worst > bar:
-            return None
+            return None, work
         if flat.worst > limit or flat.flips:
-            self.effort.left -= 3 * SOLVES * len(sketch.quads)
-            flat = minimax(problem, flat, target=0.97 * limit)
-        if flat.worst > limit or flat.flips or not simple(flat.points, sketch.corners, sketch.sides):
-            return None
-        return flat
+            work *= 4
+            flat = minimax(problem, flat, target=0.97 * limit, hopeless=limit)
+        good = flat.worst <= limit and not flat.flips and simple(flat.points, sketch.corners, sketch.sides)
+        return flat if good else None, work
 
     def _named(self, sketch: Sketch, flat: FlatPatch) -> Piece:
         self.serial += 1

@@ -18,7 +18,7 @@ from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
 from ..tracing.trace import make_disks
-from .board import BOTTLENECK, Board, Change, Effort
+from .board import BOTTLENECK, Board, Change, Effort, Shared
 from .dissolve import dissolve
 from .halve import halved, leaves_plane
 from .ranking import Ranking, split_long, worth
@@ -98,15 +98,15 @@ def _merge_body(
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = effort_for(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
-    ranking = Ranking(whole_group)
-    start = Board(layout, params, effort=effort, tick=tick)
+    shared, ranking = Shared(layout.mesh, params), Ranking(whole_group)
+    start = Board(layout, params, effort=effort, tick=tick, shared=shared)
     ranked = _merged(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
     board = _best(ranked, ranking, progress.part(0.5, 0.55))
     kept = keeping(whole_group, layout.cut)
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
         images = close_under(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
-        mirrored = Board(disks, params, effort=effort_for(layout), tick=tick)
+        mirrored = Board(disks, params, effort=effort_for(layout), tick=tick, shared=shared)
         more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
         more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
         other = _best(more, ranking, progress.part(0.5, 0.55))
@@ -116,14 +116,14 @@ def _merge_body(
         board = start  # it was merged before
     if layout.origin and ranking.poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
-        other = Board(parts, params, effort=effort, tick=tick)
+        other = Board(parts, params, effort=effort, tick=tick, shared=shared)
         run(other, FACES, progress.part(0.55, 0.75))
         other = _best([(0.0, 0, other)], ranking, progress.part(0.75, 0.8))
         if ranking.better(other, board, progress):
             board = other
     for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
         # what merging gives is to be what merging it once more gives
-        again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick)
+        again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick, shared=shared)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
         more = _merged(again, "", whole_group, bodies, part)
         if (more[0][2].cut == board.cut).all():

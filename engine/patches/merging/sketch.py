@@ -14,6 +14,7 @@ from ..flattening.outline import isthmus_width
 from ..layout import drawn_lengths, groups, straight_on
 from ..loops import NEXT, Loops, loops_of, perimeter
 
+ROOM = 1_000_000  # quads in the sketches that are kept: it bounds memory, an estimated 80 bytes each
 WIDEST = 8  # edges: longer straight lines are no isthmuses; 5 and 12 give the same patches on seven surfaces
 
 
@@ -78,16 +79,33 @@ class Sketcher:
     """Measures patches of one mesh under changing cuts.
 
     place : (F,) int, scratch: local numbers of the quads at hand during a call, -1 everywhere between calls
+    onward : (4 F,) int, the side 4 q + k that goes on along the line of side k of quad q, -1 where the line ends
+    known : sketches by their quads and the sides on the outline; held : how many quads are in them
     """
 
     def __init__(self, mesh: QuadMesh, neck_min: int):
         self.mesh, self.neck_min = mesh, neck_min
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
+        quad, side, valid = straight_on(mesh, *np.divmod(np.arange(mesh.quads.size), 4))
+        self.onward = np.where(valid, 4 * quad + side, -1)
+        self.known: dict[tuple[bytes, bytes], Sketch] = {}
+        self.held = 0
 
     def sketch(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> Sketch:
         """Measures of the patch that some quads make under some cuts."""
+        sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
+        key = quads.tobytes(), sides.tobytes()
+        if key not in self.known:
+            if self.held > ROOM:
+                self.known, self.held = {}, 0
+            self.known[key] = self._sketched(quads, sides, cut)
+            self.held += len(quads)
+        return self.known[key]
+
+    def _sketched(
+        self, quads: Int[np.ndarray, " quads"], sides: Bool[np.ndarray, "quads 4"], cut: Bool[np.ndarray, " edges"]
+    ) -> Sketch:
         mesh = self.mesh
-        sides = (cut | mesh.border)[mesh.quad_edges[quads]]
         qa, ka, qb, kb = self.joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
         b = np.concatenate([4 * qb + NEXT[kb], 4 * qb + kb])
@@ -136,25 +154,25 @@ class Sketcher:
         """``Sketch.isthmuses`` and ``Sketch.bottleneck``; a line between two loops has nothing behind it."""
         where = loops.where
         q, k = np.nonzero(~sides & (where[corners] >= 0))
-        begin = corners[q, k]
+        at, begin, ahead = 4 * quads[q] + k, corners[q, k], corners[:, NEXT].ravel()
         short, bottleneck = 0, 0.0
-        self.place[quads] = np.arange(len(quads))
+        self.place[quads] = 4 * np.arange(len(quads))
         for steps in range(1, WIDEST + 1):
-            at = corners[q, NEXT[k]]
-            end = where[at] >= 0
+            tip = ahead[self.place[at >> 2] + (at & 3)]
+            end = where[tip] >= 0
             if end.any():
-                one, two = begin[end], at[end]
+                one, two = begin[end], tip[end]
                 behind = np.abs(where[two] - where[one])
                 behind = np.minimum(behind, loops.lengths[loops.loop[one]] - behind)
                 own = rim[one] & rim[two]
                 behind[own | (loops.loop[one] != loops.loop[two])] = 0
                 bottleneck = max(bottleneck, float(behind.max()) / steps)
                 short += int((~own).sum()) if steps < self.neck_min else 0
-            if end.all():
+            at = np.where(end, -1, self.onward[at])
+            going = at >= 0
+            at, begin = at[going], begin[going]
+            if not len(at):
                 break
-            q, k, begin = q[~end], k[~end], begin[~end]
-            quad, side, valid = straight_on(self.mesh, quads[q], k)
-            q, k, begin = self.place[quad[valid]], side[valid], begin[valid]
         self.place[quads] = -1
         return short, bottleneck
 

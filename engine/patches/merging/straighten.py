@@ -171,27 +171,24 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     mesh, owner = board.mesh, board.piece_of
     old = owner[slide.quads]
     new = owner[slide.hosts]
-    edges = np.unique(mesh.quad_edges[slide.quads])
-    edges = edges[~mesh.border[edges]]
-    pair = mesh.edge_quads[edges]
-    cut = board.cut[edges]
-    where = np.minimum(np.searchsorted(slide.quads, pair), len(slide.quads) - 1)
-    moved = slide.quads[where] == pair
-    if (old == new).all():
-        if (old != old[0]).any():
-            return None
+    stays = old == new
+    if stays.any() and not (stays.all() and (old == old[0]).all()):
+        return None
+    touched = np.zeros(len(mesh.edges), dtype=bool)
+    touched[mesh.quad_edges[slide.quads]] = True
+    edges = np.flatnonzero(touched & ~mesh.border)
+    cut, (one, two) = board.cut[edges], mesh.edge_quads[edges].T
+    after = owner.copy()
+    if stays.any():
         # an inner cut: what was on one side of it is on the other afterwards
-        inside = moved[:, 0] != moved[:, 1]
-        own = (owner[pair] == old[0]).all(axis=1)
-        flip = inside & own
+        after[slide.quads] = 0  # the serial of no piece
+        flip = (after[one] == 0) != (after[two] == 0)
+        flip &= (owner[one] == old[0]) & (owner[two] == old[0])
         opens, closes = edges[flip & cut], edges[flip & ~cut]
     else:
-        if (old == new).any():
-            return None
-        after = np.where(moved, new[where], owner[pair])
-        same = after[:, 0] == after[:, 1]
-        was_same = owner[pair[:, 0]] == owner[pair[:, 1]]
-        opens, closes = edges[cut & same & ~was_same], edges[~cut & ~same]
+        after[slide.quads] = new
+        same = after[one] == after[two]
+        opens, closes = edges[cut & same & (owner[one] != owner[two])], edges[~cut & ~same]
     return (opens, closes) if len(opens) else None
 
 
