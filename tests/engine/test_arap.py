@@ -58,7 +58,7 @@ def test_energy_is_blind_to_rigid_motions_and_sees_scale() -> None:
     turned = settle(problem).points * np.exp(0.7j) + 3
     assert problem.patch(turned).energy.max() < 1e-20
     a, b = problem.maps(turned * 1.1)
-    assert quad_energy(tri, a, b) == pytest.approx(2 * 0.1**2)
+    assert quad_energy(tri, np.abs(a), np.abs(b)) == pytest.approx(2 * 0.1**2)
 
 
 def test_square_energy_of_squares_and_rectangles() -> None:
@@ -90,6 +90,25 @@ def test_weighing_bad_quads_lowers_the_worst() -> None:
     better = minimax(problem, start)
     assert better.flips == 0
     assert better.worst < 0.8 * start.worst
+
+
+@pytest.mark.parametrize("height", [0.5, 1.0, 2.0, 3.0])
+@pytest.mark.parametrize("name", ["dome", "saddle", "strip"])
+def test_giving_up_early_loses_nothing_that_comes_within_the_limit(name: str, height: float) -> None:
+    mesh = shapes.make(name)
+    problem = whole(mesh.moved(mesh.vertices * [1.0, 1.0, height]))
+    start, solves = settle(problem), [0]
+    problem.tick = lambda: solves.__setitem__(0, solves[0] + 1)
+    least = minimax(problem, start).worst
+    for limit in np.array([1.0, 1.001, 1.02, 1.2]) * least:
+        without = minimax(problem, start, target=0.97 * limit)
+        found = minimax(problem, start, target=0.97 * limit, hopeless=limit)
+        assert without.worst > limit or (found.points == without.points).all()
+    solves[0] = 0
+    minimax(problem, start)
+    whole_way, solves[0] = solves[0], 0
+    assert minimax(problem, start, hopeless=0.1 * least).worst > 0.1 * least
+    assert solves[0] < 0.5 * whole_way
 
 
 def test_not_worse_than_libigl() -> None:

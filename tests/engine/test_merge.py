@@ -12,7 +12,7 @@ from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.flattening.report import layout_report
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.merging import board, merge, sketch
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
@@ -34,6 +34,44 @@ def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
 @pytest.fixture(scope="module")
 def layouts() -> dict[str, FlatPatches]:
     return {name: merged(shapes.make(name)) for name in NAMES}
+
+
+@pytest.mark.parametrize("name", ["demo", "two_bodies"])
+def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With nothing kept between changes the same seams, flat points and work come of it."""
+    spent: list[float] = []
+    make = merge.effort_for
+
+    def counted(layout: PatchLayout) -> board.Effort:
+        efforts.append(make(layout))
+        return efforts[-1]
+
+    monkeypatch.setattr(merge, "effort_for", counted)
+    found = []
+    for remembers in (True, False):
+        efforts: list[board.Effort] = []
+        if not remembers:
+            monkeypatch.setattr(sketch, "ROOM", -1)
+            monkeypatch.setattr(board.Shared, "__init__", _without_memory)
+        found.append(merged(shapes.make(name)))
+        spent.append(sum(effort.left for effort in efforts))
+    assert (found[0].layout.cut == found[1].layout.cut).all()
+    assert (found[0].points == found[1].points).all() and spent[0] == spent[1]
+
+
+class _Forgetful(dict[Any, Any]):
+    """Holds one entry, the last one."""
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self.clear()
+        super().__setitem__(key, value)
+
+    def __contains__(self, key: Any) -> bool:
+        return False
+
+
+def _without_memory(self: Any, mesh: QuadMesh, params: LayoutParams) -> None:
+    self.sketcher, self.flattened = sketch.Sketcher(mesh, params.neck_min), _Forgetful()
 
 
 def checked(flat: FlatPatches) -> dict[str, Any]:
