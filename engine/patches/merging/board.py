@@ -277,7 +277,7 @@ class Board:
 
     def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
         start = self.sketcher.rotations(parents, sketch.quads, opens)
-        digest = blake2b(start, digest_size=16).digest()
+        digest = blake2b(start.tobytes(), digest_size=16).digest()
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
         if key not in self.shared.flattened:
             self.shared.flattened[key] = self._flatten(sketch, start, limit)
