@@ -74,13 +74,13 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     """
     if not search.task.params.open_slots:
         return found
-    best = here = _unwound_result(search, found, found, progress, bearable=True)
+    best = here = _unwind(search, found, found, progress, bearable=True)
     for _ in range(EASINGS):
-        eased = _eased(search, here, found.point.problem.space.kept, progress) if _closed(best) else None
+        eased = _ease_strains(search, here, found.point.problem.space.kept, progress) if _closed(best) else None
         if eased is None:
             break
         here = eased
-        again = _unwound_result(search, eased, found, progress, bearable=True)
+        again = _unwind(search, eased, found, progress, bearable=True)
         if _closed(again) < _closed(best) and again.bears(found):
             best = again
     if best is found:
@@ -93,7 +93,7 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     return best if best.bears(found) and _closed(best) < _closed(found) else found
 
 
-def _unwound_result(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
+def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
     """Return the result with the fewest closed slots among those whose spirals are unwound step by step; the same where none has fewer.
 
     bearable : spirals whose arms are then strained too much, and those beside them, keep their twists, and only results count that ``before`` allows
@@ -116,14 +116,14 @@ def _unwound_result(search: Search, found: Found, before: Found, progress: Progr
     return best
 
 
-def _eased(search: Search, found: Found, kept: Kept | None, progress: Progress) -> Found | None:
+def _ease_strains(search: Search, found: Found, kept: Kept | None, progress: Progress) -> Found | None:
     """Return what a few more steps of the search make of a result whose closed slots are opened by less twist, which they do not bring back.
 
     Slots within spirals are as wide in these steps as they were measured; what lies between spirals is not estimated, so those beside
     such a closed slot stay as they are, as those that are ``kept`` do. None where no slot opens so, no step
     brings anything, or nothing that can be cut comes of it.
     """
-    loose = _unwound_result(search, found, found, progress, bearable=False)
+    loose = _unwind(search, found, found, progress, bearable=False)
     closed, slots = found.simulation.slots(), loose.simulation.slots()
     if closed is None or slots is None or (loose is found and len(closed.closed)):
         return None
@@ -154,7 +154,7 @@ def _with_measured_slots(point: Point, slots: SpaceSlots) -> Point:
     opening, model = point.problem.opening, point.model
     if opening is None or not isinstance(model, ArmModel):
         return point
-    measured = opening.measured(model, point.equilibrium.pose, slots)
+    measured = opening.with_excess(model, point.equilibrium.pose, slots)
     return replace(point, problem=replace(point.problem, opening=measured))
 
 

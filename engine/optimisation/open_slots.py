@@ -74,7 +74,7 @@ class Opening:
         joint[arm[own]] = np.flatnonzero(own)
         return Closing(self, found, joint[found.arms], model, pose)
 
-    def measured(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
+    def with_excess(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
         """Return the same with what the estimate is in excess of slots that were measured in this state."""
         exact = slots.width[: len(self.shapes.mate)]
         found, excess = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)

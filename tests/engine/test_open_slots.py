@@ -123,7 +123,7 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
         model = model_of(made, made.width, made.twist)
         if opening is None:
             opening = dataclasses.replace(Opening.of(made), width=NARROW)
-            measured = opening.measured(model, pose, slots)
+            measured = opening.with_excess(model, pose, slots)
         for one in (opening, measured):
             told, least = one.at(model, pose).found, np.full(4 * count, np.inf)
             np.minimum.at(least, told.arms[:, 0], told.values)
