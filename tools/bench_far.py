@@ -22,6 +22,7 @@ from flexmaps.engine.optimisation.optimise import Optimisation, optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.real_sheets import real_sheets
+from flexmaps.engine.simulation.rests import RESTS
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.files.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -78,7 +79,7 @@ def _rows(name: str, found: Optimisation, seconds: float, settings: Settings) ->
     after, physics = found.after, replace(settings.simulate, restarts=0)
     rms, strain = after.match["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, physics)
-    named = any(one.code == "other-rest" for one in after.findings)
+    named = any(one.code in RESTS for one in after.findings)
     slots, trace = after.slots(), found.trace
     start = {"start": found.start, "before": f"{found.before.match['rms_percent']:.2f}", "ended": found.ended}
     energies = {"J": f"{after.equilibrium.energy:.4g}", "J from the target": f"{again.equilibrium.energy:.4g}"}

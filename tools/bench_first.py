@@ -193,8 +193,9 @@ def _larger_for_years(findings: list[dict[str, Any]]) -> float | None:
     """Times that a piece would have to be larger to last for years, as its finding says; None where none is told."""
     for finding in findings:
         if finding["key"] == "equilibrium/years":
-            told = re.search(r"([\d.e+]+) times larger", finding["text"])
-            return float(told[1]) if told else 1.0
+            told = re.search(r"([\d.e+]+) times larger|lasts for years too", finding["text"])
+            assert told is not None, finding["text"]
+            return float(told[1] or 1.0)
     return None
 
 

@@ -17,6 +17,7 @@ from flexmaps.engine.patches.flattening.flatten import measured
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
+from flexmaps.engine.simulation.rests import RESTS
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.structure.structure import without_loads
@@ -123,7 +124,7 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     made = job.go_on(result, settings, ("optimise", "simulate"))
     assert made.optimisation is not None and made.simulation is not None and made.design is not None
     # where the stage names another rest, a simulation from the target may find that one
-    other = any(one.code == "other-rest" for one in made.simulation.findings)
+    other = any(one.code in RESTS for one in made.simulation.findings)
     start = made.simulation.equilibrium.pose if other else None
     found = fresh(made, settings, made.design, start=start)
     block = made.optimisation.report()

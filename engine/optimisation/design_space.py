@@ -107,11 +107,11 @@ class DesignSpace:
         return space._limited(design.width, design.twist, least > design.twist + 1e-12)
 
     def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
-        """The space in which some spirals are wound no more than in a design that lies in it."""
+        """Limit the twist of some spirals to that of a design in the space."""
         return self._limited(design.width, design.twist, where)
 
     def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
-        """The space in which these spirals too stay as they are in a design."""
+        """Also keep these spirals fixed at the values of a design."""
         kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
         return replace(self, kept=Kept.of(design, kept.astype(np.int64)) if len(kept) else None)
 

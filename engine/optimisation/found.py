@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Bool, Float
-from ..errors import FlexMapsError
+from ..errors import Cancelled, FlexMapsError
 from ..materials import STRAINED
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..progress import Progress
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign, proved
-from .design_space import Kept
 from .inverse import Point
+from .optimisers import STOPPED
 from .search import Held, Search
 from .terms import LOOSE
 
@@ -24,7 +24,7 @@ from .terms import LOOSE
 # Unwinding before the last steps of the search left arms that these had no time to ease
 UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
 IDLE = 2  # times that this may open no more
-# Searches after that, and the share of the whole search's time for each. In five roundings of Suzanne's search 4 to 10 slots closed, and 0 to
+# Searches after that, and the share of the whole search's time for each. In five runs of Suzanne's search that differ by rounding 4 to 10 slots closed, and 0 to
 # 5 of them stayed so by less twist alone; with these all open in four and one stays in the fifth, at up to 1.08 times the RMSE. A search takes
 # .1 to .15 of the time before it
 EASINGS, EASING = 4, 0.15
@@ -70,35 +70,45 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
 
     Where slots may close, as the settings say, nothing is done. Where less wound spirals would be strained too much, or their neighbours, the
-    search goes on for a few steps in which they stay so little wound.
+    search goes on for a few steps with these twists as upper limits. Where the user cancels, the result stays as it is.
     """
     if not search.task.params.open_slots:
         return found
+    try:
+        best = _opened_most(search, found, progress)
+        if best is found:
+            return found
+        design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
+        best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
+    except Cancelled:
+        search.trace.ended = STOPPED
+        return found
+    except FlexMapsError:
+        return found
+    return best if best.bears(found) and _closed(best) < _closed(found) else found
+
+
+def _opened_most(search: Search, found: Found, progress: Progress) -> Found:
+    """Return the result with the fewest closed slots that ``found`` allows, by less twist and by more steps of the search."""
     best = here = _unwind(search, found, found, progress, bearable=True)
     for _ in range(EASINGS):
-        eased = _ease_strains(search, here, found.point.problem.space.kept, progress) if _closed(best) else None
+        eased = _ease_strains(search, here, found, progress) if _closed(best) else None
         if eased is None:
             break
         here = eased
         again = _unwind(search, eased, found, progress, bearable=True)
         if _closed(again) < _closed(best) and again.bears(found):
             best = again
-    if best is found:
-        return found
-    try:
-        design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
-    except FlexMapsError:
-        return found
-    best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
-    return best if best.bears(found) and _closed(best) < _closed(found) else found
+    return best
 
 
 def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
     """Return the result with the fewest closed slots among those whose spirals are unwound step by step; the same where none has fewer.
 
+    before : the result of the search, which says what spirals are free
     bearable : spirals whose arms are then strained too much, and those beside them, keep their twists, and only results count that ``before`` allows
     """
-    free, here, given = found.point.problem.space.free.copy(), found, found.simulation.design.twist
+    free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
     least, best, idle = _closed(found), found, 0
     for _ in range(UNWINDINGS):
         design, slots = here.simulation.design, here.simulation.slots(progress)
@@ -116,20 +126,21 @@ def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, 
     return best
 
 
-def _ease_strains(search: Search, found: Found, kept: Kept | None, progress: Progress) -> Found | None:
-    """Return what a few more steps of the search make of a result whose closed slots are opened by less twist, which they do not bring back.
+def _ease_strains(search: Search, found: Found, before: Found, progress: Progress) -> Found | None:
+    """Open the closed slots by less twist, then search a few steps on with these twists as upper limits.
 
-    Slots within spirals are as wide in these steps as they were measured; what lies between spirals is not estimated, so those beside
-    such a closed slot stay as they are, as those that are ``kept`` do. None where no slot opens so, no step
-    brings anything, or nothing that can be cut comes of it.
+    Estimates of slots within spirals are corrected to the measured widths. Slots between spirals have no estimate, so the spirals
+    beside a closed one stay as they are. Return None where no slot opens, no step improves, or the design cannot be cut.
+
+    before : the result of the search, which says what spirals are free
     """
-    loose = _unwind(search, found, found, progress, bearable=False)
+    loose = _unwind(search, found, before, progress, bearable=False)
     closed, slots = found.simulation.slots(), loose.simulation.slots()
     if closed is None or slots is None or (loose is found and len(closed.closed)):
         return None
     design, given, work = loose.simulation.design, found.point.problem, search.task.work
     beside = closed.arms[closed.closed] // 4
-    space = replace(given.space, kept=kept).including(design)
+    space = replace(given.space, kept=before.point.problem.space.kept).including(design)
     space = space.winding_at_most(design, design.twist < found.simulation.design.twist)
     space = space.keeping(design, np.unique(beside[beside[:, 0] != beside[:, 1]]))
     x, pose = space.coordinates(design.width, design.twist), loose.simulation.equilibrium.pose

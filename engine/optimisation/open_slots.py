@@ -44,7 +44,7 @@ class Opening:
 
     width : metres that they should be wide; shapes : what the flat quads give to their arms
     params : of the spirals
-    excess : metres by which the slot beside each arm, the outer one of its two, is estimated too wide; None where that was not measured
+    excess : metres, overestimate of the slot whose outer arm this is; None if not measured
     """
 
     shapes: Shapes
@@ -75,12 +75,12 @@ class Opening:
         return Closing(self, found, joint[found.arms], model, pose)
 
     def with_excess(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
-        """Return the same with what the estimate is in excess of slots that were measured in this state."""
+        """Return a copy whose estimates are corrected to slots that were measured in this state."""
         exact = slots.width[: len(self.shapes.mate)]
-        found, excess = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
-        np.minimum.at(excess, found.arms[:, 0], found.values)
-        outer = slots.arms[: len(exact), 0]
-        excess[outer] = np.where(np.isfinite(excess[outer]), np.maximum(excess[outer] - exact, 0.0), 0.0)
+        found, least = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
+        np.minimum.at(least, found.arms[:, 0], found.values)
+        outer, excess = slots.arms[: len(exact), 0], np.zeros(len(exact))
+        excess[outer] = np.where(np.isfinite(least[outer]), np.maximum(least[outer] - exact, 0.0), 0.0)
         return replace(self, excess=excess)
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:

@@ -25,7 +25,7 @@ from ..threads import one_thread
 from . import codesign
 from .found import Found, opened
 from .inverse import Point, Problem
-from .optimisers import Trace
+from .optimisers import STOPPED, Trace
 from .search import FARTHER, NEAR, Held, Search, Task
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
@@ -97,7 +97,7 @@ class Optimisation:
     @property
     def finished(self) -> bool:
         """False if it was stopped before its end."""
-        return self.ended != "stopped"
+        return self.ended != STOPPED
 
     @cached_property
     def end(self) -> str:
@@ -198,19 +198,19 @@ def optimise(
     accepted(start)
     try:
         name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
-        ended, found = trace.ended, _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
+        found = _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
     except Cancelled:
-        ended, found = "stopped", _so_far(search, *latest)
+        trace.ended, found = STOPPED, _so_far(search, *latest)
     was = Found(before, given, search.farthest)
-    strictness = LOOSE if ended == "stopped" else LENIENT
+    strictness = LOOSE if trace.ended == STOPPED else LENIENT
     if found is None or not found.merit(strictness) < was.merit(strictness):
-        found, ended = was, ended if ended == "stopped" else "nothing"
+        found, trace.ended = was, STOPPED if trace.ended == STOPPED else "nothing"
     after = (
         _with_other_rests(found.simulation, physics, progress.part(0.99, 1.0))
-        if prove and ended != "stopped"
+        if prove and trace.ended != STOPPED
         else found.simulation
     )
-    return Optimisation(before, after, trace, params.method, name, found.point, ended)
+    return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
 
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:

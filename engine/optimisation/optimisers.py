@@ -23,6 +23,7 @@ from .scaling import Bending
 
 TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
 ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
+STOPPED = "stopped"  # why a search ended that was cancelled
 GOAL = 0.5 * ENOUGH**2  # the mismatch there
 JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent predicted it, beside its shift
 # Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken

@@ -190,9 +190,9 @@ def enlarged(
 
 @one_thread
 def settled(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
-    """The result simulated from a pose that was found to be at rest, for stages that need its forces.
+    """Simulate the result from a known pose at rest, for stages that need its forces.
 
-    What a simulation tells beside, the band of real sheets, what limits the match and other shapes at rest, was told with that pose.
+    The band of real sheets, the limits of the match and other rests are left out: they were reported with that pose.
     """
     needed(result, "design")
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))

@@ -15,6 +15,7 @@ Softest = Callable[[], tuple[np.ndarray, float]]  # the hubs' softest motion (n,
 SNAPPING = 0.02  # share of its stiffness that the softest motion has left, below which a piece is about to snap
 MOVING = 0.5  # of the largest turn in that motion, from which on spirals are named; by eye
 AS_NEAR = 1.25  # times the shown distance from the target, up to which another rest matches as well; by eye: .72 and .79 % look alike
+RESTS = ("other-rest", "rest-as-near")  # codes of what is said of another rest: a fault, or information
 LOWER = 1e-3  # share of the elastic energy by which another rest has to be lower to be named: rounding is far below
 
 
@@ -48,7 +49,7 @@ def rest_findings(
 
 
 def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
-    """Return what there is to say about another rest; no more than information where it is as near to the target as the shown one."""
+    """Return what there is to say about another rest; one that is about as near to the target has a code of its own."""
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other)
     )
@@ -62,7 +63,7 @@ def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: 
     far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
     if there <= AS_NEAR * here:
-        return Finding("rest-as-near", "warning", text + "It matches the target as well there.", moved)
+        return Finding("rest-as-near", "warning", text + "There it is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)
 
 

@@ -77,6 +77,7 @@ def test_no_state_comes_twice(
         read(self, context)
 
         def work(progress: Any) -> Any:
+            failures.append(broken)
             raise FlexMapsError("There is no room", faces=[1, 2])
 
         return work
@@ -84,16 +85,21 @@ def test_no_state_comes_twice(
     piece.flexmaps.choose.match = 100.0  # percent: other layouts, which take long to compare, are not wanted
     monkeypatch.setattr(operator, "_read", fails)
     seen: list[tuple[Any, ...]] = []
+    failures: list[str] = []
     for _ in range(pressing.MOST):
         piece = bpy.context.view_layer.objects.active
         act = guidance.of(piece, bpy.context.scene).act
-        if act is None or act.idname == "flexmaps.export" != broken or act.idname == "wm.path_open":
+        if act is None or act.idname == "wm.path_open":
+            break
+        if act.idname == "flexmaps.export" and broken != "flexmaps.export":
             break
         seen.append(_state(piece, act))
         assert seen.count(seen[-1]) == 1, [one[-2:] for one in seen]
         pressing.press(piece)
     else:
         pytest.fail(f"{pressing.MOST} presses lead to no end: {[one[-2:] for one in seen]}")
+    if not failures:
+        pytest.skip(f"Next never offers {broken} from {start}")
     failed = [one for one in guidance.of(piece, bpy.context.scene).notices if one.key == f"failed/{broken}"]
     if act is None:
         assert failed and failed[0].faces == (1, 2), "where it ends, one error names the place"

@@ -71,7 +71,7 @@ class _Forgetful(dict[Any, Any]):
 
 
 def _without_memory(self: Any, mesh: QuadMesh, params: LayoutParams) -> None:
-    self.sketcher, self.flattened = sketch.Sketcher(mesh, params.neck_min), _Forgetful()
+    self.sketcher, self.flattened, self.held = sketch.Sketcher(mesh, params.neck_min), _Forgetful(), 0
 
 
 def checked(flat: FlatPatches) -> dict[str, Any]:

@@ -15,8 +15,6 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from scipy.linalg import eigh
 
-RESTS = ("other-rest", "rest-as-near")  # codes of what is said of another rest
-
 
 @pytest.fixture(scope="module")
 def saddle() -> Simulation:
@@ -35,23 +33,23 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
     higher = dataclasses.replace(saddle, equilibrium=other, others=[])
     found = other_rests(higher, SimulateParams(clamped=False))
     assert found.others[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
-    told = [one for one in found.findings if one.code in RESTS]
+    told = [one for one in found.findings if one.code in rests.RESTS]
     assert len(told) == 1 and told[0].faces and "less energy" in told[0].message
 
 
 def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
     again = other_rests(saddle, SimulateParams(clamped=False))
     assert again.assembled is None  # the target's pose leads to the simulated rest
-    assert all(one.code not in RESTS for one in again.findings)
+    assert all(one.code not in rests.RESTS for one in again.findings)
     higher = dataclasses.replace(saddle, assembled=saddle.others[0])
-    told = [one for one in higher.findings if one.code in RESTS]
+    told = [one for one in higher.findings if one.code in rests.RESTS]
     assert len(told) == 1 and "more energy" in told[0].message and told[0].faces
     far = np.linalg.norm(saddle.others[0].pose.centres - saddle.target.centroids, axis=1)
     share = float(told[0].message.split(" % of its size")[0].rsplit(" ", 1)[1])
     assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.size, rel=0.05)
     rests_of = {"others": [saddle.equilibrium], "assembled": saddle.equilibrium}
     lower = dataclasses.replace(saddle, equilibrium=saddle.others[0], **rests_of)
-    assert ["less energy" in one.message for one in lower.findings if one.code in RESTS] == [True]
+    assert ["less energy" in one.message for one in lower.findings if one.code in rests.RESTS] == [True]
 
 
 def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(saddle: Simulation) -> None:
@@ -61,7 +59,7 @@ def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(sadd
     codes = []
     for shown, other in ((here, there), (there, here)):
         found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
-        codes += [one.code for one in found.findings if one.code in RESTS]
+        codes += [one.code for one in found.findings if one.code in rests.RESTS]
     assert codes == (["other-rest", "rest-as-near"] if apart[1] > apart[0] else ["rest-as-near", "other-rest"])
 
 

@@ -9,13 +9,13 @@ import pytest
 from flexmaps.engine.materials import STRAINED, material
 from flexmaps.engine.optimisation import found as found_module
 from flexmaps.engine.optimisation.found import Found, opened, unwound
-from flexmaps.engine.optimisation.optimisers import Trace
+from flexmaps.engine.optimisation.optimisers import STOPPED, Trace
 from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.progress import SILENT
+from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
@@ -61,6 +61,16 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
         closed.append(len(after.slots().closed))
     assert closed[0] > 10 and closed[1] < 0.2 * closed[0]
     assert after.match["laplacian_rmse_mm"] <= 1.1 * before.match["laplacian_rmse_mm"]
+
+
+@pytest.mark.parametrize("asks", [0, 3, 40])
+def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, asks, monkeypatch):
+    task, found = wound
+    monkeypatch.setattr(found_module, "STRAINED", 1.02 * float(found.simulation.strain.max()))
+    search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
+    left = iter(range(asks))
+    assert opened(search, found, Progress(None, lambda: next(left, None) is None)) is found
+    assert search.trace.ended == STOPPED
 
 
 def test_only_free_spirals_beside_closed_slots_are_unwound(wound):

@@ -123,7 +123,7 @@ class Search:
         """
         best, together = self._best(rest, least), max(self.strips.count, 2)
         limit, failed = np.inf, len(self.known)
-        for _ in range(TRIES // together):
+        for _ in range(max(1, TRIES // together)):
             tries: list[frozenset[int]] = []
             for members in self._drawn(rest, least if best is None else best.area, rng):
                 hulls = float(self.hull[list(members)].sum())
@@ -176,8 +176,10 @@ class Search:
     def _blame(self, members: frozenset[int], length: float) -> None:
         """Note of a set that was too long, and of another one just as long, that what they share does not fit."""
         for other, known in self.long_sets.items():
-            if abs(known - length) < SAME * length and len(members & other) > 1:
-                self.known.setdefault(members & other, None)
+            common = members & other
+            fit = any(found is not None and common <= one for one, found in self.known.items())
+            if abs(known - length) < SAME * length and len(common) > 1 and not fit:
+                self.known.setdefault(common, None)
         self.long_sets[members] = length
 
     def _drawn(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:

@@ -21,8 +21,8 @@ from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
 
 SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
-# Falls of a weighted mean from a round's first solve to its last by which more solves could lower it yet. Of 2,334 flattenings
-# within their limit on nine surfaces 0 would give 17 up, 1 and 4 none; 4 leaves 44 % of the rounds of those beyond it
+# More solves are assumed to lower a weighted mean by at most so many times its fall within the round: larger values lose fewer patches
+# and save less. Of 2,334 flattenings within their limit on nine surfaces 0 loses 17, 1 and 4 none; with 4, patches beyond it take 44 % of the rounds
 REST = 4.0
 
 
@@ -298,7 +298,7 @@ def minimax(
     """Lower the worst energy by weighing bad quads more, round by round; the best patch seen is returned.
 
     target : stop as soon as the worst energy is below this
-    hopeless : give up as soon as the worst energy is bound to stay above this
+    hopeless : give up once the worst energy is estimated to stay above this
     """
     weights = np.ones(len(problem.quads))
     best = patch
@@ -317,7 +317,7 @@ def minimax(
             means.append(float(shares @ patch.energy))
         if (patch.flips, patch.worst) < (best.flips, best.worst):
             best = patch
-        # the worst energy of any flat shape is at least the least weighted mean (weak duality), to which more solves would come
+        # the least weighted mean bounds the worst energy from below (weak duality): its last fall says how far it may still come
         if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
             break
     return best

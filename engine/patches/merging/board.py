@@ -18,7 +18,7 @@ from ..flattening.arap import FlatPatch, PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
-from .sketch import Piece, Sketch, Sketcher
+from .sketch import ROOM, Piece, Sketch, Sketcher
 
 # over the largest bottleneck: the smallest width of an isthmus over the outline behind it. 1.0 gives 45 instead of 44
 # patches on seven surfaces, 1.5 gives 48
@@ -61,12 +61,13 @@ class Effort:
 class Shared:
     """What boards of the same mesh and limits need not do twice.
 
-    flattened : by quads, outline, start and limit, what a flattening gave and the work that it took
+    flattened : by quads, outline, start and limit, what a flattening gave and the work that it took; held : how many quads are in them
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
         self.sketcher = Sketcher(mesh, params.neck_min)
         self.flattened: dict[tuple[bytes, bytes, bytes, float], tuple[FlatPatch | None, float]] = {}
+        self.held = 0
 
 
 class Board:
@@ -280,7 +281,10 @@ class Board:
         digest = blake2b(start.tobytes(), digest_size=16).digest()
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
         if key not in self.shared.flattened:
+            if self.shared.held > ROOM:
+                self.shared.flattened, self.shared.held = {}, 0
             self.shared.flattened[key] = self._flatten(sketch, start, limit)
+            self.shared.held += len(sketch.quads)
         flat, work = self.shared.flattened[key]
         self.effort.left -= work  # also where nothing is done: layouts are not to depend on what is remembered
         return flat

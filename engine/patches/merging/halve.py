@@ -43,7 +43,7 @@ def halved(board: Board, whole_group: list[Symmetry], progress: Progress) -> Boa
         tick()
         if not PatchLayout(layout.mesh, cut).planar.all():
             continue
-        made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick)
+        made = Board(PatchLayout(layout.mesh, cut), board.params, effort=board.effort, tick=tick, shared=board.shared)
         kept = keeping(whole_group, made.cut)
         share = 0.6 + 0.4 / (1 + len(kept))
         left = sum(float(p.flat.energy @ layout.mesh.areas[p.quads]) for p in made.pieces.values())

@@ -14,7 +14,7 @@ from ..flattening.outline import isthmus_width
 from ..layout import drawn_lengths, groups, straight_on
 from ..loops import NEXT, Loops, loops_of, perimeter
 
-ROOM = 1_000_000  # quads in the sketches that are kept: it bounds memory, an estimated 80 bytes each
+ROOM = 1_000_000  # quads in the sketches, or flat patches, that are kept: it bounds memory, an estimated 80 to 100 bytes each
 WIDEST = 8  # edges: longer straight lines are no isthmuses; 5 and 12 give the same patches on seven surfaces
 
 
