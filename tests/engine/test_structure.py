@@ -66,9 +66,9 @@ def test_a_case_moves_the_piece_to_where_a_simulation_with_its_forces_finds_it(s
     assert np.abs(one.pose.centres - again.equilibrium.pose.centres).max() < 1e-7
     strain = again.strain
     assert strain is not None and one.borne.arms == pytest.approx(strain, rel=1e-5)
-    assert one.report(np.zeros(26, bool))["deflection_quad"] == int(
-        np.linalg.norm(again.equilibrium.pose.centres - standing.equilibrium.pose.centres, axis=1).argmax()
-    )
+    moved = np.linalg.norm(again.equilibrium.pose.centres - standing.equilibrium.pose.centres, axis=1)
+    # the two loaded quads are images of each other, so that either may be named
+    assert moved[one.report(np.zeros(26, bool))["deflection_quad"]] == pytest.approx(moved.max(), rel=1e-6)
 
 
 def test_deflections_are_told_from_the_shape_without_loads(standing: Simulation) -> None:
