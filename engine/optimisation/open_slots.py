@@ -80,7 +80,8 @@ class Opening:
         found, least = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
         np.minimum.at(least, found.arms[:, 0], found.values)
         outer, excess = slots.arms[: len(exact), 0], np.zeros(len(exact))
-        excess[outer] = np.where(np.isfinite(least[outer]), np.maximum(least[outer] - exact, 0.0), 0.0)
+        both = np.isfinite(least[outer]) & np.isfinite(exact)  # neither wide open nor beside arms that are not cut
+        excess[outer[both]] = np.maximum(least[outer[both]] - exact[both], 0.0)
         return replace(self, excess=excess)
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:

@@ -134,6 +134,9 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
     assert np.abs(excess[1][wide]).max() < 1e-12
     small = narrow & (excess[0] < 0.0)
     assert excess[1][small] == pytest.approx(excess[0][small], abs=1e-12)
+    uncut = dataclasses.replace(slots, width=np.where(np.arange(len(slots.width)) < 8, np.inf, slots.width))
+    with np.errstate(all="raise"):
+        assert np.isfinite(opening.with_excess(model, pose, uncut).excess).all()
     assert np.median(np.abs(excess[3][wide])) < 0.3 * np.median(np.abs(excess[2][wide]))
 
 
