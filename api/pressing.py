@@ -119,9 +119,8 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
         "strain_share": shape.get("strain_share_max"),
         "sheets": sheets.get("sheets"),
     }
-    found = [notice.as_dict() for notice in seen.notices]
     status = {"text": seen.status.text, "sign": seen.status.sign}
-    return {"object": obj.name, "status": status, "findings": found, "figures": figures}
+    return {"object": obj.name, "status": status, "findings": seen.findings(), "figures": figures}
 
 
 def _seconds() -> float:

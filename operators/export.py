@@ -52,7 +52,7 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
             from ..engine.runs import job, report
 
             if rest is not None:
-                result = job.settled(result, rest, settings, progress.part(0.0, 0.05))
+                result = job.simulated_at(result, rest, settings, progress.part(0.0, 0.05))
             made = job.go_on(result, settings, ("sheets",), progress.part(0.05, 0.85))
             assert made.sheets is not None
             assert made.design is not None

@@ -38,7 +38,7 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
 
-            at_rest = job.settled(result, rest, settings, progress.part(0.0, 0.1))
+            at_rest = job.simulated_at(result, rest, settings, progress.part(0.0, 0.1))
             made = job.go_on(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
             assert made.structure is not None
             return made.structure

@@ -70,7 +70,7 @@ def write(
             written = write_sheets(result, title, out / SHEET, formats, new, out / GUIDE, part)
         progress(0.2, "building the Blender file")
         model = scene.show(result, name, settings, progress.part(0.2, 0.28))
-        looked = _findings(model)
+        findings = _findings(model)
         progress(0.28, "saving the Blender file")
         scene.save(new(out / MODEL))
         if pictures:
@@ -83,7 +83,7 @@ def write(
                     progress(share, f"rendering {file}")
                     draw(model, new(out / file))
                     shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
-    described = report.build(result, source=name, files=written, settings=settings) | looked
+    described = report.build(result, source=name, files=written, settings=settings) | findings
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
     view, show = Shown.of(result), settings.page.viewer
@@ -102,7 +102,7 @@ def _findings(model: bpy.types.Object) -> dict[str, Any]:
 
     if not hasattr(model, "flexmaps"):
         return {}
-    return {"findings": [notice.as_dict() for notice in guidance.of(model, bpy.context.scene).notices]}
+    return {"findings": guidance.of(model, bpy.context.scene).findings()}
 
 
 def write_sheets(

@@ -11,6 +11,7 @@ The report and the command line tell the same.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 
@@ -56,6 +57,10 @@ class Guidance:
     def open(self) -> tuple[Notice, ...]:
         """The notices above information: those that speak against cutting."""
         return tuple(notice for notice in self.notices if notice.kind != INFORMATION)
+
+    def findings(self) -> list[dict[str, Any]]:
+        """Return all notices with their cures as plain values, for report.json and the command line."""
+        return [notice.as_dict() for notice in self.notices]
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:

@@ -40,7 +40,7 @@ class Reported:
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
     pose: Pose | None = None
-    findings: tuple[dict[str, Any], ...] = ()
+    findings: list[dict[str, Any]] = field(default_factory=list)
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -76,8 +76,8 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
     scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
-    looked = tuple(notice.as_dict() for notice in guidance.of(obj, bpy.context.scene, now).notices)
-    found = Reported(taken, blocks, values={"scan": scan}, findings=looked)
+    findings = guidance.of(obj, bpy.context.scene, now).findings()
+    found = Reported(taken, blocks, values={"scan": scan}, findings=findings)
     if "equilibrium" not in blocks:
         return found
     key = equilibrium.key_of(obj.data)
@@ -103,7 +103,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     measured = _measured(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
-    described["findings"] = list(found.findings)
+    described["findings"] = found.findings
     return described, run_plots.drawings(measured, described, taken.settings.layout.distortion_limit)
 
 

@@ -75,7 +75,7 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     if not search.task.params.open_slots:
         return found
     try:
-        best = _opened_most(search, found, progress)
+        best = _open_slots(search, found, progress)
         if best is found:
             return found
         design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
@@ -88,7 +88,7 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     return best if best.bears(found) and _closed(best) < _closed(found) else found
 
 
-def _opened_most(search: Search, found: Found, progress: Progress) -> Found:
+def _open_slots(search: Search, found: Found, progress: Progress) -> Found:
     """Return the result with the fewest closed slots that ``found`` allows, by less twist and by more steps of the search."""
     best = here = _unwind(search, found, found, progress, bearable=True)
     for _ in range(EASINGS):

@@ -22,7 +22,8 @@ VARIED = 2e-4  # for their derivatives by the flat shapes, beside ``GEOMETRY``
 OPENING = 4.5e-5  # for the widths of the slots in space and half of their slopes
 ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
 # seconds for so many, in proportion beyond; what comes before and after the search takes up to a fifth more, so that
-# the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000; a quarter of the search more where strains do not hold yet
+# the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000; a quarter of the search more where strains do not hold yet, and
+# up to six tenths where closed slots are opened by further searches
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 # Times that a machine may be slower than the usual one, by this thread's processor time, before that ends the search. Two cores that
 # do other work beside took 2.3 to 2.9 times as long; nearer to that, equal searches ended unlike

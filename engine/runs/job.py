@@ -40,7 +40,7 @@ __all__ = [
     "go_on",
     "go_to",
     "run",
-    "settled",
+    "simulated_at",
     "stages",
     "taken",
 ]
@@ -189,7 +189,7 @@ def enlarged(
 
 
 @one_thread
-def settled(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
+def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
     """Simulate the result from a known pose at rest, for stages that need its forces.
 
     The band of real sheets, the limits of the match and other rests are left out: they were reported with that pose.

@@ -26,11 +26,9 @@ from .strips import TURN, Strips
 
 LAST = 0.25  # least share of the time limit for drawing the panels of the emptiest sheets together
 DRAWS = 400  # sets that are drawn for a sheet, of which a few are tried; 10 ms
-LOWER, TRIES = (
-    0.985,
-    8,
-)  # how much less hulls cover in the next set after one did not fit, and how many sets in a row may not
-SAME = 1e-3  # share by which the lengths of two strips differ that the same panels make as long
+LOWER = 0.985  # share that the hulls of the next set cover at most after one did not fit
+TRIES = 8  # sets in a row that may not fit
+SAME = 1e-3  # two strips whose lengths differ by less than this share are taken to be blocked by the same panels
 # chance of the exchanges that are tried, and how many in a row may not fit; of larger sets one panel comes back, of others two may
 LEAST, EXCHANGES, FEW = 0.1, 30, 12
 
@@ -78,7 +76,7 @@ class Search:
 
     @property
     def going(self) -> bool:
-        """Whether there is time for more sets: what is left is for drawing together, at least a turn of that but at most half of all."""
+        """Whether there is time to try more sets; the rest is kept for drawing panels together: at least one turn, at most half of all."""
         seconds = max(self.params.nesting_seconds, 1e-9)
         return self.spent() < 1.0 - max(LAST, min(TURN / seconds, 0.5))
 
@@ -119,7 +117,7 @@ class Search:
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
         """A sheet with the first of some panels and others that together cover more than ``least``, as many as are found to fit.
 
-        Where none are found, the best that is known, or that of the quick packing.
+        Where none are found, return the fullest known sheet with the first panel, or that of the quick packing if none is known.
         """
         best, together = self._best(rest, least), max(self.strips.count, 2)
         limit, failed = np.inf, len(self.known)

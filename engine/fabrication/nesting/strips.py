@@ -37,7 +37,7 @@ HOPELESS = 1.12
 SHORTER = 0.999  # a strip is so many times as long as the last one at most, or it counts as no gain
 # share of its time after which a strip that gains nothing is given up: of 146 sets of 13 pieces 73 instead of 78 fit, in two thirds of the time
 STILL = 0.25
-# of every core for the shortest strip of a set, if the time is long; starts differ by 4 %, and three seconds gain .3 % over one
+# starts of each core for the shortest strip of a set, if the time is long; starts differ by 4 %, and three seconds gain .3 % over one
 STARTS = 4
 AT_ONCE = 8  # most sets that are tried side by side; it bounds the memory
 
@@ -211,12 +211,11 @@ class Strips:
         shapes: dict[int, np.ndarray],
         hopeless: float = np.inf,
         start: int = 0,
-        still: float = STILL,
     ) -> Strip | None:
         """spyrrow's shortest feasible strip for some panels, which begins at 0; ``None`` without one.
 
         It ends once a strip is short ``enough``, or longer than ``hopeless`` after half of its time; both in metres. And once strips
-        have not become shorter for a share of its time, ``still``.
+        have not become shorter for ``STILL`` of its time.
         """
         task = {
             "items": [(str(i), (shapes[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],
@@ -237,8 +236,8 @@ class Strips:
                     if length < SHORTER * mark:
                         mark, gained = length, now
                 late = now - begun > 0.5 * seconds and length > hopeless
-                settled = now - gained > still * seconds
-                if length <= enough or late or settled or stop.is_set() or self._over.is_set():
+                stalled = now - gained > STILL * seconds
+                if length <= enough or late or stalled or stop.is_set() or self._over.is_set():
                     worker.stop()
                     break
         finally:

@@ -14,7 +14,7 @@ from .extraction import extracted
 from .field import ALIGNMENT, Triangles, cross_field
 from .rounding import rounded
 from .seamless import Maps, lattice, opened
-from .separation import FOLDS, NOTHING, apart
+from .separation import NOTHING, TOO_MANY_FOLDS, apart
 
 # quads: longest edge of the triangles on which the map is made; with 0.4 the same quads of 16 meshes take two to three times as long
 FINE = 0.55
@@ -70,7 +70,7 @@ def _mapped(
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))
     if maps.lattice.whole.shape[1] > WHOLE:
-        raise FlexMapsError(FOLDS)
+        raise FlexMapsError(TOO_MANY_FOLDS)
     last, pairs = FlexMapsError("No map was found"), apart(maps, edge, progress.part(0.3, 0.4))
     ways = [(scale, asked) for scale in SCALES for asked in (pairs, NOTHING)[not len(pairs.least) :]]
     for number, (scale, asked) in enumerate(ways[:ATTEMPTS]):

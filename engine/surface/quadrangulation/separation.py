@@ -19,7 +19,7 @@ from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from .seamless import SIGN, TAKEN, Maps
 
-FOLDS = "The surface has too many sharp folds for a map"
+TOO_MANY_FOLDS = "The surface has too many sharp folds for a map"
 NEAR = 2.0  # quads: irregular points farther apart than this stay apart by themselves
 ACROSS = 1.2  # quads: the same of borders and folds
 BESIDE = 0.6  # quads: a point is beside a border if it lies no farther off along it
@@ -60,7 +60,7 @@ def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> Apart:
     for corner, radius in progress.each(every, "Looking for what lies near each other"):
         search.look_round(corner, radius)
         if len(search.found) > MANY:
-            raise FlexMapsError(FOLDS)
+            raise FlexMapsError(TOO_MANY_FOLDS)
     found = list(search.found.values())
     rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.lattice.whole.shape[1])
     return Apart(rows, np.array([least for _, least in found], dtype=float))
