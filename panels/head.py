@@ -7,8 +7,9 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background, live
+from ..bridge.store.finding_words import INFORMATION, STOPS
 from ..bridge.store.i18n import quads
-from ..bridge.store.notices import INFORMATION, KEPT, STOPS, Notice
+from ..bridge.store.notices import KEPT, Notice
 from ..bridge.view import colouring, head_text
 from ..bridge.view.widths import lines, room, wide
 from .rows import button, menu, sentence, tr

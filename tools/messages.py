@@ -131,7 +131,7 @@ def _of_panels() -> Found:
 
 def _of_lines() -> Found:
     """Lines that stages report, why a button is grey, and why a stage is out of date."""
-    from flexmaps.bridge.store import cures, decided, guidance, notices, states
+    from flexmaps.bridge.store import cures, decided, finding_words, guidance, states
     from flexmaps.bridge.view import tab
     from flexmaps.engine import versions
     from flexmaps.engine.optimisation import optimise, wishes
@@ -143,8 +143,8 @@ def _of_lines() -> Found:
         yield "", text, "what changed since an earlier version"
     for text in (
         *(words for _, words in cures.MENDS.values()),
-        *(words for words, _ in notices.WORDS.values()),
-        *(words for _, one, more in notices.SAID.values() for words in (one, more)),
+        *(words for words, _ in finding_words.WORDS.values()),
+        *(words for _, one, more in finding_words.SAID.values() for words in (one, more)),
         *guidance.CHANGED.values(),
         guidance.SETTING,
         *guidance.ANEW.values(),
@@ -152,7 +152,7 @@ def _of_lines() -> Found:
         yield "", text, "what there is to look at, and its cure"
     for _, *texts in (*tab.CHECKS, *tab.HABITS, *decided.RESTS):
         yield from (("", text, "choice in the sidebar") for text in texts)
-    for text in notices.FAILED.values():
+    for text in finding_words.FAILED.values():
         yield "", text, "what there is to look at, and its cure"
     for text in stages.MISSING.values():
         yield "", text, "why a button is grey"

@@ -17,10 +17,11 @@ import bpy
 
 from ...engine.materials import STRAIN_MARGIN
 from . import next_button, notes, notices, objects, states
+from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
 from .i18n import interface, panels
 from .next_button import Act
-from .notices import BREAKS, INFORMATION, STOPS, WORSE, Notice
+from .notices import Notice
 
 LETTERS = 34  # of the status line at most, in every language
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line

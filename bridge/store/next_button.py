@@ -11,9 +11,10 @@ import numpy as np
 
 from . import failures, notes, notices, objects
 from .cures import Cure
+from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
 from .i18n import interface, translate
-from .notices import INFORMATION, KEPT, MADE_SQUARER, STOPS, Notice
+from .notices import KEPT, MADE_SQUARER, Notice
 from .states import DONE, TODO, State, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
@@ -168,8 +169,8 @@ def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, found: Sequence[Notice]) -
 def _cured(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
     """A cure of what would break the piece, then another layout where it misses its match; None where nothing does, all were
     tried, or somebody goes on as it is."""
-    breaking = [notice for notice in found if notice.kind == notices.BREAKS]
-    missing = [notice for notice in found if notice.kind == notices.WORSE and notice.key in notices.FAR_FROM_TARGET]
+    breaking = [notice for notice in found if notice.kind == BREAKS]
+    missing = [notice for notice in found if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
     ways = [
         (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
     ]

@@ -6,7 +6,7 @@ what stops, what breaks, what makes the piece worse, then information.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
@@ -17,71 +17,9 @@ from ...engine.optimisation import remedies
 from ...engine.simulation.visible import FAR
 from . import cures, equilibrium, failures, flat_target, notes, objects, origin, states
 from .cures import Cure
+from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
 from .i18n import interface, quads, translate
 
-ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
-
-# findings by code: two or three words with their count, and how bad it is (of a check's error that does not count)
-WORDS = {
-    "no-faces": ("No faces", STOPS),
-    "bad-index": ("Damaged mesh", STOPS),
-    "not-finite": ("Lost faces: {}", STOPS),
-    "far-vertices": ("Far faces: {}", STOPS),
-    "far-from-origin": ("Far from origin", STOPS),
-    "non-quad": ("Not quads: {}", STOPS),
-    "repeated-vertex": ("Corner twice: {}", STOPS),
-    "duplicate-faces": ("Doubled faces: {}", STOPS),
-    "doubled-vertices": ("Faces apart: {}", STOPS),
-    "doubled-faces": ("Doubled faces: {}", STOPS),
-    "t-junction": ("{} at T-junctions", STOPS),
-    "cuts-itself": ("Cuts itself", WORSE),
-    "double-skin": ("Two skins", WORSE),
-    "bodies-left-out": ("Crumbs left out", INFORMATION),
-    "bodies-joined": ("Bodies joined", INFORMATION),
-    "no-spiral": ("{} without a spiral", WORSE),
-    "surface-missed": ("Parts missed", WORSE),
-    "bodies-cut": ("Bodies cut apart", INFORMATION),
-    "zero-edge": ("Collapsed: {}", STOPS),
-    "zero-area": ("{} without area", STOPS),
-    "crossed": ("Crossed quads: {}", STOPS),
-    "folded": ("Folded faces: {}", STOPS),
-    "non-manifold-edge": ("Inner walls: {}", STOPS),
-    "non-manifold-vertex": ("At a point: {}", STOPS),
-    "non-orientable": ("Only one side", STOPS),
-    "inconsistent-orientation": ("Turned faces: {}", STOPS),
-    "size": ("No size to cut", STOPS),
-    "size-ratio": ("Uneven sizes", WORSE),
-    "small-quads": ("Small quads: {}", WORSE),
-    "concave": ("Bent-in quads: {}", WORSE),
-    "warped": ("Warped quads: {}", WORSE),
-    "thin": ("Narrow quads: {}", WORSE),
-    "inside-out": ("Inside out", WORSE),
-    "sharp-folds": ("Folds: {}", INFORMATION),
-    "several-bodies": ("Several bodies", INFORMATION),
-    "loose-vertices": ("Loose vertices", INFORMATION),
-    "left-out": ("Left out", INFORMATION),
-    "remeshed": ("Remeshed", INFORMATION),
-    "no-equilibrium": ("No equilibrium", BREAKS),
-    "stays-flat": ("Stays flat", BREAKS),
-    "far-from-target": ("Far from target", WORSE),
-    "joined-to-nothing": ("{} joined to none", WORSE),
-    "beyond-model": ("{} less sure", INFORMATION),
-    "strained": ("{} too strained", BREAKS),
-    "kinked": ("{} less sure", INFORMATION),
-    "slots-close": ("Spirals touch: {}", BREAKS),
-    "about-to-snap": ("About to snap", BREAKS),
-    "other-rest": ("Another rest", WORSE),
-    "rest-as-near": ("Another rest", INFORMATION),
-    "snaps": ("Snaps under load", BREAKS),
-    "overstrained": ("{} too loaded", BREAKS),
-    "joints-overloaded": ("Weak joints: {}", BREAKS),
-}
-# block of the results -> its sentences that warn, and the words of one and of several
-SAID = {
-    "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
-    "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),
-    "sheets": ("warnings", "On the sheets", "On the sheets: {}"),
-}
 MADE_SQUARER = {"concave", "warped", "thin"}  # what Regularise helps with
 REMESHED = {
     "non-quad",
@@ -91,18 +29,6 @@ REMESHED = {
     "non-manifold-edge",
     "repeated-vertex",
 }  # what new quads cure
-FAILED = {
-    "flexmaps.quad_remesh": "No quads found",
-    "flexmaps.merge": "No layout found",
-    "flexmaps.flatten": "Seams do not do",
-    "flexmaps.update_from_seams": "Seams do not do",
-    "flexmaps.regularise": "Not squarer",
-    "flexmaps.spirals": "No room: {}",
-    "flexmaps.fit": "No room: {}",
-    "flexmaps.simulate": "No shape found",
-    "flexmaps.optimise": "Not optimised",
-    "flexmaps.export": "No files written",
-}
 LARGER = 1.5  # times larger, where there is no room for spirals; not measured
 MOST_LARGER = 2.0  # times: of what would have to be larger still, other quads are made; by eye
 # finding of a simulation -> what helps with it of what is advised, the best first
@@ -117,6 +43,15 @@ HELPED = {
 AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
 # keys of notices of a piece that misses its match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
+# keys of notices that foretell how a piece will come out, from its mesh or its layout alone
+FORETELLING = (
+    "checks/size-ratio",
+    "checks/small-quads",
+    "checks/concave",
+    "checks/warped",
+    "checks/thin",
+    "layout/remarks",
+)
 KEPT = "quads-kept"  # key of what somebody let go who keeps so few
 
 
@@ -158,15 +93,24 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_flat(obj),
         *(one for name in SAID for one in _sentences(name, blocks)),
     ]
-    seen = [_seen(obj.data, notice) for notice in found]
+    seen = [_seen(obj.data, notice) for notice in _answered(obj, blocks.get("equilibrium", {}), found)]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
+
+
+def _answered(obj: bpy.types.Object, block: dict[str, Any], found: list[Notice]) -> list[Notice]:
+    """The notices, those that foretell as information where the shape that was found is near and nothing breaks in it."""
+    percent = block.get("rms_percent")
+    breaks = any(notice.kind == BREAKS for notice in found if notice.key.startswith("equilibrium/"))
+    if percent is None or percent > remedies.wanted(obj.flexmaps.choose) or breaks:
+        return found
+    return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in found]
 
 
 def _seen(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
     """The notice as information where somebody went on in spite of it."""
     if notice.kind == INFORMATION or not failures.is_let_go(mesh, notice.key, notice.sentence):
         return notice
-    return Notice(notice.key, notice.words, notice.sentence, INFORMATION, notice.faces, notice.edges)
+    return replace(notice, kind=INFORMATION, cures=())
 
 
 # -- one source each ---------------------------------------------------------------------------------------------------

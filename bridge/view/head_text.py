@@ -10,9 +10,10 @@ import bpy
 from ...engine import VERSION, versions
 from ..store import notes
 from ..store.cures import Cure
+from ..store.finding_words import INFORMATION
 from ..store.guidance import LOOK, NEUTRAL, REDO, STOPPED, TICK, Guidance
 from ..store.i18n import interface
-from ..store.notices import INFORMATION, Notice
+from ..store.notices import Notice
 from ..store.objects import CONVERTIBLE, shared, unusable
 from . import collection
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.api import pressing
-from flexmaps.bridge.store import checksums, guidance, notices, states
+from flexmaps.bridge.store import checksums, finding_words, guidance, states
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 
@@ -61,7 +61,7 @@ def _state(piece: Any, act: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("broken", notices.FAILED)
+@pytest.mark.parametrize("broken", finding_words.FAILED)
 @pytest.mark.parametrize("start", STARTS)
 def test_no_state_comes_twice(
     add: Any, start: str, broken: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Any

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from flexmaps.bridge.store import equilibrium, notices
+from typing import Any
+
+from flexmaps.bridge.store import cures, equilibrium, finding_words, notices
+from flexmaps.bridge.store.notices import Notice
+from flexmaps.engine.surface import shapes
 
 
 def test_sentences_of_one_kind_are_one_row() -> None:
@@ -13,7 +17,7 @@ def test_sentences_of_one_kind_are_one_row() -> None:
     (plain,) = notices._sentences(
         "layout", {"layout": {"halved": "Its seam drives it", "remarks": ["Its seam drives it"]}}
     )
-    assert plain.kind == notices.INFORMATION and plain.sentence == "Its seam drives it"
+    assert plain.kind == finding_words.INFORMATION and plain.sentence == "Its seam drives it"
 
 
 def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
@@ -44,3 +48,22 @@ def test_several_bodies_that_are_far_are_one_row() -> None:
     far, kinked = equilibrium.by_code(rows)
     assert far["faces"] == [1, 2, 9] and far["message"].splitlines() == ["One is far.", "Another is far."]
     assert kinked is rows[1]
+
+
+def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -> None:
+    """A warning before anything is simulated, information once the shape is near and nothing breaks, a warning else."""
+    piece = add(shapes.make("dome"))
+    small = Notice(
+        "checks/small-quads", "Small quads: 2", "2 are small", finding_words.WORSE, cures=(cures.larger(1.4),)
+    )
+    crossing = Notice("checks/cuts-itself", "Cuts itself", "It cuts itself", finding_words.WORSE)
+    breaking = Notice("equilibrium/strained", "2 too strained", "Too strained", finding_words.BREAKS)
+
+    def kinds(block: dict[str, Any], *more: Notice) -> list[str]:
+        return [one.kind for one in notices._answered(piece, block, [small, crossing, *more])]
+
+    before = [finding_words.WORSE, finding_words.WORSE]
+    assert kinds({}) == before and kinds({"rms_percent": 1.2}) == before
+    assert kinds({"rms_percent": 0.7}, breaking)[:2] == before
+    assert kinds({"rms_percent": 0.7}) == [finding_words.INFORMATION, finding_words.WORSE]
+    assert notices._answered(piece, {"rms_percent": 0.7}, [small])[0].cures == small.cures

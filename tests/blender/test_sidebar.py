@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import catalogue, notes, notices
+from flexmaps.bridge.store import catalogue, finding_words, notes, notices
 from flexmaps.bridge.view import widths
 from flexmaps.bridge.view.tab import SECTIONS
 from flexmaps.engine.params import ObjectSettings
@@ -306,7 +306,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
     monkeypatch.setattr("flexmaps.engine.optimisation.remedies.of_block", lambda block: remedies)
     found = [
         {"code": code, "faces": [0] * 24, "edges": [0] * 24, "severity": "warning", "message": "", "more": 0.1}
-        for code in notices.WORDS
+        for code in finding_words.WORDS
     ]
     made = [
         *notices._checks(dome, bpy.context.scene, found),
@@ -316,10 +316,10 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
                 "failed",
                 notices.interface(words, "24 quads"),
                 "",
-                notices.STOPS,
+                finding_words.STOPS,
                 cures=tuple(notices._ways(dome, name)),
             )
-            for name, words in notices.FAILED.items()
+            for name, words in finding_words.FAILED.items()
         ),
     ]
     cut = set()

@@ -1,0 +1,80 @@
+"""The words of findings: two or three for a row of the sidebar, and how bad each is."""
+
+from __future__ import annotations
+
+ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
+
+# findings by code: two or three words with their count, and how bad it is (of a check's error that does not count)
+WORDS = {
+    "no-faces": ("No faces", STOPS),
+    "bad-index": ("Damaged mesh", STOPS),
+    "not-finite": ("Lost faces: {}", STOPS),
+    "far-vertices": ("Far faces: {}", STOPS),
+    "far-from-origin": ("Far from origin", STOPS),
+    "non-quad": ("Not quads: {}", STOPS),
+    "repeated-vertex": ("Corner twice: {}", STOPS),
+    "duplicate-faces": ("Doubled faces: {}", STOPS),
+    "doubled-vertices": ("Faces apart: {}", STOPS),
+    "doubled-faces": ("Doubled faces: {}", STOPS),
+    "t-junction": ("{} at T-junctions", STOPS),
+    "cuts-itself": ("Cuts itself", WORSE),
+    "double-skin": ("Two skins", WORSE),
+    "bodies-left-out": ("Crumbs left out", INFORMATION),
+    "bodies-joined": ("Bodies joined", INFORMATION),
+    "no-spiral": ("{} without a spiral", WORSE),
+    "surface-missed": ("Parts missed", WORSE),
+    "bodies-cut": ("Bodies cut apart", INFORMATION),
+    "zero-edge": ("Collapsed: {}", STOPS),
+    "zero-area": ("{} without area", STOPS),
+    "crossed": ("Crossed quads: {}", STOPS),
+    "folded": ("Folded faces: {}", STOPS),
+    "non-manifold-edge": ("Inner walls: {}", STOPS),
+    "non-manifold-vertex": ("At a point: {}", STOPS),
+    "non-orientable": ("Only one side", STOPS),
+    "inconsistent-orientation": ("Turned faces: {}", STOPS),
+    "size": ("No size to cut", STOPS),
+    "size-ratio": ("Uneven sizes", WORSE),
+    "small-quads": ("Small quads: {}", WORSE),
+    "concave": ("Bent-in quads: {}", WORSE),
+    "warped": ("Warped quads: {}", WORSE),
+    "thin": ("Narrow quads: {}", WORSE),
+    "inside-out": ("Inside out", WORSE),
+    "sharp-folds": ("Folds: {}", INFORMATION),
+    "several-bodies": ("Several bodies", INFORMATION),
+    "loose-vertices": ("Loose vertices", INFORMATION),
+    "left-out": ("Left out", INFORMATION),
+    "remeshed": ("Remeshed", INFORMATION),
+    "no-equilibrium": ("No equilibrium", BREAKS),
+    "stays-flat": ("Stays flat", BREAKS),
+    "far-from-target": ("Far from target", WORSE),
+    "joined-to-nothing": ("{} joined to none", WORSE),
+    "beyond-model": ("{} less sure", INFORMATION),
+    "strained": ("{} too strained", BREAKS),
+    "kinked": ("{} less sure", INFORMATION),
+    "slots-close": ("Spirals touch: {}", BREAKS),
+    "about-to-snap": ("About to snap", BREAKS),
+    "other-rest": ("Another rest", WORSE),
+    "rest-as-near": ("Another rest", INFORMATION),
+    "snaps": ("Snaps under load", BREAKS),
+    "overstrained": ("{} too loaded", BREAKS),
+    "joints-overloaded": ("Weak joints: {}", BREAKS),
+}
+# block of the results -> its sentences that warn, and the words of one and of several
+SAID = {
+    "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
+    "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),
+    "sheets": ("warnings", "On the sheets", "On the sheets: {}"),
+}
+# operator that failed -> its words
+FAILED = {
+    "flexmaps.quad_remesh": "No quads found",
+    "flexmaps.merge": "No layout found",
+    "flexmaps.flatten": "Seams do not do",
+    "flexmaps.update_from_seams": "Seams do not do",
+    "flexmaps.regularise": "Not squarer",
+    "flexmaps.spirals": "No room: {}",
+    "flexmaps.fit": "No room: {}",
+    "flexmaps.simulate": "No shape found",
+    "flexmaps.optimise": "Not optimised",
+    "flexmaps.export": "No files written",
+}
