@@ -13,17 +13,8 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import (
-    cures,
-    failures,
-    fields,
-    finding_words,
-    guidance,
-    handing_down,
-    next_button,
-    notices,
-    states,
-)
+from flexmaps.bridge.store import cures, failures, fields, guidance, handing_down, next_button, notices, states
+from flexmaps.bridge.store.finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
@@ -93,7 +84,7 @@ def test_folds_are_counted_and_rounded_in_one_press(add: Any) -> None:
     twin = bpy.data.objects.new("twin", piece.data)
     bpy.ops.flexmaps.check()
     (found,) = [notice for notice in seen(piece).notices if notice.key == "checks/sharp-folds"]
-    assert found.kind == finding_words.INFORMATION and len(found.edges) == 5 and "5" in found.words
+    assert found.kind == INFORMATION and len(found.edges) == 5 and "5" in found.words
     assert [cure.label for cure in found.cures] == ["Round to 26 mm"]
     told = api.press(piece, cure="mend-round")
     assert told is not None and not told["error"]
@@ -138,13 +129,13 @@ def test_after_a_failure_the_same_is_never_offered_and_no_state_comes_twice(add:
 def test_a_failure_is_forgotten_once_its_input_has_changed(add: Any) -> None:
     piece = add(shapes.make("dome"))
     failures.write(piece, bpy.context.scene, "flexmaps.spirals", FlexMapsError("There is no room", faces=[3]))
-    assert any(notice.kind == finding_words.STOPS for notice in seen(piece).notices)
+    assert any(notice.kind == STOPS for notice in seen(piece).notices)
     piece.flexmaps.export.labels = (
         not getattr(piece.flexmaps.export, "labels", True) if hasattr(piece.flexmaps.export, "labels") else False
     )
-    assert any(notice.kind == finding_words.STOPS for notice in seen(piece).notices)
+    assert any(notice.kind == STOPS for notice in seen(piece).notices)
     piece.flexmaps.spiral.width_min *= 0.9
-    assert not any(notice.kind == finding_words.STOPS for notice in seen(piece).notices)
+    assert not any(notice.kind == STOPS for notice in seen(piece).notices)
 
 
 def test_status_names_what_was_made_anew_or_which_setting_was_changed(add: Any) -> None:
@@ -248,7 +239,7 @@ def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None
         ("flexmaps.cut_there", None),
         ("flexmaps.let_go", None),
     ]
-    assert found[0].kind == finding_words.WORSE and found[0].cures[0].label.endswith("0.25 %")
+    assert found[0].kind == WORSE and found[0].cures[0].label.endswith("0.25 %")
     assert not notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 0.8  # "Within" under Layout
     assert notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
@@ -315,7 +306,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
     (notice,) = (n for n in notices._equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
     failures.let_go(piece.data, notice.key, notice.sentence)
-    assert notices._seen(piece.data, notice).kind == finding_words.INFORMATION
+    assert notices._seen(piece.data, notice).kind == INFORMATION
     assert next_button._cured(piece.data, [notices._seen(piece.data, notice)]) is None
 
 
@@ -361,7 +352,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
 
     def offered(**more: Any) -> set[str]:
         (notice,) = (n for n in notices._equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures)
-        assert notice.kind == finding_words.BREAKS
+        assert notice.kind == BREAKS
         return {cure.idname for cure in notice.cures}
 
     assert "flexmaps.cut_there" in offered()  # nobody has searched
@@ -372,7 +363,7 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
         for n in notices._equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
         if n.key == "equilibrium/stays-flat"
     )
-    assert notice.kind == finding_words.WORSE  # a small body of a piece that is near as a whole
+    assert notice.kind == WORSE  # a small body of a piece that is near as a whole
 
 
 def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: Any) -> None:

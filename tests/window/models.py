@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import bmesh
 import bpy
 
 HERE = Path(__file__).parent
@@ -26,7 +27,38 @@ def text():
     bpy.ops.object.convert(target="MESH")
 
 
+def lamp():
+    """A shade: a cylinder without ends, half as wide on top."""
+    bpy.ops.mesh.primitive_cylinder_add(end_fill_type="NOTHING")
+    for vertex in bpy.context.object.data.vertices:
+        if vertex.co.z > 0:
+            vertex.co.x, vertex.co.y = 0.5 * vertex.co.x, 0.5 * vertex.co.y
+
+
+def roof():
+    """Four hips over a rectangle, of two quads and two triangles."""
+    eaves, ridge = [(-2, -1, 0), (2, -1, 0), (2, 1, 0), (-2, 1, 0)], [(-1, 0, 0.8), (1, 0, 0.8)]
+    mesh = bpy.data.meshes.new("Roof")
+    mesh.from_pydata(eaves + ridge, [], [(0, 1, 5, 4), (2, 3, 4, 5), (1, 2, 5), (3, 0, 4)])
+    obj = bpy.data.objects.new("Roof", mesh)
+    bpy.context.collection.objects.link(obj)
+    obj.select_set(True)
+
+
+def mask():
+    """The front of a head."""
+    bpy.ops.mesh.primitive_monkey_add()
+    bm = bmesh.new()
+    bm.from_mesh(bpy.context.object.data)
+    bmesh.ops.delete(bm, geom=[face for face in bm.faces if face.calc_center_median().y > 0], context="FACES")
+    bm.to_mesh(bpy.context.object.data)
+    bm.free()
+
+
 MODELS = {
+    "lamp": lamp,
+    "roof": roof,
+    "mask": mask,
     "suzanne": bpy.ops.mesh.primitive_monkey_add,
     "text": text,
     "cylinder": bpy.ops.mesh.primitive_cylinder_add,

@@ -26,7 +26,7 @@ def zip_file(build_zip: ModuleType) -> Path:
 
 # few quads, for the time of a test; "bench blender --only next" takes the defaults
 FEW = {"optimise.iterations": 3, "sheet.nesting": "FAST"}
-QUADS = {"suzanne": 200, "text": 150, "cylinder": 150, "bunny": 250}
+QUADS = {"suzanne": 200, "text": 150, "cylinder": 150, "bunny": 250, "lamp": 100, "roof": 100, "mask": 150}
 
 
 def drive(real_blender: ModuleType, script: Path, zip_file: Path, work: Path, *, window: bool) -> dict[str, Any]:
@@ -74,7 +74,7 @@ def kept(real_blender: ModuleType, work: Path, pictures: Path) -> Iterator[None]
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("names", [("suzanne", "text", "cylinder"), ("bunny",)], ids="-".join)
+@pytest.mark.parametrize("names", [("suzanne", "text", "cylinder"), ("lamp", "roof", "mask"), ("bunny",)], ids="-".join)
 def test_next_leads_models_to_their_sheets(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, names: tuple[str, ...], request: pytest.FixtureRequest
 ) -> None:
