@@ -2,8 +2,8 @@
 
 python3 tools/dev.py bench first [--thorough] [--only NAME ...] [--quads N] [--cure] [--json FILE]
 
-A row an object: presses, processor seconds with child processes, wall seconds, sheets, spirals, RMS, strain, what is left to look at and
-what of it has no cure. The quick ones take few quads; ``--thorough`` takes all of them at the default count and at 1,500 quads.
+A row an object: presses, processor seconds with child processes, wall seconds, sheets, spirals, RMS, strain, what is left to look at,
+what of it has no cure, and what is found by other means and told by nothing. The quick ones take few quads; ``--thorough`` takes all of them at the default count and at 1,500 quads.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 import bpy
 import flexmaps
+from findings_apart import unsaid
 from flexmaps import api
 
 USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, what it was once, and so few that a row takes seconds
@@ -166,6 +167,7 @@ def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     OBJECTS[name]()
     obj = bpy.context.object
+    source = obj
     obj.flexmaps.remesh.quads = quads
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
@@ -184,6 +186,7 @@ def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
         **{key: last["figures"][key] for key in ("sheets", "rms_percent", "strain_share")},
         "left": [finding["words"] for finding in open_ones],
         "without_cure": [finding["words"] for finding in open_ones if not finding["cures"]],
+        "unsaid": unsaid(bpy.context.object, source, last),
         "larger_for_years": _larger_for_years(last["findings"]),
         "status": last["status"]["text"],
     }
@@ -203,6 +206,7 @@ def _line(row: dict[str, Any]) -> str:
     rms, strain = row["rms_percent"], row["strain_share"]
     shape = "flat" if rms is None else f"RMS {rms:.2f} %, strain {100 * (strain or 0):.0f} %"
     left = f"; left: {', '.join(row['left'])}" if row["left"] else ""
+    left += f"; UNSAID: {', '.join(row['unsaid'])}" if row["unsaid"] else ""
     sheets = f"{row['sheets']} sheets" if row["sheets"] else f"STUCK ({row['status']})"
     return f"{row['object']:>18} {row['quads']:5d} quads {row['presses']:2d} presses {row['seconds']:6.1f} s ({row['wall']:.0f} s wall)  {sheets}, {shape}{left}"
 
@@ -214,6 +218,7 @@ def _summary(rows: list[dict[str, Any]]) -> None:
     print(f"to sheets {len(there)} of {len(rows)} (asked: all)")
     print(f"no warning at all on {sum(not row['left'] for row in there)} (asked: 18 of 25)")
     print(f"a warning without a cure on {sum(bool(row['without_cure']) for row in rows)} (asked: 0)")
+    print(f"something that is told by no finding on {sum(bool(row['unsaid']) for row in rows)} (asked: 0)")
     print(f"RMS <= {RMS:g} % on {near} (asked: 22 of 25)")
     curved = [row["larger_for_years"] for row in there if row["larger_for_years"] is not None]
     lasting = [sum(times <= most for times in curved) for most in (1.0, LARGER)]
