@@ -78,7 +78,7 @@ def unsaid(obj: bpy.types.Object, source: bpy.types.Object | None, told: dict[st
 
 
 def _of(rows: Any, name: str, width: int, kind: type = np.float64) -> np.ndarray:
-    values = np.empty(len(rows) * width, kind)
+    values: np.ndarray = np.empty(len(rows) * width, kind)
     rows.foreach_get(name, values)
     return values.reshape(-1, width)
 

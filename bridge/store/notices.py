@@ -93,15 +93,16 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_flat(obj),
         *(one for name in SAID for one in _sentences(name, blocks)),
     ]
-    seen = [_seen(obj.data, notice) for notice in _answered(obj, blocks.get("equilibrium", {}), found)]
+    seen = [_seen(obj.data, notice) for notice in _answered(obj, blocks, found)]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
 
 
-def _answered(obj: bpy.types.Object, block: dict[str, Any], found: list[Notice]) -> list[Notice]:
-    """The notices, those that foretell as information where the shape that was found is near and nothing breaks in it."""
-    percent = block.get("rms_percent")
-    breaks = any(notice.kind == BREAKS for notice in found if notice.key.startswith("equilibrium/"))
-    if percent is None or percent > remedies.wanted(obj.flexmaps.choose) or breaks:
+def _answered(obj: bpy.types.Object, blocks: dict[str, Any], found: list[Notice]) -> list[Notice]:
+    """The notices, those that foretell as information where the shape is near or flat, and nothing breaks in it."""
+    percent = blocks.get("equilibrium", {}).get("rms_percent")
+    near = percent is not None and percent <= remedies.wanted(obj.flexmaps.choose)
+    flat = "spirals" in blocks and flat_target.passed_over(obj)
+    if not (near or flat) or any(one.kind == BREAKS for one in found if one.key.startswith("equilibrium/")):
         return found
     return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in found]
 
