@@ -66,19 +66,19 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     for patch, quads in enumerate(layout.patches):
         reasons = []
         if len(quads) < params.patch_min:
-            reasons.append("one quad" if len(quads) == 1 else f"{len(quads)} quads")
+            reasons.append(f"has only {counted(len(quads), 'quad', 'quads')}")
         if necks[patch] < params.neck_min:
-            reasons.append(f"a neck of {necks[patch]}")
+            reasons.append(f"is only {counted(necks[patch], 'quad', 'quads')} wide at its narrowest")
         if layout.compactness[patch] > params.compactness_limit:
-            reasons.append(f"compactness {layout.compactness[patch]:.1f}")
+            reasons.append(f"is long or ragged (compactness {layout.compactness[patch]:.1f})")
         if (worst := flat.energy[quads].max()) > params.distortion_limit:
-            reasons.append(f"a distortion of {worst:.3f}")
+            reasons.append(f"is distorted by {worst:.3f}")
         if reasons:
             x, y, z = (1e3 * mesh.centroids[quads].mean(axis=0)).tolist()
             name = f"Panel {numbers[patch]}" + (f", quad {quads[0]}," if len(quads) == 1 else "")
             listed.append(
-                f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm keeps {' and '.join(reasons)}: "
-                "every change to it would go beyond another limit"
+                f"{name} at ({x:.0f}, {y:.0f}, {z:.0f}) mm {' and '.join(reasons)}: "
+                "joining it with a neighbour or cutting it would break another limit"
             )
     return {"forced": listed} if listed else {}
 
