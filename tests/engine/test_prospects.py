@@ -48,7 +48,8 @@ def told(
         )
 
     monkeypatch.setattr(prospects, "optimise", search)
-    monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else "laid")
+    monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
+    monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None))
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
     found = saddle()
     return prospects.prospects(found, reach(found), Settings()), held
@@ -73,6 +74,22 @@ def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pyte
     assert list(found) == ["border", "cut", "lowest"] and found["lowest"] == pytest.approx(0.3 * now)
     found, _ = told(monkeypatch, {len(border): 0.95 * now}, np.inf)
     assert found == {}
+
+
+def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    ratios = iter([1.0, 0.3, 0.9, 0.9, 0.9, 0.9])  # the piece as it is, the first way to hold it, all others
+    monkeypatch.setattr(prospects, "predicted", lambda *_: next(ratios))
+    held: list[int] = []
+
+    def search(*_: Any, supports: np.ndarray, **__: Any) -> Any:
+        held.append(len(supports))
+        return SimpleNamespace(
+            after=SimpleNamespace(match={"rms_percent": 0.0}, equilibrium=SimpleNamespace(converged=True))
+        )
+
+    monkeypatch.setattr(prospects, "optimise", search)
+    monkeypatch.setattr(prospects, "judge", lambda *_, **__: pytest.fail("searched"))
+    assert list(prospects.prospects(saddle(), reach(saddle()), Settings()) or ()) == ["lowest"] and len(held) == 1
 
 
 def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
