@@ -15,6 +15,7 @@ from .layout import LayoutStage, reported
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..engine.mechanics.assembly import Pose
     from ..engine.runs.result import Result
 
 
@@ -29,14 +30,19 @@ class ChooseStage(LayoutStage):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+        pose = _optimised(obj, snapshot)
+
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.view import choices
             from ..engine.runs import job
 
-            made = job.go_on(result, snapshot.settings, ("choose",), progress)
+            if pose is not None and result.design is not None:
+                reached = job.simulated_at(result, pose, snapshot.settings, progress.part(0.0, 0.01)).simulation
+                result = replace(result, reached=reached)
+            made = job.go_on(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
             assert made.choice is not None
             strip = choices.pictures([one.flat for one in made.choice.proposals])
-            return reported(made), made.choice, strip
+            return None if made.flat is result.flat else reported(made), made.choice, strip
 
         return go_on
 
@@ -46,13 +52,25 @@ class ChooseStage(LayoutStage):
         from ..bridge.view import choices
 
         flat, choice, strip = result
-        said = super().finish(context, obj, surface, flat)
+        said = translate("The layout stays")
+        if flat is not None:
+            said = super().finish(context, obj, surface, flat)
+            mesh.write_start(obj, surface, *choice.best.judged.spirals)
         stored.write(obj, surface, [one.flat.layout.cut for one in choice.proposals])
-        mesh.write_start(obj, surface, *choice.best.judged.spirals)
         choices.keep(obj, strip)
         notes.write(obj.data, "choose", choice.report())
         self.level = "INFO" if choice.reached else "WARNING"
         return f"{said}. {choice.note}"
+
+
+def _optimised(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
+    """The pose at rest of spirals that were optimised, where all of that is up to date."""
+    from ..bridge.store import equilibrium, states
+
+    scene = bpy.context.scene
+    now = states.of(obj, scene)
+    current = all(now[stage].kind == states.DONE for stage in ("optimise", "equilibrium"))
+    return equilibrium.resting(obj, scene, snapshot.surface) if current else None
 
 
 class Choose(ChooseStage, bpy.types.Operator):

@@ -12,7 +12,7 @@ from ..materials import Material
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.splitting.split import usable
-from .judge import LONG, Judged
+from .judge import Judged
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
@@ -45,12 +45,12 @@ class Proposal:
     @property
     def rms(self) -> float:
         """Distance from the target, as a share of its size."""
-        return self.judged.rms
+        return self.judged.eased
 
     @property
     def proved(self) -> bool:
-        """Whether its figures are those of a long search."""
-        return self.judged.share >= LONG
+        """Whether its figures are those of a search, not predicted."""
+        return self.judged.proved
 
     @property
     def symmetric(self) -> bool:
@@ -130,8 +130,8 @@ class Choice:
 def front(judged: list[Judged]) -> list[Judged]:
     """Return the layouts than which none of as few panels is nearer, fewest panels first."""
     found: list[Judged] = []
-    for one in sorted(judged, key=lambda one: (one.laid.panels, one.rms, one.laid.joints)):
-        if not found or one.rms < found[-1].rms:
+    for one in sorted(judged, key=lambda one: (one.laid.panels, one.eased, one.laid.joints)):
+        if not found or one.eased < found[-1].eased:
             found.append(one)
     return found
 

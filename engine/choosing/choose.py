@@ -29,17 +29,18 @@ from ..patches.layout import PatchLayout
 from ..patches.merging.ladder import merge_in_steps
 from ..patches.tracing.trace import trace
 from ..progress import SILENT, Progress
-from ..surface.checking.finding import counted
+from ..simulation.simulate import Simulation
 from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
-from .choice import GIVEN, STRIDE, Choice, Proposal, front, proposal, worth_showing
-from .judge import LONG, Idea, Judged, Laid, Piece, judge, lay, taken_up
+from .choice import GIVEN, STRIDE, Choice, front
+from .decide import decided
+from .judge import LONG, WHOLE, Idea, Judged, Laid, Piece, judge, lay, optimised, taken_up
 from .lines import along_folds, completed, drawn, planes, unlike
 from .moves import IDEAS, joined, moves
 from .predict import Start
 from .prospects import WORTH
-from .search import EXPECTED, Search, Together, creeping, key, short
+from .search import Search, Together, creeping, key
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)
@@ -60,8 +61,6 @@ SLOWER = 4.0
 CLOSE = 1.3
 SMALL = 500  # quads up to which as many searches go on at once as there were, else one: a minute has room for those
 FILLED = 2  # layouts between two proposals that are looked for
-# Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
-ENOUGH = 1.05
 
 
 def choose(
@@ -70,16 +69,32 @@ def choose(
     params: ChooseParams,
     progress: Progress = SILENT,
     together: Together | None = None,
+    reached: Simulation | None = None,
 ) -> Choice:
-    """The layout that serves the goal best, and others worth looking at.
+    """Return the layout that serves the goal best, and others worth looking at.
 
-    given : the layout that there is, which is one of the proposals; together : runs a function on many things, perhaps in
-    several processes, and gives the results in the same order. Stopped, it gives the best so far. Raises ``Cancelled`` where
-    it is stopped before anything was judged, and ``FlexMapsError`` where not even the given layout takes a shape.
+    Parameters
+    ----------
+    piece : the surface, how it is held, and what it is made of
+    given : the present layout, which is one of the proposals
+    params : the goal
+    together : runs a function on many things, perhaps in several processes, and gives the results in the same order
+    reached : the given layout at rest, where its spirals are optimised; it stays unless another one comes nearer, or holds the goal
+
+    Returns
+    -------
+    The best so far where it is stopped.
+
+    Raises
+    ------
+    Cancelled : it is stopped before anything was judged
+    FlexMapsError : not even the given layout takes a shape
     """
     search = Search(piece, params, together or Workers(1))
     first = Laid(given, GIVEN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
+    if reached is not None:
+        search.proved[key(first)] = optimised(first, reached)
     try:
         _begin(search, first, progress.part(0.0, 0.1))
         if params.near:
@@ -92,7 +107,7 @@ def choose(
         finished = False
     if not search.judged:
         raise FlexMapsError("No layout of this surface takes a shape: simulate it first and mend what that reports")
-    return _choice(search, first, finished)
+    return decided(search, first, finished)
 
 
 def _cut_there(search: Search, progress: Progress) -> None:
@@ -122,14 +137,22 @@ def _sought(search: Search, first: Laid, progress: Progress) -> None:
 
 
 def _begin(search: Search, first: Laid, progress: Progress) -> None:
-    """Judge the given layout: by a short search where others are compared with it by such, else by its prediction."""
-    piece = search.piece
+    """Judge the given layout: by a short search where others are compared with it by such, else by its prediction.
+
+    Where it was searched before, that is what it comes to.
+    """
+    piece, reached = search.piece, search.proved.get(key(first))
     if not search.params.near and piece.settings.simulate.model != "rod":
         with suppress(FlexMapsError):  # a short search fails too, and is told
             search.start = Start.from_layout(piece, first.flat, progress.quiet())
             search.expected = 1.0
     began = time.monotonic()
+    if search.start is None and reached is not None:
+        search.known[key(first)] = reached
     search.judge([first], progress)
+    if reached is not None:
+        search.known[key(first)] = search.known[key(first)] or reached
+        search.learn(reached)
     slowness = (time.monotonic() - began) / search.one
     search.pace = SLOWER * slowness * LONG * (Work.of(len(piece.mesh.quads), 1.0).limit or 0.0)
     if search.known[key(first)] is not None:
@@ -148,17 +171,16 @@ def _collect(search: Search, first: Laid, progress: Progress) -> None:
     if piece.symmetries:
         others += [Idea(cut, name, even=True) for name, cut in sketched]
     others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
-    jobs = others if quick is None else [first, *others]
+    unsearched = quick is not None and key(first) not in search.proved
+    jobs = [first, *others] if unsearched else others
     most = CURVED * taken_up(first.flat.layout)
     began, paced = time.monotonic(), creeping(progress, search.pace)
     made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
     search.pace = time.monotonic() - began
-    slow = None if quick is None else made.pop(0)
-    if slow is not None and quick is not None:
+    slow = made.pop(0) if unsearched else None
+    if slow is not None:
         search.proved[key(first)] = slow
-        search.reference = slow.rms
-        search.expect([slow])
-        search.piece = replace(piece, spirals=slow.spirals)
+        search.learn(slow)
     found = {key(one): one for several in made for one in several if _fits(one, *_limits(search, first))}
     search.waiting = _ranked(search, [one for one in found.values() if search.unknown(one)])
 
@@ -274,6 +296,7 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
 def _prove(search: Search, progress: Progress) -> None:
     """Give the best layouts a long search; where none holds the goal, go on with the nearest, and with what may hold it still.
 
+    The nearest is searched on too where it may yet come nearer than the given layout, which had a whole search.
     Several at once, whether there are as many cores or not, so that the result is the same.
     """
     match = search.params.goal == "match"
@@ -283,8 +306,13 @@ def _prove(search: Search, progress: Progress) -> None:
     if not match or not search.proved or search.holds(next(one for one in search.judged if one.share >= LONG)):
         return
     search.expect([search.proved[key(one)] for one in best if key(one) in search.proved])
-    nearest = min(search.proved.values(), key=lambda one: one.rms)
-    tries = [nearest.laid] if nearest.rms <= CLOSE * search.params.match / 100.0 else []
+    whole = next((one.rms for one in search.proved.values() if one.share >= WHOLE), 0.0)
+    others = sorted((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.rms)
+    tries = [
+        one.laid
+        for one in others[:1]
+        if one.rms <= CLOSE * search.params.match / 100.0 or (one.eased > WORTH * whole and one.rms <= CLOSE * whole)
+    ]
     tries += [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
     few = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
     search.prove(tries[:few], progress.part(0.6, 1.0))
@@ -303,75 +331,3 @@ def _between(search: Search) -> Iterator[Laid]:
         made = joined(search.piece, many, most) if many.laid.panels > most else None
         if made is not None and made.panels > few.laid.panels and search.unknown(made):
             yield made
-
-
-def _choice(search: Search, first: Laid, finished: bool) -> Choice:
-    settings = search.piece.settings
-    judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
-    search.expected = 1.0
-    drawn_one = next((one for one in judged if one.cut_length is not None), None)
-    if drawn_one is not None:  # seams hardly change what is cut
-        judged = [
-            one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
-            for one in judged
-        ]
-    best = _taken(search, judged, first)
-    made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
-    shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
-    reached = search.holds(best)
-    given = next((one for one in made.values() if one.judged.laid.origin == GIVEN), None)
-    return Choice(
-        tuple(shown),
-        shown.index(made[id(best)]),
-        search.params.goal,
-        reached,
-        _note(search, made[id(best)], given, reached),
-        finished,
-        len(search.known),
-    )
-
-
-def _taken(search: Search, judged: list[Judged], first: Laid) -> Judged:
-    """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
-    # a prediction may promise too much, so that what was searched for comes first
-    best = next((one for one in judged if one.share), judged[0])
-    if search.params.goal != "panels" and search.holds(best):
-        return best
-    given = next((one for one in judged if key(one.laid) == key(first)), None)
-    enough = 1.0 / WORTH if search.params.goal == "match" else ENOUGH
-    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= enough * search.distance(best)]
-    if search.params.goal == "panels":
-        alike = [given] if given is not None and search.holds(given) and given in alike else []
-    return min([best, *alike], key=lambda one: (one.laid.joints, one.laid.panels))
-
-
-def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
-    """What was chosen, or what stands in the way."""
-    what = short(best.judged.laid, best.rms)
-    if given is not None and given is not best:
-        what += f" (before: {short(given.judged.laid, given.rms)})"
-    if search.params.near and search.params.goal == "match":
-        asked = "a nearer match by other cuts"
-    elif search.params.goal == "panels":
-        asked = f"no more than {counted(search.params.panels, 'panel', 'panels')}"
-    elif search.params.goal == "match":
-        asked = f"a match of {search.params.match:g} %"
-    else:
-        asked = "the present match with less work"
-    if reached:
-        return f"Chosen for {asked}: {what}."
-    if search.params.near and given is not None and best.rms < given.rms:
-        return f"Changed for {asked}: {what}."
-    return (
-        f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
-    )
-
-
-def _no_nearer(search: Search, best: Judged) -> str:
-    """A sentence on layouts of more panels, with a blank after it; nothing where no search says so."""
-    searched = [one for one in search.judged if one.share]
-    most = max(searched, key=lambda one: one.laid.panels, default=best)
-    left = most.rms if most.share >= LONG else EXPECTED * most.rms
-    if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:
-        return ""
-    return f"Up to {most.laid.panels} panels bring it no nearer. "

@@ -29,6 +29,10 @@ from .lines import evenly
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.35
+WHOLE = 1.0  # the share of a piece that was optimised, not searched here
+# Power of the strain's excess by which a long search promises too much. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
+# 1.12 times the strain that is borne, and whole searches, which bring that down, at 0.86 and 1.15 %
+EASED = 2
 # Quads for which a short search is meant, and the least share of it for fewer: the same number of steps then takes less. With the
 # same time a dome of 48 quads was searched to a millionth of its size
 QUADS, LEAST = 1000, 0.25
@@ -121,6 +125,16 @@ class Judged:
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]
     flat: FlatPatches
 
+    @property
+    def proved(self) -> bool:
+        """Whether a whole search would leave no more than ``rms``: a long one did, with strains that are borne."""
+        return self.share >= WHOLE or (self.share >= LONG and self.strain <= 1.0)
+
+    @property
+    def eased(self) -> float:
+        """The RMS distance that a long search may well leave once its strains are borne; of other searches, ``rms``."""
+        return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
+
 
 def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
     """An idea laid flat: what is no disk is opened, crumbs are joined, what is larger than a sheet is cut. None where that
@@ -187,11 +201,26 @@ def judge(
         )
         if not found.after.equilibrium.converged:
             return None
-        curves = [curve for panel in found.after.design.outlines() for curve in (panel.outer, *panel.holes)]
-        known = judged(laid, found.after, reach(found, remedies=False), share, thorough=thorough)
-        return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
+        return _drawn(judged(laid, found.after, reach(found, remedies=False), share, thorough=thorough), found.after)
     except FlexMapsError:
         return None
+
+
+def optimised(laid: Laid, found: Simulation) -> Judged:
+    """Return what the panels of a layout do whose spirals were optimised.
+
+    Parameters
+    ----------
+    laid : the layout
+    found : its spirals at rest
+    """
+    return _drawn(judged(laid, found, reach(found, remedies=False), WHOLE, thorough=True), found)
+
+
+def _drawn(known: Judged, found: Simulation) -> Judged:
+    """Return a judged layout with what cutting it takes."""
+    curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
+    return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
 
 def judged(laid: Laid, found: Simulation, limits: Reach, share: float, *, thorough: bool) -> Judged:

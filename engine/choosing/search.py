@@ -65,8 +65,8 @@ class Search:
         return sorted((one for one in found.values() if one is not None), key=self.key)
 
     def distance(self, one: Judged) -> float:
-        """The RMS distance that a long search left, or may well leave; in the end, what was found."""
-        return one.rms if one.share >= LONG else self.expected * one.rms
+        """The RMS distance that a long search left, or may well leave, with strains that are borne; in the end, what was found."""
+        return one.eased if one.share >= LONG else self.expected * one.rms
 
     @property
     def said(self) -> str:
@@ -107,12 +107,18 @@ class Search:
     def expect(self, searched: Iterable[Judged]) -> None:
         """Learn from long searches what those leave of predictions, the worst share of several."""
         shares = [
-            one.rms / before.rms
+            one.eased / before.rms
             for one in searched
             if (before := self.known[key(one.laid)]) is not None and not before.share and before.rms > 0.0
         ]
         if shares:
             self.expected = max(shares)
+
+    def learn(self, given: Judged) -> None:
+        """Go by what a search of the given layout has come to: long searches of others begin with its spirals."""
+        self.reference = given.rms
+        self.expect([given])
+        self.piece = replace(self.piece, spirals=given.spirals)
 
     def prove(self, laid: Sequence[Laid], progress: Progress) -> None:
         """Judge known layouts by a long search, or go on from the spirals of the one that they have had.
@@ -126,7 +132,7 @@ class Search:
         found = self.together(_proved, tries, creeping(progress, self.pace), self.said)
         for one, made in zip(laid, found, strict=True):
             before = self.proved.get(key(one))
-            if made is not None and (before is None or made.rms < before.rms):
+            if made is not None and (before is None or made.eased < before.eased):
                 self.proved[key(one)] = made
             elif before is None:
                 self.known[key(one)] = None

@@ -45,6 +45,7 @@ class Result:
     choice : the layouts that were compared, if that was asked for, and which of them flat is
     start : flat patches, and the widths (F, 4) metres and twists (F,) radians that were found while they were chosen, where ``choice``
         is not kept
+    reached : the optimised spirals in the layout flat, simulated, where ``optimisation`` is not kept
     design : the spirals, optimised if that stage ran; optimisation : how they became so
     simulation : the shape that the assembled object takes; limits : what keeps it from the target
     scanned : a scan of the built piece to compare with; scan : it laid over the simulated shape, or the target
@@ -71,6 +72,7 @@ class Result:
     flat: FlatPatches | None = None
     choice: Choice | None = None
     start: tuple[FlatPatches, Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
+    reached: Simulation | None = None
     design: SpiralDesign | None = None
     optimisation: Optimisation | None = None
     simulation: Simulation | None = None

@@ -31,6 +31,7 @@ class Stage:
     blocks : what it tells of itself in report.json and in the notes of a .blend file
     asked : it runs only if it is asked for; optional : sheets can be cut without it, so that its failure does not end a job
     quick : it takes so little time that it is done whenever it can be; nobody asks for it by name
+    keeps : it may leave what it improves as it was; its step then keeps what was made from that, and drops it otherwise
     done : what a piece is after it, for what is told where an optional one fails
     """
 
@@ -45,6 +46,7 @@ class Stage:
     asked: bool = False
     optional: bool = False
     quick: bool = False
+    keeps: bool = False
     done: str = ""
 
     @property
@@ -73,7 +75,7 @@ TABLE = (
     Stage("merge", 0.35, ("layout",), makes=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("split", 0.05, ("flat",), improves=("flat",), settings=("layout",), blocks=("layout",)),
     Stage("choose", 1.0, ("flat",), makes=("choice",), improves=("flat",), settings=("layout", "sheet", *PHYSICS),
-          blocks=("choose",), asked=True, optional=True, done="chosen"),
+          blocks=("choose",), asked=True, optional=True, keeps=True, done="chosen"),
     Stage("spirals", 0.1, ("flat",), makes=("design",), improves=("flat",),
           settings=("spiral!thickness!grain", KIND_OF_BASE), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), improves=("flat", "design"),
@@ -160,7 +162,7 @@ def without(result: Result, members: Iterable[str]) -> Result:
 
 def begun(result: Result, stage: Stage) -> Result:
     """The result as a stage finds it that runs now: without what it makes itself, and what was made from that."""
-    written = (*stage.makes, *stage.improves)
+    written = stage.makes if stage.keeps else (*stage.makes, *stage.improves)
     kept = {member: getattr(result, member) for member in stage.improves}
     return replace(without(result, {*stage.makes, *made_from(written, stage.name)}), **kept)
 

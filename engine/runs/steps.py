@@ -44,6 +44,7 @@ from ..surface.remeshing import regularise
 from ..surface.symmetry import symmetries
 from ..workers import Workers
 from .result import Result
+from .stages import made_from, without
 
 MERGED = 0.4  # of the progress of merging: what comes then is as much again or nothing; by eye
 
@@ -93,8 +94,13 @@ def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
     # further cuts begin with the spirals of the present layout, other layouts with those of a long search
     start = _chosen(result) if settings.choose.near else None
     piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found), start)
+    reached = result.reached if result.optimisation is None else result.simulation
+    if reached is not None and (reached.design.flat is not result.flat or not reached.equilibrium.converged):
+        reached = None
     with Workers() as together:
-        made = choose.choose(piece, result.flat, settings.choose, progress.part(0.02, 1.0), together)
+        made = choose.choose(piece, result.flat, settings.choose, progress.part(0.02, 1.0), together, reached)
+    if made.best.flat is not result.flat:
+        result = without(result, made_from({"flat"}, "choose"))
     return replace(result, flat=made.best.flat, choice=made)
 
 

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import mesh, states
+from flexmaps.bridge.store import mesh, next_button, states
 from flexmaps.bridge.view import choices
 from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import search
@@ -46,6 +46,10 @@ def seams(obj: Any) -> np.ndarray:
     return np.array([edge.use_seam for edge in obj.data.edges])
 
 
+def widths_of(obj: Any) -> np.ndarray:
+    return np.array([item.value for item in obj.data.attributes["flexmaps_width"].data])
+
+
 def test_a_layout_is_chosen_and_another_taken(chosen: Any) -> None:
     block = report(chosen)["choose"]
     rows = block["proposals"]
@@ -73,10 +77,34 @@ def test_the_spirals_are_those_with_which_the_layout_was_chosen(chosen: Any) -> 
     press("simulate")
     asked = block["proposals"][block["taken"]]["rms_percent"]
     assert report(chosen)["equilibrium"]["rms_percent"] == pytest.approx(asked, rel=0.1, abs=0.005)
-    first = np.array([item.value for item in chosen.data.attributes["flexmaps_width"].data])
+    first = widths_of(chosen)
     press("spirals")
-    again = np.array([item.value for item in chosen.data.attributes["flexmaps_width"].data])
-    assert np.abs(again - first).max() > 1e-3
+    assert np.abs(widths_of(chosen) - first).max() > 1e-3
+
+
+def test_what_was_made_fit_stays_where_no_layout_comes_nearer(add: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With no other layout to compare, the present one keeps its spirals, its shape, and the match that it has reached."""
+    monkeypatch.setattr(search, "MOST", 1)
+    monkeypatch.setattr(search, "FEWEST", 1)
+    obj = add(bowl(closed=True))
+    obj.flexmaps.choose.match = 0.001
+    obj.flexmaps.optimise.patience = 0.2
+    press("merge")
+    press("fit")
+    before, widths, cut = report(obj), widths_of(obj), seams(obj)
+    press("choose")
+    after = report(obj)
+    row = after["choose"]["proposals"][after["choose"]["taken"]]
+    assert {name: after[name] for name in before} == before
+    np.testing.assert_array_equal(widths_of(obj), widths)
+    np.testing.assert_array_equal(seams(obj), cut)
+    assert row["origin"] == "as it was" and row["proved"]
+    assert row["rms_percent"] == pytest.approx(after["equilibrium"]["rms_percent"], abs=1e-4)  # rounded
+    scene = bpy.context.scene
+    now = states.of(obj, scene)
+    assert {now[stage].kind for stage in ("layout", "choose", "spirals", "optimise", "equilibrium")} == {states.DONE}
+    assert next_button.of(obj, scene, now) != "flexmaps.choose"
+    assert "comes clearly nearer than the present one" in after["choose"]["note"]
 
 
 def test_there_is_nothing_to_take_before_and_no_such_proposal(add: Any, chosen: Any) -> None:

@@ -363,6 +363,22 @@ def test_a_stop_keeps_the_best_so_far() -> None:
         choose(piece, given, ChooseParams(), Progress(stopped=lambda: True))
 
 
+def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No other layout is looked at, so that nothing can come nearer than the given one has."""
+    monkeypatch.setattr(search, "MOST", 1)
+    monkeypatch.setattr(search, "FEWEST", 1)
+    settings = Settings()
+    quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
+    mesh = PolygonMesh.of(grid(6, 6, height=0.03))
+    made = job.run(mesh, quick, stop_after="simulate", optimised=True)
+    after = job.go_on(made, quick, ("choose",))
+    assert after.choice is not None and made.simulation is not None
+    assert 100.0 * after.choice.best.rms == made.simulation.match["rms_percent"] and after.choice.best.proved
+    assert after.flat is made.flat and after.design is made.design and after.optimisation is made.optimisation
+    plain = job.go_on(job.run(mesh, quick, stop_after="simulate"), quick, ("choose",))  # nothing was optimised
+    assert plain.design is None and plain.simulation is None and plain.flat is not None
+
+
 @pytest.mark.usefixtures("few")
 @pytest.mark.thorough
 def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:

@@ -24,6 +24,7 @@ GIVEN = {
     "supports",
     "wishes",
     "start",
+    "reached",
     "force",
     "groups",
     "protected",

@@ -1,0 +1,94 @@
+"""What choosing ends with: which of the judged layouts is taken, which others are shown, and what is said of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..surface.checking.finding import counted
+from .choice import GIVEN, Choice, Proposal, proposal, worth_showing
+from .judge import LONG, WHOLE, Judged, Laid
+from .prospects import WORTH
+from .search import EXPECTED, NEARER, Search, key, short
+
+# Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
+ENOUGH = 1.05
+
+
+def decided(search: Search, first: Laid, finished: bool) -> Choice:
+    """Return the choice among all that was judged."""
+    settings = search.piece.settings
+    judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
+    search.expected = 1.0
+    drawn_one = next((one for one in judged if one.cut_length is not None), None)
+    if drawn_one is not None:  # seams hardly change what is cut
+        judged = [
+            one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
+            for one in judged
+        ]
+    best = pick(search, judged, first)
+    made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
+    shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
+    reached = search.holds(best)
+    given = next((one for one in made.values() if one.judged.laid.origin == GIVEN), None)
+    return Choice(
+        tuple(shown),
+        shown.index(made[id(best)]),
+        search.params.goal,
+        reached,
+        _note(search, made[id(best)], given, reached),
+        finished,
+        len(search.known),
+    )
+
+
+def pick(search: Search, judged: list[Judged], first: Laid) -> Judged:
+    """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
+    # a prediction may promise too much, so that what was searched for comes first
+    best = next((one for one in judged if one.share), judged[0])
+    if search.params.goal != "panels" and search.holds(best):
+        return best
+    given = next((one for one in judged if key(one.laid) == key(first)), None)
+    enough = 1.0 / WORTH if search.params.goal == "match" else ENOUGH
+    alike = [one for one in judged if one.share >= LONG and search.distance(one) <= enough * search.distance(best)]
+    if search.params.near:
+        alike = []
+    elif search.params.goal == "panels":
+        alike = [given] if given is not None and search.holds(given) and given in alike else []
+    alike.append(best)
+    if given is not None and given.share >= WHOLE and search.holds(given) == search.holds(best):
+        alike = [one for one in alike if one is given or (1.0 + NEARER) * one.eased < given.rms] or [given]
+    return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
+
+
+def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
+    """What was chosen, or what stands in the way."""
+    what = short(best.judged.laid, best.rms)
+    if given is not None and given is not best:
+        what += f" (before: {short(given.judged.laid, given.rms)})"
+    if search.params.near and search.params.goal == "match":
+        asked = "a nearer match by other cuts"
+    elif search.params.goal == "panels":
+        asked = f"no more than {counted(search.params.panels, 'panel', 'panels')}"
+    elif search.params.goal == "match":
+        asked = f"a match of {search.params.match:g} %"
+    else:
+        asked = "the present match with less work"
+    if reached:
+        return f"Chosen for {asked}: {what}."
+    if search.params.near and given is not None and best.rms < given.rms:
+        return f"Changed for {asked}: {what}."
+    if given is best and best.judged.share >= WHOLE:
+        return f"No other layout comes clearly nearer than the present one, with {what}. {best.judged.advice}"
+    return (
+        f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
+    )
+
+
+def _no_nearer(search: Search, best: Judged) -> str:
+    """A sentence on layouts of more panels, with a blank after it; nothing where no search says so."""
+    searched = [one for one in search.judged if one.share]
+    most = max(searched, key=lambda one: one.laid.panels, default=best)
+    left = most.rms if most.share >= LONG else EXPECTED * most.rms
+    if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:
+        return ""
+    return f"Up to {most.laid.panels} panels bring it no nearer. "
