@@ -24,6 +24,7 @@ PAGES = {
     "docs/glossary.md": "glossary.md",
     "docs/microstructures.md": "microstructures.md",
     "docs/translating.md": "translating.md",
+    "docs/development.md": "development.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "database/report/README.md": "database-report.md",
