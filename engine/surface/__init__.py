@@ -1,1 +1,1 @@
-"""The surface: polygon files, quad meshes, what is wrong with them, curvature, symmetry, and squarer quads."""
+"""The surface: mesh files, quad meshes, mesh checks, curvature, symmetry and remeshing."""

@@ -1,4 +1,4 @@
-"""What the cuts of a layout look like at every vertex, as one number: the less, the better drawn."""
+"""Cost of the patch corners that the cuts of a layout make at a vertex; lower is a cleaner outline."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ import numpy as np
 from .curvature import corner_angles
 from .mesh import QuadMesh
 
-# cost of a corner of a patch, in edges, by its angle: reflex ones spoil an outline most; chosen by eye, so that a seam goes
-# three edges round rather than have one
+# Costs are in edges of cut. This one is for a reflex corner, which spoils an outline most. Chosen by eye, so that a
+# seam rather goes three edges round than has such a corner.
 REFLEX = 3.0
 CONVEX = 0.25  # cost of a corner narrower than a straight line
 SHARP = 2.0  # cost of a corner too pointed for an arm
-TIP = 0.5  # cost of a cut that ends nowhere
-WIDE, NARROW = np.radians(222.0), np.radians(138.0)  # 2 and 3 of 5 quads round a vertex count as straight
-ACUTE = np.radians(50.0)  # below the 60 degrees of six quads round a vertex
+TIP = 0.5  # cost of a cut that ends inside the surface
+# radians: angles between them count as straight, so that 2 and 3 of 5 quads round a vertex do
+WIDE, NARROW = np.radians(222.0), np.radians(138.0)
+ACUTE = np.radians(50.0)  # radians: corners below it are too pointed; six quads round a vertex make 60 degrees
 
 
 @dataclass(frozen=True, eq=False)
 class Ring:
     """Edges round a vertex, counter-clockwise, and the angle from each to the next, radians.
 
-    On the border the first and last edge are the border's and there is one angle less.
+    At a border vertex the first and the last edge lie on the border, and there is one angle less than edges.
+    ``known`` caches costs by the pattern of cut edges.
     """
 
     edges: tuple[int, ...]
@@ -36,7 +38,7 @@ class Ring:
 
 @lru_cache(maxsize=4)
 def rings(mesh: QuadMesh) -> list[Ring]:
-    """The ring of every vertex."""
+    """Return the ring of every vertex."""
     follow: list[dict[int, tuple[int, float]]] = [{} for _ in range(len(mesh.vertices))]
     before = np.roll(mesh.quad_edges, 1, axis=1)
     for v, out, back, a in zip(
@@ -51,6 +53,9 @@ def rings(mesh: QuadMesh) -> list[Ring]:
 
 
 def _ring(step: dict[int, tuple[int, float]]) -> Ring:
+    """Build a ring by following the edges round a vertex; ``step`` maps an edge to the next edge and the angle
+    between.
+    """
     if not step:
         return Ring((), (), True)
     targets = {edge for edge, _ in step.values()}
@@ -67,9 +72,16 @@ def _ring(step: dict[int, tuple[int, float]]) -> Ring:
 
 
 def corner_cost(ring: Ring, cut: Container[int]) -> float:
-    """Cost of the patch corners at a vertex: reflex ones most, then very sharp ones, then the end of a cut.
+    """Return the cost of the patch corners at a vertex: reflex and very sharp corners, ends of cuts.
 
-    cut : the edges that are cut or on the border
+    Parameters
+    ----------
+    ring : edges and angles round the vertex
+    cut : edges that are cut or on the border
+
+    Returns
+    -------
+    cost, in edges
     """
     pattern = 0
     for e in ring.edges:
@@ -81,6 +93,9 @@ def corner_cost(ring: Ring, cut: Container[int]) -> float:
 
 
 def _cost(ring: Ring, marks: list[bool]) -> float:
+    """Add up the costs of the sectors between cut edges; ``marks`` tells for every edge of the ring whether it is
+    cut.
+    """
     count = sum(marks)
     if count < 2:
         return 0.0 if count == 0 or len(marks) != 4 else TIP

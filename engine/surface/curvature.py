@@ -1,4 +1,4 @@
-"""How strongly the surface bends at every quad."""
+"""Principal curvatures, angle defects and corner angles of a quad mesh."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from scipy.sparse import coo_array
 from ..arrays import Float
 from .mesh import QuadMesh
 
-SLACK = 1e-4  # how little a curvature that the neighbours cannot tell is held to zero, relative to one they can; any small number does
-FLAT = 1e-4  # largest thickness of a flat body, as a share of its lesser width: single precision leaves 1e-7, a bend that is seen 1e-2
+# regularisation of the quadric fit: sets coefficients to zero that the neighbours leave open; any small number does
+SLACK = 1e-4
+# largest thickness of a flat body, as a share of its smaller width: rounding to single precision leaves 1e-7, a visible
+# bend 1e-2
+FLAT = 1e-4
 
 
 def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
@@ -21,7 +24,7 @@ def rms_curvature(mesh: QuadMesh) -> Float[np.ndarray, " quads"]:
 
 
 def is_flat(mesh: QuadMesh) -> bool:
-    """Whether every body of a mesh lies in a plane."""
+    """Return whether every body of a mesh lies in a plane."""
     for body in range(int(mesh.body_of.max()) + 1):
         points = mesh.vertices[np.unique(mesh.quads[mesh.body_of == body])]
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -31,35 +34,42 @@ def is_flat(mesh: QuadMesh) -> bool:
 
 
 def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
-    """Largest and smallest normal curvature at the middle of every quad, 1/m, positive where it is hollow
-    seen from the side that the normals point to.
+    """Largest and smallest normal curvature at the middle of every quad, 1/m.
 
-    A quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all quads round it (16 in
-    a regular mesh), nearer ones counting more (Cazals and Pouget 2005); its shape operator at the middle. Where the
-    neighbours leave a coefficient open, as across a strip of one quad, it is zero.
+    A curvature is positive where the surface is hollow seen from the side to which the normals point. It comes from the
+    shape operator of a quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all
+    quads
+    round it (16 in a regular mesh), nearer ones with more weight (Cazals and Pouget 2005). Coefficients that the
+    neighbours
+    leave open, as across a strip one quad wide, are zero.
     """
-    a, b, c, d, e, f, scale = _fitted(mesh)
-    fitted = _of_graph(b, c, d, e, f)
-    # the distances were taken from the quad's middle, a below the surface: back to it as between parallel surfaces
+    a, b, c, d, e, f, scale = _fit_quadrics(mesh)
+    fitted = _graph_curvatures(b, c, d, e, f)
+    # the fit is about the quad's middle, which lies a below the surface; curvatures of parallel surfaces lead back to
+    # the middle
     lift = np.clip(a[:, None] * fitted, -0.5, 0.5)
     return fitted / (1.0 - lift) / scale[:, None]
 
 
 def misalignment(mesh: QuadMesh) -> float:
-    """Degrees, 0 to 45: by how much the quads' sides miss the principal directions, in the mean; 22.5 where they ignore them.
+    """Mean angle between the quads' sides and the principal directions, degrees, 0 to 45; 22.5 for random directions.
 
-    Every quad weighs by its area and by |k1 - k2| times its size, at most 1: where both curvatures are the same, no direction
-    is better than another. The angle is that of the second fundamental form of the quadric of ``principal_curvatures``, whose
+    The weight of a quad is its area times |k1 - k2| times its size, at most 1: where both curvatures are equal, no
+    direction
+    is better than another. The angle comes from the second fundamental form of the quadric of ``principal_curvatures``,
+    whose
     x axis runs along the quad; tilts of the quadric against the quad are neglected.
     """
-    _, _, _, d, e, f, _ = _fitted(mesh)
+    _, _, _, d, e, f, _ = _fit_quadrics(mesh)
     off = 0.5 * np.abs(np.arctan2(2.0 * e, d - f))
     weight = mesh.areas * np.minimum(np.hypot(d - f, 2.0 * e), 1.0)
     return float(np.degrees((np.minimum(off, 0.5 * np.pi - off) * weight).sum() / max(weight.sum(), 1e-300)))
 
 
-def _fitted(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
-    """a to f of z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad, in units of the last one, its size in metres."""
+def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
+    """Fit z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad; return a to f, in units of the quad's size,
+    and that size, metres.
+    """
     quad, vertex = _neighbourhoods(mesh)
     count = len(mesh.quads)
     normal = _smooth_normals(mesh)
@@ -70,9 +80,9 @@ def _fitted(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
     scale = np.sqrt(np.maximum(mesh.areas, 1e-300))
     offset = (mesh.vertices[vertex] - mesh.centroids[quad]) / scale[quad, None]
     x, y, z = (np.einsum("ni,ni->n", offset, axis[quad]) for axis in (x_axis, y_axis, normal))
-    # 0.5 at the quad's own corners, about 0.1 at the far corners of its neighbours
+    # weights are 0.5 at the quad's own corners and about 0.1 at the far corners of its neighbours
     weight = 1.0 / (1.0 + (2.0 * (x**2 + y**2)))
-    # distances in space instead of along the plane: exact for a sphere (d^2 = 2 r z), however coarse its quads
+    # squared distances in space, not along the plane: exact for a sphere (d^2 = 2 r z), however coarse its quads
     stretch = 1.0 + z**2 / np.maximum(x**2 + y**2, z**2 + 1e-12)
     columns = np.stack([np.ones_like(x), x, y, 0.5 * stretch * x**2, stretch * x * y, 0.5 * stretch * y**2], axis=1)
     weighted = columns * weight[:, None]
@@ -86,7 +96,7 @@ def _fitted(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
     return a, b, c, d, e, f, scale
 
 
-def _of_graph(
+def _graph_curvatures(
     b: np.ndarray, c: np.ndarray, d: np.ndarray, e: np.ndarray, f: np.ndarray
 ) -> Float[np.ndarray, "points 2"]:
     """Principal curvatures of z = b x + c y + d x^2/2 + e x y + f y^2/2 at the origin (do Carmo 3.3)."""
@@ -108,10 +118,10 @@ def _neighbourhoods(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth_normals(mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
-    """Unit: every quad's normal, averaged with its neighbours' weighted by area."""
+    """Unit normals: every quad's normal averaged with its neighbours', weighted by area."""
     total = 2 * mesh.area_vectors
     around = np.where((mesh.neighbours >= 0)[..., None], mesh.area_vectors[mesh.neighbours], 0.0)
-    # a neighbour on the far side of a sharp fold has no say
+    # leave out neighbours on the far side of a sharp fold
     facing = np.einsum("fki,fi->fk", around, mesh.normals) > 0
     total += (around * facing[..., None]).sum(axis=1)
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
@@ -120,8 +130,9 @@ def _smooth_normals(mesh: QuadMesh) -> Float[np.ndarray, "quads 3"]:
 def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float[np.ndarray, " quads"]]:
     """Total Gaussian curvature at every inner vertex and within every quad, radians.
 
-    2 pi less the angles round a vertex, 0 at the border; the angles of a quad less 2 pi, which is not 0 where it is
-    warped. Both together obey the theorem of Gauss and Bonnet exactly.
+    At a vertex it is 2 pi less the angles round it (0 at the border); in a quad it is the sum of its angles less 2 pi
+    (not 0
+    if the quad is warped). Together they satisfy the Gauss-Bonnet theorem exactly.
     """
     angle = corner_angles(mesh)
     round_vertex = np.bincount(mesh.quads.ravel(), weights=angle.ravel(), minlength=len(mesh.vertices))
@@ -129,7 +140,7 @@ def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float
 
 
 def corner_angles(mesh: QuadMesh) -> Float[np.ndarray, "quads 4"]:
-    """Radians: the angle between the two sides at every corner of every quad."""
+    """Angle between the two sides at every corner of every quad, radians."""
     p = mesh.vertices[mesh.quads]
     forward, backward = np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p
     cross = np.linalg.norm(np.cross(forward, backward), axis=2)

@@ -1,4 +1,4 @@
-"""Surfaces far away from the origin: computed about their own middle, and what was rounded before they came here."""
+"""Surfaces far from the origin: move them to the origin, and detect coordinates rounded to single precision."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from ..arrays import Float
 from .mesh import PolygonMesh, QuadMesh
 
-# extents of a piece between its middle and the origin from which on it is brought to the origin: there single precision, which
-# Blender's meshes have, rounds to 1e-6 of the extent. Larger: coarser; smaller: pieces move that need not
+# Move a mesh to the origin if its middle is farther away than so many of its extents: there Blender's single precision
+# rounds to 1e-6 of the extent. Larger: coarser coordinates; smaller: meshes move without need.
 FAR = 20.0
-COARSE = 1e-4  # of a piece's extent: steps of its coordinates that are told; .02 mm of a piece of 200 mm
+COARSE = 1e-4  # share of the extent: a coarser rounding of the coordinates is reported; 0.02 mm for a piece of 200 mm
 
 
 def about_middle(polygons: PolygonMesh) -> PolygonMesh:
-    """The mesh with its middle at the origin where it lies far away from there, else as it is."""
+    """Return the mesh with its middle at the origin if it lies far from there, else unchanged."""
     used = polygons.vertices[np.unique(polygons.corners)]
     if not len(used) or not np.isfinite(used).all():
         return polygons
@@ -28,13 +28,15 @@ def about_middle(polygons: PolygonMesh) -> PolygonMesh:
 
 
 def near(mesh: QuadMesh) -> QuadMesh:
-    """The same of a mesh of quads."""
+    """Return a quad mesh moved to the origin if it lies far from there, else unchanged."""
     moved = about_middle(PolygonMesh.of(mesh)).vertices
     return mesh if moved is mesh.vertices else mesh.moved(moved)
 
 
 def coarse_step(positions: Float[np.ndarray, "vertices 3"]) -> float:
-    """The step of single precision where these positions lie; 0 where it is fine beside their extent."""
+    """Return the single-precision rounding step at these positions, in their unit; 0 if it is fine relative to their
+    extent.
+    """
     finite = positions[np.isfinite(positions).all(axis=1)]
     if not len(finite):
         return 0.0

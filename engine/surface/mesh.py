@@ -1,4 +1,4 @@
-"""Polygon meshes as they come in, and the quad mesh with its topology that everything else works on."""
+"""Unchecked polygon meshes as files give them, and the clean quad mesh with its topology."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ TOPOLOGY = ("_edges", "_edge_uses", "border", "neighbours", "valence", "on_borde
 
 @dataclass(frozen=True, eq=False)
 class PolygonMesh:
-    """Any polygon mesh, unchecked: what a file or Blender gives.
+    """Any polygon mesh, unchecked, as a file or Blender gives it.
 
-    vertices : (V, 3) float, metres (or unit-less, before scaling)
+    vertices : (V, 3) float, metres (or without a unit, before scaling)
     corners : (C,) int, vertex index of every face corner, face after face
     sizes : (F,) int, number of corners of every face
-    left_out : sentences about what its file holds beside, for ``check`` to pass on
-    cured : codes and sentences of faults that were mended when it was read, for ``check`` to pass on
+    left_out : sentences about data of the file that were not read; ``check`` reports them
+    cured : codes and sentences of faults that were repaired on reading; ``check`` reports them
     """
 
     vertices: np.ndarray
@@ -32,15 +32,15 @@ class PolygonMesh:
     cured: tuple[tuple[str, str], ...] = ()
 
     def kept(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
-        """The same vertices with some of the faces."""
+        """Return the mesh with the faces of the mask only; vertices stay."""
         if faces.all():
             return self
         return replace(self, corners=self.corners[np.repeat(faces, self.sizes)], sizes=self.sizes[faces])
 
     def in_order(self) -> PolygonMesh:
-        """The same polygons with vertices and faces numbered by where they lie, so that one shape has one numbering.
+        """Renumber vertices and faces by position, so that the same shape always gets the same numbering.
 
-        Blender's own primitives are numbered otherwise every time that they are made.
+        Blender numbers its own primitives differently every time it makes them.
         """
         order = np.lexsort(self.vertices.T[::-1])
         rank = np.empty(len(order), np.int64)
@@ -60,7 +60,7 @@ class PolygonMesh:
 
     @classmethod
     def of(cls, mesh: QuadMesh) -> PolygonMesh:
-        """A quad mesh as polygons."""
+        """Return a quad mesh as a polygon mesh."""
         return cls(mesh.vertices, mesh.quads.ravel(), np.full(len(mesh.quads), 4))
 
 
@@ -78,7 +78,7 @@ class QuadMesh:
     quads: Int[np.ndarray, "quads 4"]
 
     def moved(self, vertices: Float[np.ndarray, "vertices 3"]) -> QuadMesh:
-        """The same quads with other vertex positions, metres; the topology is shared, not computed again."""
+        """Return the same quads with other vertex positions, metres; topology that is already computed is shared."""
         other = QuadMesh(np.asarray(vertices, dtype=float), self.quads)
         for name in TOPOLOGY:
             if name in self.__dict__:
@@ -89,6 +89,7 @@ class QuadMesh:
 
     @cached_property
     def _edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertex pairs of all edges, and the edge of every side of every quad."""
         sides = np.stack([self.quads, np.roll(self.quads, -1, axis=1)], axis=2).reshape(-1, 2)
         low, high = sides.min(axis=1).astype(np.int64), sides.max(axis=1).astype(np.int64)
         keys, of_side = np.unique(low * len(self.vertices) + high, return_inverse=True)
@@ -102,7 +103,7 @@ class QuadMesh:
 
     @property
     def quad_edges(self) -> Int[np.ndarray, "quads 4"]:
-        """The edge under side k of every quad."""
+        """The edge of side k of every quad."""
         return self._edges[1]
 
     @property
@@ -115,11 +116,12 @@ class QuadMesh:
 
     @property
     def edge_sides(self) -> Int[np.ndarray, "edges 2"]:
-        """Which side (0-3) of the quads in ``edge_quads`` lies on the edge; -1 where there is none."""
+        """Side number (0-3) of the edge within each quad of ``edge_quads``; -1 where there is none."""
         return self._edge_uses[1]
 
     @cached_property
     def _edge_uses(self) -> tuple[np.ndarray, np.ndarray]:
+        """``edge_quads`` and ``edge_sides``."""
         quads = np.full((len(self.edges), 2), -1, dtype=np.int64)
         sides = np.full((len(self.edges), 2), -1, dtype=np.int64)
         face, side = np.divmod(np.arange(self.quads.size), 4)
@@ -155,7 +157,7 @@ class QuadMesh:
 
     @property
     def irregular(self) -> Bool[np.ndarray, " vertices"]:
-        """Inner vertices without 4 edges. Border vertices with other than 3 are irregular but for valence 2."""
+        """Mask of irregular vertices: inner ones with other than 4 edges, border ones with more than 3."""
         inner = ~self.on_border & (self.valence != 4) & (self.valence > 0)
         return inner | (self.on_border & (self.valence > 3))
 
@@ -166,12 +168,12 @@ class QuadMesh:
 
     @cached_property
     def dual_edges(self) -> Int[np.ndarray, " joints"]:
-        """The edges that are not on the border."""
+        """Indices of the edges that are not on the border."""
         return np.flatnonzero(~self.border)
 
     @cached_property
     def body_of(self) -> Int[np.ndarray, " quads"]:
-        """The connected body that every quad belongs to."""
+        """Number of the connected body of every quad."""
         n = len(self.quads)
         a, b = self.dual.T
         return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
@@ -180,7 +182,7 @@ class QuadMesh:
 
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " edges"]:
-        """Metres."""
+        """Length of every edge, metres."""
         return np.linalg.norm(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]], axis=1)
 
     @cached_property
@@ -190,18 +192,18 @@ class QuadMesh:
 
     @cached_property
     def centroids(self) -> Float[np.ndarray, "quads 3"]:
-        """Metres: mean of the four corners; the target positions of the spirals' centres."""
+        """Mean of the four corners, metres: the target position of the spiral's centre."""
         return self.vertices[self.quads].mean(axis=1)
 
     @cached_property
     def area_vectors(self) -> Float[np.ndarray, "quads 3"]:
-        """Square metres: half the cross product of the diagonals; its length is the (projected) area."""
+        """Half the cross product of the diagonals, square metres; its length is the projected area."""
         p = self.vertices[self.quads]
         return 0.5 * np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
 
     @cached_property
     def areas(self) -> Float[np.ndarray, " quads"]:
-        """Square metres."""
+        """Projected area of every quad, square metres."""
         return np.linalg.norm(self.area_vectors, axis=1)
 
     @cached_property

@@ -1,7 +1,8 @@
-"""Surfaces that the project makes itself, for the demo, for tests and for trying things out.
+"""Built-in surfaces for the demo, for tests and for trying things out.
 
-Every shape is a function without arguments (or with its resolution) that gives a QuadMesh of arbitrary size;
-``make`` brings it to an edge length.
+Every shape is a function, without required arguments, that returns a QuadMesh of arbitrary size; ``make`` scales it to
+an
+edge length.
 """
 
 from __future__ import annotations
@@ -15,9 +16,16 @@ from .mesh import QuadMesh
 
 
 def make(name: str, edge: float = 0.02) -> QuadMesh:
-    """The shape ``name`` (one of ``NAMES``) with the median edge length ``edge``, metres.
+    """Return a built-in surface.
 
-    Raises FlexMapsError for another name.
+    Parameters
+    ----------
+    name : one of ``NAMES``
+    edge : median edge length, metres
+
+    Raises
+    ------
+    FlexMapsError : unknown name
     """
     if name not in BUILDERS:
         raise FlexMapsError(f"There is no shape '{name}'; the shapes are {', '.join(NAMES)}")
@@ -29,7 +37,7 @@ def make(name: str, edge: float = 0.02) -> QuadMesh:
 
 
 def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameters u and v in [-1, 1], one a vertex, and the quads of a regular grid."""
+    """Return u and v in [-1, 1] of every vertex, and the quads of a regular grid."""
     u, v = np.meshgrid(np.linspace(-1, 1, columns + 1), np.linspace(-1, 1, rows + 1), indexing="ij")
     index = np.arange(u.size).reshape(u.shape)
     quads = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1)
@@ -37,7 +45,13 @@ def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
-    """One mesh from pieces: vertices at the same place become one, unused ones go."""
+    """Merge vertices at the same place and drop unused ones.
+
+    Parameters
+    ----------
+    vertices : (V, 3), any unit
+    quads : (Q, 4) vertex indices
+    """
     size = np.ptp(vertices, axis=0).max()
     _, first, same = np.unique(np.round(vertices / (size * 1e-7)), axis=0, return_index=True, return_inverse=True)
     used, corners = np.unique(first[same.ravel()][quads], return_inverse=True)
@@ -45,7 +59,7 @@ def welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
 
 
 def subdivided(mesh: QuadMesh) -> QuadMesh:
-    """One step of Catmull and Clark (1978); borders become cubic B-splines."""
+    """One Catmull-Clark subdivision step (1978); borders become cubic B-splines."""
     p, inner = mesh.vertices, ~mesh.border
     faces = mesh.centroids
     ends = p[mesh.edges]
@@ -79,7 +93,7 @@ def quad() -> QuadMesh:
 
 
 def cubesphere(n: int = 5) -> QuadMesh:
-    """A unit sphere of 6 n^2 quads: a cube's faces, divided by equal angles and blown up."""
+    """A unit sphere of 6 n^2 quads: the faces of a cube, divided by equal angles and projected onto the sphere."""
     u, v, quads = _grid(n, n)
     face = np.stack([np.tan(u * np.pi / 4), np.tan(v * np.pi / 4), np.ones_like(u)], axis=1)
     sides = [np.roll(face, k, axis=1) for k in range(3)] + [-np.roll(face, k, axis=1) for k in range(3)]
@@ -96,7 +110,14 @@ def dome(n: int = 8) -> QuadMesh:
 
 
 def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
-    """A ring of radius 1 and tube radius ``ratio``."""
+    """A ring of radius 1.
+
+    Parameters
+    ----------
+    around : quads round the ring
+    across : quads round the tube
+    ratio : tube radius
+    """
     u, v, quads = _grid(around, across)
     radius = 1 + ratio * np.cos(np.pi * v)
     vertices = np.stack([radius * np.cos(np.pi * u), radius * np.sin(np.pi * u), ratio * np.sin(np.pi * v)], axis=1)
@@ -104,7 +125,7 @@ def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
 
 
 def vault(n: int = 18) -> QuadMesh:
-    """A square shell on its four corners, with arches between them."""
+    """A square shell that stands on its four corners, with arches between them."""
     u, v, quads = _grid(n, n)
     return QuadMesh(np.stack([u, v, 0.25 * (2 - u**2 - v**2)], axis=1), quads)
 
@@ -116,14 +137,20 @@ def saddle(n: int = 14) -> QuadMesh:
 
 
 def strip(length: int = 36, width: int = 3) -> QuadMesh:
-    """A narrow open strip that winds like a spiral staircase."""
+    """A narrow open strip that winds like a spiral staircase.
+
+    Parameters
+    ----------
+    length : quads along the strip
+    width : quads across it
+    """
     u, v, quads = _grid(length, width)
     angle, radius = 0.75 * np.pi * u, 1 + v * width / length * 2.0
     return QuadMesh(np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.7 * u], axis=1), quads)
 
 
 def three_holes(steps: int = 2) -> QuadMesh:
-    """A smooth solid with three holes: a slab of cubes, subdivided."""
+    """A smooth solid with three holes: a subdivided slab of cubes."""
     filled = np.ones((7, 3, 1), dtype=bool)
     filled[1::2, 1] = False
     mesh = voxels(filled)
@@ -133,7 +160,7 @@ def three_holes(steps: int = 2) -> QuadMesh:
 
 
 def voxels(filled: np.ndarray) -> QuadMesh:
-    """The outside of some unit cubes, normals outwards."""
+    """The outer surface of a set of unit cubes, normals outwards."""
     padded = np.pad(filled, 1)
     vertices: list[np.ndarray] = []
     quads: list[np.ndarray] = []
@@ -161,7 +188,7 @@ def two_bodies() -> QuadMesh:
 def demo(n: int = 12) -> QuadMesh:
     """A canopy on three feet: a dome in the middle, edges that flare upwards between the feet.
 
-    3 n^2 quads round one vertex of three: an eighth of a cubesphere, laid out flat and given its height. Gaussian
+    3 n^2 quads round a vertex of valence 3: an eighth of a cubesphere, flattened and given its height. Gaussian
     curvature is positive round the top and negative towards the edges.
     """
     u, v, quads = _grid(n, n)

@@ -1,4 +1,4 @@
-"""Mirrors and rotations that map a mesh onto itself, so that a symmetric surface gets a symmetric layout."""
+"""Find mirrors and rotations that map a mesh onto itself, so that a symmetric surface gets a symmetric layout."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEARCH = "Looking for symmetries"
 class Symmetry:
     """A rigid motion that maps a mesh onto itself.
 
-    vertices, quads, edges : where each of them goes
+    vertices, quads, edges : index of the image of each
     matrix : orthogonal, about the centre of the mesh
     """
 
@@ -30,18 +30,18 @@ class Symmetry:
 
     @property
     def mirrors(self) -> bool:
-        """Whether it is a reflection in a plane."""
+        """Whether the motion is a reflection in a plane."""
         return bool(np.linalg.det(self.matrix) < 0.0 and abs(np.trace(self.matrix) - 1.0) < 0.01)
 
     @property
     def normal(self) -> Float[np.ndarray, " 3"]:
-        """Unit length: that of the plane of a reflection."""
+        """Unit normal of the mirror plane, if the motion is a reflection."""
         values, vectors = np.linalg.eigh((self.matrix + self.matrix.T) / 2)
         return vectors[:, int(values.argmin())]
 
     @property
     def name(self) -> str:
-        """In words, e.g. "mirror across x" or "turn by 90 degrees about (0, 0, 1)"."""
+        """Description in words, e.g. "mirror across x" or "turn by 90 degrees about (0, 0, 1)"."""
         m = self.matrix
         mirrored = np.linalg.det(m) < 0
         turn = -m if mirrored else m
@@ -58,6 +58,7 @@ class Symmetry:
 
 
 def _direction(axis: np.ndarray) -> str:
+    """Return the name of a coordinate axis, or the vector's components as text."""
     for name, unit in zip("xyz", np.eye(3), strict=True):
         if axis @ unit > 0.9999:
             return name
@@ -67,17 +68,25 @@ def _direction(axis: np.ndarray) -> str:
 def symmetries(
     mesh: QuadMesh, tolerance: float = 0.05, largest: int = 128, progress: Progress = SILENT
 ) -> list[Symmetry]:
-    """Every rigid motion but the identity that maps the mesh onto itself, corner by corner.
+    """Find the rigid motions, without the identity, that map the mesh onto itself corner by corner.
 
-    tolerance : how far a vertex may be off, as a share of the median edge
-    largest : look for no more once so many are found; a surface of revolution may have hundreds
+    Parameters
+    ----------
+    mesh : quad mesh
+    tolerance : largest deviation of a vertex, as a share of the median edge
+    largest : stop the search after more than this many; a surface of revolution may have hundreds
+    progress : called with the fraction done
+
+    Returns
+    -------
+    all different motions
     """
     centre = mesh.vertices.mean(axis=0)
     points = mesh.vertices - centre
     marks = _marks(mesh, points, progress)
     slack = 2 * tolerance * mesh.median_edge
     tree = cKDTree(points)
-    # the quad whose looks are rarest has the fewest places to go
+    # start from the quad with the rarest marks: it has the fewest possible images
     rounded = np.round(marks / (4 * slack)).astype(np.int64)
     _, group, count = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
     first = int(np.lexsort((np.arange(len(marks)), count[group.ravel()]))[0])
@@ -98,9 +107,11 @@ def symmetries(
 
 
 def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.ndarray, "quads 9"]:
-    """Metres: what a rigid motion about the centre leaves of a quad.
+    """Nine lengths per quad, metres, that no rigid motion about the centre changes.
 
-    Distances of its corners and middle, sorted, and how many edges its corners are from irregular vertices and borders.
+    They are the sorted distances of its corners from the centre, that of its middle, and the sorted numbers of edges
+    from its
+    corners to the nearest irregular or border vertex, times the median edge.
     """
     away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
     middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
@@ -120,7 +131,7 @@ def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.n
 def _motion(
     mesh: QuadMesh, points: np.ndarray, tree: cKDTree, first: int, quad: int, order: np.ndarray, slack: float
 ) -> Symmetry | None:
-    """The motion that lays one quad on another corner by corner, followed over the whole mesh side by side."""
+    """Return the symmetry that maps quad ``first`` to ``quad``, corners in the given order; None if there is none."""
     way = 1 if (order[1] - order[0]) % 4 == 1 else -1
     source, target = points[mesh.quads[first]], points[mesh.quads[quad][order]]
     lengths = [np.linalg.norm(p - p[[1, 2, 3, 0]], axis=1) for p in (source, target)]
@@ -134,11 +145,13 @@ def _motion(
     matrix = (u @ vt).T
     if np.sign(np.linalg.det(matrix)) != way:
         return None
-    return _matched(mesh, points, tree, matrix, slack)
+    return _refit(mesh, points, tree, matrix, slack)
 
 
-def _matched(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
-    """The permutations that belong to a motion, refined once by the best fit; None where it is no symmetry."""
+def _refit(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
+    """Return the symmetry of a motion, with the matrix refitted to all vertices; None if the motion is not a
+    symmetry.
+    """
     few = points[:: max(1, len(points) // 40)]
     if tree.query(few @ matrix.T)[0].max() > 8 * slack:
         return None
@@ -156,6 +169,7 @@ def _matched(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarr
 
 
 def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
+    """Return the image of every edge; None if two vertices joined by an edge have images that are not."""
     n = len(mesh.vertices)
     ends = np.sort(image[mesh.edges], axis=1)
     keys = mesh.edges[:, 0].astype(np.int64) * n + mesh.edges[:, 1]
@@ -165,7 +179,7 @@ def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
 
 
 def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"] | None:
-    """The quad that has the images of a quad's edges for its own."""
+    """Return for every quad the quad on the images of its edges; None if a quad has no such image."""
     own, images = np.sort(mesh.quad_edges, axis=1), np.sort(edges[mesh.quad_edges], axis=1)
     first, second = np.lexsort(own.T), np.lexsort(images.T)
     if (own[first] != images[second]).any():
@@ -176,12 +190,28 @@ def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"]
 
 
 def keeping(found: Sequence[Symmetry], cut: np.ndarray) -> list[Symmetry]:
-    """Those symmetries that map the cuts of a layout onto themselves."""
+    """Return the symmetries that map the cuts of a layout onto themselves.
+
+    Parameters
+    ----------
+    found : symmetries of the mesh
+    cut : mask over its edges
+    """
     return [s for s in found if (cut[s.edges] == cut).all()]
 
 
 def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry]) -> Bool[np.ndarray, " edges"]:
-    """Return the smallest set of cuts that holds these and is its own image under each of some symmetries."""
+    """Return the smallest set of cuts that contains the given cuts and is mapped onto itself by every symmetry.
+
+    Parameters
+    ----------
+    cut : mask over the edges
+    symmetries : symmetries of the mesh
+
+    Returns
+    -------
+    mask over the edges
+    """
     while True:
         more = cut.copy()
         for symmetry in symmetries:
@@ -192,9 +222,14 @@ def close_under(cut: Bool[np.ndarray, " edges"], symmetries: Sequence[Symmetry])
 
 
 def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
-    """Groups of symmetries generated by one or two of them, the largest first, without the identity.
+    """Return groups of symmetries generated by one or two elements, the largest first, without the identity.
 
-    Of groups that look alike (the same kinds of motions, the same number of vertices at rest) only the first is given.
+    Groups of the same kind (equal motions by type, equal numbers of fixed vertices) are returned once.
+
+    Parameters
+    ----------
+    found : all symmetries of the mesh
+    most : largest number of groups
     """
     index = {s.vertices.tobytes(): i for i, s in enumerate(found)}
     count = len(found)
@@ -214,7 +249,7 @@ def subgroups(found: list[Symmetry], most: int = 12) -> list[list[Symmetry]]:
             members = more
 
     cyclic = {closure({i}): i for i in range(count)}
-    # what two of them generate depends on their cyclic groups only
+    # two elements generate the same group as any generators of their cyclic groups
     generators = sorted(cyclic.values())
     known = {*cyclic, *(closure({i, j}) for i in generators for j in generators if j < i)}
     known.add(frozenset(range(count)))

@@ -1,4 +1,4 @@
-"""Corners of a soup of faces that are one but for noise: joined by how long edges are, not by a constant."""
+"""Weld vertices of separate faces that differ only by noise; the tolerance follows from the edge lengths."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from scipy.spatial import cKDTree
 from ..arrays import Float, Int
 from .mesh import PolygonMesh
 
-# of the 5th percentile of edge lengths: corners nearer than this are one. Larger: thin slits close; smaller: noise keeps faces apart
+# Welding distance, as a share of the 5th percentile of edge lengths. Larger: thin slits close; smaller: noise keeps
+# faces apart.
 NEAR = 0.01
-# times NEAR: the least of these is taken beyond which nothing more is joined, as noise of other programs may reach further
+# Factors on NEAR, tried because other programs leave larger noise: welding takes the smallest beyond which the next
+# joins nothing more.
 WIDER = (1.0, 2.0, 4.0, 8.0)
-SHORT = 5.0  # percentile of edge lengths that stands for short edges, so that a few slivers don't count
+SHORT = 5.0  # percentile of edge lengths taken as the short edge; higher than 0, so that a few slivers don't count
 
 
 def short_edge(mesh: PolygonMesh) -> float:
-    """The 5th percentile of the sides' lengths, without those of no length."""
+    """Return the 5th percentile of the lengths of all sides, zero lengths left out."""
     starts = np.cumsum(mesh.sizes) - mesh.sizes
     following = np.arange(1, len(mesh.corners) + 1)
     following[starts + mesh.sizes - 1] = starts
@@ -31,34 +33,36 @@ def short_edge(mesh: PolygonMesh) -> float:
 
 
 def welded(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with corners that are nearer than ``NEAR`` joined in their mean, never two corners of one face."""
+    """Weld vertices nearer than ``NEAR``, at their mean, but never two corners of one face."""
     used = np.unique(mesh.corners)
     if not np.isfinite(mesh.vertices[used]).all():
         return mesh
     near = NEAR * short_edge(mesh)
     tried = [clusters(mesh, used, factor * near) for factor in WIDER]
     left = [len(np.unique(label[used])) for label in tried]
-    # the least distance beyond which there is nothing more to join; without one nothing tells noise and shape apart
+    # take the smallest distance beyond which nothing more joins; if there is none, noise and shape cannot be told apart
     best = next((k for k in range(len(WIDER) - 1) if left[k] == left[k + 1]), 0)
     return joined(mesh, tried[best])
 
 
 def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
-    """For every vertex the first of those that it is one with; only vertices ``among`` are joined."""
+    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance
+    ``near``.
+    """
     label = np.arange(len(mesh.vertices))
     pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
     if not len(pairs):
         return label
     n = len(mesh.vertices)
     group = connected_components(coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n)), directed=False)[1]
-    for bad in np.unique(_twice(mesh, group)):
-        group = _parted(mesh, group, pairs[group[pairs[:, 0]] == bad])
+    for bad in np.unique(_degenerate_clusters(mesh, group)):
+        group = _split_clusters(mesh, group, pairs[group[pairs[:, 0]] == bad])
     _, first, inverse = np.unique(group, return_index=True, return_inverse=True)
     return first[inverse]
 
 
 def joined(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
-    """The mesh whose vertices of one label are one, in their mean; the first of them stands for all."""
+    """Merge vertices with equal labels at their mean; a label is the index of the first vertex of the cluster."""
     if (label == np.arange(len(label))).all():
         return mesh
     kept, index, counts = np.unique(label, return_inverse=True, return_counts=True)
@@ -69,8 +73,8 @@ def joined(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMes
     return replace(mesh, vertices=vertices, corners=index.reshape(-1)[mesh.corners])
 
 
-def _twice(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray:
-    """Groups to which two corners of a face belong that are other vertices."""
+def _degenerate_clusters(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray:
+    """Return the clusters that hold two different corners of one face."""
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
     of_corner = group[mesh.corners]
     order = np.lexsort((mesh.corners, of_corner, face))
@@ -78,8 +82,8 @@ def _twice(mesh: PolygonMesh, group: Int[np.ndarray, " vertices"]) -> np.ndarray
     return g[1:][(f[1:] == f[:-1]) & (g[1:] == g[:-1]) & (v[1:] != v[:-1])]
 
 
-def _parted(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
-    """Groups in which these pairs, the nearest first, are joined only where that brings no two corners of a face together."""
+def _split_clusters(mesh: PolygonMesh, group: np.ndarray, pairs: Int[np.ndarray, "pairs 2"]) -> np.ndarray:
+    """Split a cluster: join its pairs, the nearest first, unless that would merge two corners of one face."""
     vertices = np.unique(pairs)
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
     faces: dict[int, set[int]] = {v: set() for v in vertices.tolist()}

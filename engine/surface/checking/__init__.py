@@ -1,1 +1,1 @@
-"""What is wrong with a polygon mesh, and the quad mesh once nothing is."""
+"""Checks of a polygon mesh, and its conversion to a quad mesh if there are no errors."""

@@ -1,23 +1,23 @@
-"""Is this mesh one that can be made? Names every fault, the faces it concerns, and the way out.
+"""Check whether a mesh can be fabricated: name every fault, its faces and the remedy.
 
-Codes of the findings, first those that may be the cause of others:
+Codes of the findings; causes come before their consequences:
 
     code                      severity        what it says
-    no-faces                  error           there is nothing to make
-    bad-index                 error           a face refers to a vertex that is not there
+    no-faces                  error           the mesh has no faces
+    bad-index                 error           a face refers to a vertex that does not exist
     not-finite                error           a coordinate is NaN or infinite
-    far-vertices              error           a few vertices so far out that the rest is a point beside them
-    far-from-origin           error           so far out that positions are rounded
+    far-vertices              error           a few vertices are extremely far from all others
+    far-from-origin           error           the mesh is so far out that its positions are rounded
     non-quad                  error           triangles or n-gons
     repeated-vertex           error           a face has the same vertex at two corners
     duplicate-faces           error           two faces on the same vertices
     zero-edge                 error           an edge without length
     zero-area                 error           a face without area
     crossed                   error           a quad whose sides cross
-    folded                    error           neighbours that lie on each other
+    folded                    error           neighbours folded onto each other
     non-manifold-edge         error           an edge of three or more faces
     non-manifold-vertex       error           fans of faces that share only a vertex
-    non-orientable            error           a body with only one side, as the Moebius strip
+    non-orientable            error           a body with only one side, like a Moebius strip
     inconsistent-orientation  error           neighbours whose normals point to opposite sides
     size                      error           edges of a thousandth of a millimetre, or of a thousand kilometres
     size-ratio                error, warning  face sizes too different: above 10, above 3
@@ -29,9 +29,9 @@ Codes of the findings, first those that may be the cause of others:
     inside-out                warning         closed bodies whose normals point inwards
     several-bodies            warning         each is laid out by itself
     loose-vertices            warning         vertices that belong to no face; left out
-    left-out                  warning         what the file holds beside its mesh
+    left-out                  warning         data of the file that were not read
 
-``everything`` adds those of ``overlaps``.
+``everything`` adds the codes of ``overlaps``.
 """
 
 from __future__ import annotations
@@ -51,15 +51,14 @@ from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, spl
 
 
 def edges_of(polygons: PolygonMesh) -> Int[np.ndarray, "edges 2"]:
-    """The vertices of every edge, the smaller first, in the order of the findings' ``edges``.
-
-    The same order as ``QuadMesh.edges``.
+    """Return the vertices of every edge, the smaller first, in the order of ``Finding.edges`` and
+    ``QuadMesh.edges``.
     """
     return sides_of(polygons).edges
 
 
 def converted(polygons: PolygonMesh) -> PolygonMesh:
-    """The mesh with arrays of the right kinds, from whatever a script gives; raises FlexMapsError where that cannot be."""
+    """Return the mesh with float and int arrays; raise FlexMapsError if they cannot be converted."""
     try:
         vertices = np.asarray(polygons.vertices, dtype=float)
         corners, sizes = np.asarray(polygons.corners), np.asarray(polygons.sizes)
@@ -74,12 +73,12 @@ def converted(polygons: PolygonMesh) -> PolygonMesh:
 
 
 def used_vertices(polygons: PolygonMesh) -> Int[np.ndarray, " used"]:
-    """Ascending: vertices that belong to a face; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
+    """Vertices that belong to a face, ascending; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
     return np.unique(polygons.corners)
 
 
 def median_edge(polygons: PolygonMesh) -> float:
-    """Median edge length in the unit of the vertices; NaN where it cannot be told."""
+    """Median edge length in the unit of the vertices; NaN if there are no faces or indices are invalid."""
     if not len(polygons.sizes) or not _indices_fit(polygons):
         return float("nan")
     unit, power = in_unit(polygons)
@@ -87,10 +86,17 @@ def median_edge(polygons: PolygonMesh) -> float:
 
 
 def scaled(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
-    """The mesh in metres, about its origin: with the median edge length ``edge``, or the extent ``height`` along z.
+    """Scale the mesh about its origin to metres; with neither size it is taken to be in metres already.
 
-    With neither it is taken to be in metres already. A mesh without a size (no faces, NaN) comes back as it is, for
-    ``findings`` to name. Raises FlexMapsError when both are given or a size makes no sense.
+    Parameters
+    ----------
+    polygons : unchecked mesh; without a size (no faces, NaN) it is returned unchanged, for ``findings`` to report
+    edge : median edge length wanted, metres
+    height : extent along z wanted, metres
+
+    Raises
+    ------
+    FlexMapsError : both are given, or a size is not positive and finite
     """
     if edge is None and height is None:
         return polygons
@@ -115,10 +121,16 @@ def scaled(polygons: PolygonMesh, *, edge: float | None = None, height: float | 
 
 
 def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -> QuadMesh:
-    """The clean quad mesh: the same faces in the same order, without the vertices that belong to none.
+    """Return the clean quad mesh: the same faces in the same order, without unused vertices.
 
-    Raises FlexMapsError with the message and the culprits of the first error among ``findings`` (found here when not
-    given), and the names of the others.
+    Parameters
+    ----------
+    polygons : unchecked mesh, metres
+    findings : its findings; computed here if not given
+
+    Raises
+    ------
+    FlexMapsError : with message and faces of the first error, and the codes of the others
     """
     if findings is None:
         findings = _find(polygons, None)
@@ -133,31 +145,35 @@ def as_quad_mesh(polygons: PolygonMesh, findings: list[Finding] | None = None) -
 
 
 def findings(polygons: PolygonMesh, edge: float | None = None) -> list[Finding]:
-    """Everything that is wrong with the mesh, errors first.
+    """Return all faults of the mesh, errors first.
 
-    Vertices are in metres, or judged as if scaled to the median edge length ``edge`` (metres).
+    Parameters
+    ----------
+    polygons : unchecked mesh, metres
+    edge : judge sizes as if scaled to this median edge length, metres
     """
     return sorted(_find(polygons, edge), key=lambda f: not f.is_error)
 
 
 def everything(polygons: PolygonMesh) -> list[Finding]:
-    """``findings`` and those of ``overlaps``, which look at how parts of the surface lie to each other; errors first."""
+    """Return the findings of ``findings`` and ``overlaps``, errors first."""
     return sorted([*findings(polygons), *overlaps(polygons)], key=lambda f: not f.is_error)
 
 
 def not_quads(polygons: PolygonMesh) -> int:
-    """How many faces are no quads."""
+    """Return the number of faces that are not quads."""
     return sum(len(found.faces) for found in findings(polygons) if found.code == "non-quad")
 
 
 def remeshed(faces: int) -> Finding:
-    """What is to be said where so many faces were no quads, and the mesh was remeshed for that."""
+    """Return the warning that the mesh was remeshed because so many faces were not quads."""
     return finding(
         "remeshed", f"Faces that are no quads: {faces}. The whole mesh was remeshed in quads", severity="warning"
     )
 
 
 def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
+    """Return all findings in the order of the table above."""
     if not len(polygons.sizes):
         return [finding("no-faces", "The mesh has no faces; choose an object with a surface")]
     face_of = np.repeat(np.arange(len(polygons.sizes)), np.maximum(polygons.sizes, 0))
@@ -177,11 +193,11 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
     unit, power = in_unit(polygons)
     if not found:
         found += far_out(unit, face_of)
-    measured = not found  # lengths and areas mean something
-    found += _shape_of_faces(polygons, sides, body)
+    measured = not found  # lengths and areas are meaningful only then
+    found += _face_faults(polygons, sides, body)
     if measured:
         found += degenerate(unit, sides) + _folds(unit, sides)
-    found += _topology(polygons, sides, body)
+    found += _topology_faults(polygons, sides, body)
     if measured:
         found += sizes(unit, sides, body, edge, power)
     if body.max() > 0:
@@ -198,6 +214,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
 
 
 def _indices_fit(polygons: PolygonMesh) -> bool:
+    """Return whether sizes and corners match and all corners refer to vertices."""
     corners = polygons.corners
     fits = len(corners) == polygons.sizes.sum() and (polygons.sizes > 0).all()
     return bool(fits and (not len(corners) or (corners.min() >= 0 and corners.max() < len(polygons.vertices))))
@@ -214,7 +231,8 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
     return finding("not-finite", f"{what} ({shown}) of {named(faces)}: no finite position; delete or move them", faces)
 
 
-def _shape_of_faces(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+    """Faces that are not quads, repeat a vertex, or are listed twice."""
     found = []
     others = np.flatnonzero(polygons.sizes != 4)
     if len(others):
@@ -239,7 +257,7 @@ def _shape_of_faces(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> li
 
 
 def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
-    """Edges of a mesh of quads that are sharper than a spiral bends; those that lie on each other have a finding of their own."""
+    """Edges of a quad mesh too sharp for spirals; faces folded onto each other have their own finding."""
     turned = turns(polygons, sides)
     sharp = np.flatnonzero((turned > SHARP) & (np.cos(turned) >= FOLDED))
     if not len(sharp) or (polygons.sizes != 4).any():
@@ -249,7 +267,8 @@ def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     return [finding("sharp-folds", text, faces, sharp, severity="warning")]
 
 
-def _topology(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
+    """Faults of edges, vertices and orientation."""
     found = []
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     many = np.flatnonzero(uses > 2)
@@ -257,7 +276,7 @@ def _topology(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Fin
         faces = np.unique(sides.face[uses[sides.edge] > 2])
         text = f"{counted(len(many), 'edge has', 'edges have')} three or more faces, at {named(faces)}: delete the inner walls"
         found.append(finding("non-manifold-edge", text, faces, many))
-        return found  # fans and sides mean nothing beside such edges
+        return found  # fans and sides are not defined at such edges
     split = split_vertices(polygons, sides)
     if len(split):
         faces = np.unique(sides.face[np.isin(polygons.corners, split)])

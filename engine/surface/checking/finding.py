@@ -1,4 +1,4 @@
-"""One fault of a mesh, and how it is told."""
+"""A fault of a mesh, and helpers for its message."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ REMESH = "use the quad remesh (voxel remesh and QuadriFlow in Blender)"
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of a mesh.
+    """A fault of a mesh.
 
-    faces : indices in the mesh as it came; edges : indices in ``edges_of`` the mesh as it came
-    larger : times that the model would have to be larger; None where its size is not to blame
+    code : see the table in ``check``
+    severity : "error" or "warning"
+    faces : indices in the mesh as it was read
+    edges : indices in ``edges_of`` of that mesh
+    larger : factor by which the model would have to grow; None if its size is not the cause
     """
 
     code: str
@@ -28,6 +31,7 @@ class Finding:
 
     @property
     def is_error(self) -> bool:
+        """Whether the fault prevents fabrication."""
         return self.severity == "error"
 
     def as_dict(self) -> dict[str, Any]:
@@ -36,14 +40,21 @@ class Finding:
 
 
 def finding(code: str, message: str, faces: Any = (), edges: Any = (), severity: str = "error") -> Finding:
-    """A finding from indices of any kind."""
+    """Make a finding from indices of any sequence type; arguments as the fields of ``Finding``.
+
+    Parameters
+    ----------
+    code, message : text
+    faces, edges : index sequences
+    severity : "error" or "warning"
+    """
     return Finding(
         code, severity, message, tuple(np.asarray(faces, int).tolist()), tuple(np.asarray(edges, int).tolist())
     )
 
 
 def joined_alike(findings: Iterable[Finding]) -> list[Finding]:
-    """The findings, those of the same words as one that names the places of all."""
+    """Merge findings with equal code and message; the merged finding lists the faces and edges of all."""
     by_words: dict[tuple[str, str], list[Finding]] = {}
     for one in findings:
         by_words.setdefault((one.code, one.message), []).append(one)
@@ -58,7 +69,13 @@ def joined_alike(findings: Iterable[Finding]) -> list[Finding]:
 
 
 def counted(n: int, one: str, many: str) -> str:
-    """For example "1 edge has" or "2 edges have"."""
+    """Return for example "1 edge has" or "2 edges have".
+
+    Parameters
+    ----------
+    n : count
+    one, many : words for one and for several
+    """
     return f"{n} {one if n == 1 else many}"
 
 

@@ -9,21 +9,22 @@ from ..mesh import PolygonMesh
 from .geometry import area_vectors_of
 from .topology import Sides, sides_of
 
-# Radians between the normals of two quads from which their edge is a fold. Spirals bend, they do not fold: a pen holder whose edges turn
-# by 72 degrees ends at 3.2 % of its size from its target, and at 1.5 % where they turn by 41
+# Smallest angle between the normals of two quads at a fold, radians. Spirals bend but do not fold: a pen holder with
+# edges of 72 degrees ends 3.2 % of its size from its target, with edges of 41 degrees 1.5 %.
 SHARP = np.radians(45.0)
-RINGS = 2  # of vertices round a fold that move with it, each half as much as the one before; by eye
-PACE = 0.5  # share of the way to the mean of its neighbours that a vertex goes in a round; more than 1 does not settle
-ROUNDS = 200  # at most; a right angle takes 5
+RINGS = 2  # rings of vertices round a fold that move with it, each half as much as the ring inside; chosen by eye
+PACE = 0.5  # share of the way to the neighbours' mean that a vertex moves in a round; more than 1 does not converge
+ROUNDS = 200  # largest number of rounds; a right angle takes 5
 
 
 def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """Return the radians between the normals of the two faces at every edge; 0 where an edge has not exactly two.
+    """Return the angle between the normals of the two faces at every edge, radians; 0 at edges without exactly two
+    faces.
 
     Parameters
     ----------
-    polygons : faces that turn the same way round
-    sides : of the mesh
+    polygons : consistently oriented faces
+    sides : of that mesh
     """
     normals = area_vectors_of(polygons, sides)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
@@ -35,20 +36,20 @@ def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
 
 
 def radius(edge: float) -> float:
-    """Return the radius of the arc on which edges of this length turn by as much as is just no fold."""
+    """Return the radius, metres, of an arc on which edges of this length just do not count as folds."""
     return edge / (2.0 * float(np.sin(0.5 * SHARP)))
 
 
 def rounded(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
-    """Return the vertices after vertices at and near folds were drawn to the mean of their neighbours, until no fold is left.
+    """Smooth vertices at and near folds towards their neighbours' mean until no fold is left; return the vertices.
 
-    Vertices of the border keep to the border.
+    Border vertices stay on the border.
     """
     sides = sides_of(polygons)
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     held = np.unique(sides.edges[uses == 1])
     inner = ~np.isin(sides.edges, held).all(axis=1)
-    # every vertex is drawn by its neighbours, those of the border by their neighbours there
+    # border vertices are drawn only by their neighbours on the border
     edges = np.concatenate([sides.edges[inner], sides.edges[uses == 1]])
     to, by = np.concatenate([edges, edges[:, ::-1]]).T
     drawn = np.isin(to, held) <= np.isin(by, held)

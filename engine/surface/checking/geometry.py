@@ -1,4 +1,4 @@
-"""Checks of where the vertices of an unchecked polygon mesh lie: degenerate faces, and sizes that cannot be made."""
+"""Geometric checks of an unchecked polygon mesh: degenerate faces, and sizes that cannot be fabricated."""
 
 from __future__ import annotations
 
@@ -11,38 +11,41 @@ from ..mesh import PolygonMesh
 from .finding import REMESH, Finding, counted, finding, named
 from .topology import Sides, sides_of
 
-RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # 99th to 1st percentile of the faces' mean edge lengths
-SIZES = 1e-6, 1e6  # metres: least and largest median edge; beyond these nothing can be cut, whatever the units
-FAR = 1e6  # so many times further from the middle than half of all vertices: no mesh of quads has that by intent
-ROUNDED = 1e-6  # of the median edge: how far the rounding of double precision may displace a vertex
-FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours (0.008 degrees short of lying on each other)
-SMALL = 0.01  # metres: side of the smallest quad that takes a spiral well
-STEP = 0.05  # to multiples of which it is rounded how much larger a model would have to be
+RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # limits of the 99th over the 1st percentile of the faces' mean edge lengths
+SIZES = 1e-6, 1e6  # smallest and largest median edge, metres; nothing beyond them can be cut, whatever the units
+FAR = 1e6  # a vertex is far out at so many times the median distance from the middle: no quad mesh has that by intent
+# displacement of a vertex by rounding to double precision, in median edges, above which the mesh is too far out
+ROUNDED = 1e-6
+FOLDED = -1.0 + 1e-8  # cosine between the normals of neighbours; below it they lie on each other, to 0.008 degrees
+SMALL = 0.01  # side of the smallest quad that suits a spiral, metres
+STEP = 0.05  # the factor by which a model would have to grow is rounded up to multiples of this
 WARP = np.radians(60.0)  # largest angle between the normals at two neighbouring corners of a quad
-# least breadth of a quad, in median edges: of 20 mm it leaves arms of 1.5 mm, of half as much none that can be cut
+# smallest breadth of a quad, in median edges: with edges of 20 mm it leaves arms 1.5 mm wide; half of it leaves arms
+# too thin to cut
 THIN = 0.1
 
 
 def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
-    """The mesh with coordinates of about 1, whose squares and cubes are numbers too, and the power of two that it was divided by.
+    """Scale coordinates to about 1, so that their squares and cubes do not overflow; return the mesh and k, for a
+    factor 2^-k.
 
-    A power of two, so that no digit changes.
+    A power of two changes no digit.
     """
     vertices = np.asarray(polygons.vertices, float)
     largest = float(np.abs(vertices[polygons.corners]).max(initial=0.0))
     power = int(np.frexp(largest)[1]) if np.isfinite(largest) else 0
-    with np.errstate(over="ignore"):  # of vertices that belong to no face
+    with np.errstate(over="ignore"):  # unused vertices may overflow
         return replace(polygons, vertices=np.ldexp(vertices, -power)), power
 
 
 def lengths_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """The length of every edge."""
+    """Return the length of every edge."""
     a, b = polygons.vertices[sides.edges.T]
     return np.linalg.norm(np.asarray(b, float) - a, axis=1)
 
 
 def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
-    """Vertices that are nowhere near the others, or a mesh that is nowhere near the origin."""
+    """Report vertices far from all others, or a mesh too far from the origin."""
     used = np.unique(polygons.corners)
     p = polygons.vertices[used]
     away = np.abs(p - np.median(p, axis=0)).max(axis=1)
@@ -60,7 +63,7 @@ def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
 
 
 def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
-    """Edges without length, faces without area, crossed and folded ones; concave and warped quads too."""
+    """Report edges without length, faces without area, and crossed, folded, concave, thin and warped quads."""
     found = []
     lengths = lengths_of(polygons, sides)
     middle = float(np.median(lengths))
@@ -72,12 +75,12 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
         text = f"{counted(len(short), 'edge has', 'edges have')} no length, at {named(faces)}: use Merge by Distance"
         found.append(finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= 1e-6 * middle**2)
-    bows = flat[_corner_areas(polygons, sides)[flat] > 1e-6 * middle**2]  # two halves of a bow tie cancel out
+    bows = flat[_corner_areas(polygons, sides)[flat] > 1e-6 * middle**2]  # the two halves of a crossed quad cancel out
     flat = np.setdiff1d(flat, bows)
     if len(flat):
         found.append(finding("zero-area", f"{named(flat)} without area: dissolve or collapse them", flat))
     quads = np.setdiff1d(np.flatnonzero(polygons.sizes == 4), flat)
-    found += _quads(polygons, quads, area_vectors, bows, middle)
+    found += _quad_faults(polygons, quads, area_vectors, bows, middle)
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T
     unit = area_vectors / np.maximum(areas, 1e-300)[:, None]
     f, g = sides.face[one], sides.face[two]
@@ -90,7 +93,7 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " faces"]:
-    """The largest parallelogram at a corner of every face, between the sides that meet there."""
+    """Return the largest parallelogram that two adjacent sides of each face span."""
     p = polygons.vertices
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     side = p[sides.following] - p[polygons.corners]
@@ -98,7 +101,14 @@ def _corner_areas(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " fa
 
 
 def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | None, power: int) -> list[Finding]:
-    """Sizes that cannot be made, of a mesh that was divided by 2^power, or as if scaled to ``edge``, metres; bodies inside out."""
+    """Report sizes too small, too large or too uneven, and closed bodies inside out.
+
+    Parameters
+    ----------
+    polygons : mesh divided by 2^``power``
+    sides, body : of that mesh
+    edge : judge as if scaled to this median edge length, metres; None for the mesh's own size
+    """
     found = []
     lengths = lengths_of(polygons, sides)
     middle = float(np.median(lengths))
@@ -126,7 +136,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
 
 
 def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "faces 3"]:
-    """Half the sum of cross products round every face, about its first corner."""
+    """Area vector of every face: half the sum of cross products about its first corner."""
     p = np.asarray(polygons.vertices, float)
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     origin = p[polygons.corners[starts]][sides.face]
@@ -135,23 +145,26 @@ def area_vectors_of(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, "f
 
 
 def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " faces"]:
-    """How much room quads leave for a cross of arms to the middles of their sides; a square's is its side.
+    """Return the arm width at which a cross of straight arms to the side middles fills a quad; a square's is its side.
 
-    Arms of the width w whose straight centre lines cross at the acute angle t touch each other up to w / (2 tan(t / 2))
-    from the middle of the quad. The breadth is the w at which that is the whole of the shorter arms.
+    Arms of width w that cross at the acute angle t overlap up to w / (2 tan(t / 2)) from the quad's middle; at the
+    breadth
+    the overlap reaches the end of the shorter arms.
     """
     p = np.asarray(corners, float)
     sides = 0.5 * (p + np.roll(p, -1, axis=1))
-    one, two = sides[:, 2] - sides[:, 0], sides[:, 3] - sides[:, 1]  # they halve each other
+    one, two = sides[:, 2] - sides[:, 0], sides[:, 3] - sides[:, 1]  # the midlines bisect each other
     across = np.linalg.norm(np.cross(one, two), axis=1)
     shorter = np.minimum(np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1))
     return shorter * np.tan(0.5 * np.arctan2(across, np.abs(np.einsum("fi,fi->f", one, two))))
 
 
-def _quads(
+def _quad_faults(
     polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
 ) -> list[Finding]:
-    """Crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median edge."""
+    """Report crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median
+    edge.
+    """
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     p = np.asarray(polygons.vertices, float)[polygons.corners[starts[quads][:, None] + np.arange(4)]]
     normals = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)
@@ -179,7 +192,7 @@ def _quads(
 
 
 def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Finding | None:
-    """Sizes are compared face by face, by their mean edge: oblong quads are a matter of regularity, not of size."""
+    """Report uneven face sizes; mean edges are compared, because oblong quads concern regularity, not size."""
     size = np.bincount(sides.face, lengths[sides.edge]) / polygons.sizes
     low, high = np.percentile(size, [1, 99])
     ratio = float(high / low) if low > 0 else float("inf")
@@ -187,7 +200,7 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
         return None
     severe = ratio > RATIO_ERROR
     limit = RATIO_ERROR if severe else RATIO_WARNING
-    # the culprits: faces further from the median than an even spread of the allowed ratio would reach
+    # list faces farther from the median size than an even spread at the allowed ratio
     middle = np.median(size)
     off = np.flatnonzero((size > middle * np.sqrt(limit)) | (size < middle / np.sqrt(limit)))
     text = f"Face sizes differ too much: the largest are {ratio:.3g} times the smallest (99th to 1st percentile), see {named(off)}"

@@ -1,11 +1,11 @@
-"""Parts of a surface that lie on, through or right behind each other: found in n log n, a sentence each.
+"""Find parts of a surface that lie on, through or close behind each other, in O(n log n).
 
 code                severity  what it says
-doubled-vertices    error     border vertices in one place that are not one: the surface is in pieces there
+doubled-vertices    error     separate border vertices at one place: the surface is open there
 t-junction          error     a border vertex inside the edge of a neighbour
-doubled-faces       error     a body that lies on another one
+doubled-faces       error     a body that coincides with another body
 cuts-itself         warning   a surface that goes through itself
-double-skin         warning   both skins of a thin closed shell
+double-skin         warning   inner and outer skin of a thin closed shell
 """
 
 from __future__ import annotations
@@ -23,34 +23,35 @@ from .finding import Finding, counted, finding, named
 from .sewing import doubled, joinable, lying_on_each_other, places, t_junctions
 from .topology import Sides, bodies, sides_of
 
-# median edges between the two skins of a shell, at most: farther apart they are walls of a room
+# largest distance between the two skins of a shell, in median edges; larger takes the walls of a room for skins
 SKIN = 0.75
-OPPOSITE = -0.7  # cosine between the normals of two skins, at most
-SKINS = 0.6  # share of the faces of a closed body that have another skin behind them, at least
-# share of an edge by which a crossing has to lie inside it, and of a triangle's height by which it may lie outside: symmetric parts
-# cross exactly at edges, and parts that only touch end there
+OPPOSITE = -0.7  # largest cosine between the normals of two skins
+SKINS = 0.6  # smallest share of the faces of a closed body that have another skin behind them
+# A crossing must lie inside an edge by this share of it, and may lie outside a triangle by this share of its height:
+# symmetric parts cross exactly at edges, and parts that only touch end there.
 THROUGH = 1e-6
-ON_EACH_OTHER = 0.01  # share of the smaller of two triangles of one plane that lies on the other, at least
+ON_EACH_OTHER = 0.01  # smallest share of the smaller of two coplanar triangles that the other covers
 
 
 def overlaps(mesh: PolygonMesh) -> list[Finding]:
-    """All findings of this kind; ``mesh`` in metres, with vertices that are numbers, or there are none."""
+    """Return all findings of the table above; ``mesh`` is in metres, and without finite vertices there are none."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return []
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
-    found = _in_one_place(mesh, body)
+    found = _coincident_faces(mesh, body)
     if not found:
-        found = [*_apart(mesh, sides), *_through(mesh)]
+        found = [*_open_seams(mesh, sides), *_intersections(mesh)]
     return found + _double_skin(mesh, sides, body)
 
 
 def _spot(point: Float[np.ndarray, " 3"]) -> str:
+    """Return a position as text in mm."""
     return "({:.4g}, {:.4g}, {:.4g}) mm".format(*(1e3 * point))
 
 
-def _in_one_place(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
-    """Faces that lie on each other: of one body, which cuts itself then, or of several."""
+def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+    """Report faces that coincide: within a body, which then cuts itself, or of several bodies."""
     lying = lying_on_each_other(mesh)
     if not len(lying):
         return []
@@ -74,11 +75,11 @@ def _in_one_place(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Fi
     return found
 
 
-def _apart(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
-    """Doubled vertices on borders, and T-junctions."""
+def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
+    """Report doubled border vertices and T-junctions."""
     found = []
     label = doubled(mesh, sides)
-    if joinable(mesh, label) is not None:  # otherwise parts of the surface meet there, which is another fault or none
+    if joinable(mesh, label) is not None:  # if welding makes the mesh worse, parts of the surface merely meet there
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
         text = f"{counted(len(on), 'vertex lies', 'vertices lie')} doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
@@ -93,7 +94,7 @@ def _apart(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
 
 
 def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"]) -> list[Finding]:
-    """Closed bodies most of whose faces have another skin right behind them."""
+    """Report closed bodies most of whose faces have another skin close behind them."""
     uses = np.bincount(sides.edge, minlength=len(sides.edges))
     closed = np.ones(int(body.max()) + 1, bool)
     closed[body[sides.face[uses[sides.edge] == 1]]] = False
@@ -121,8 +122,8 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     return [finding("double-skin", text, faces, severity="warning")]
 
 
-def _through(mesh: PolygonMesh) -> list[Finding]:
-    """Faces that go through others."""
+def _intersections(mesh: PolygonMesh) -> list[Finding]:
+    """Report faces that intersect other faces."""
     faces, point = crossing(mesh)
     if not len(faces):
         return []
@@ -131,7 +132,9 @@ def _through(mesh: PolygonMesh) -> list[Finding]:
 
 
 def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.ndarray, " 3"]]:
-    """Ascending: faces that edges of faces without a common corner go through, and where the first of them does."""
+    """Return the faces, ascending, that intersect faces without a common corner, and the place of the first
+    intersection.
+    """
     from shapely import STRtree, box
 
     face, rows = fans(mesh)
@@ -148,11 +151,11 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
     hit = np.zeros(len(a), bool)
     points = np.zeros((len(a), 3))
     for k in range(3):  # every pair comes in both orders
-        own, where = _pierced(p[a, k], p[a, (k + 1) % 3], p[b])
+        own, where = _intersect(p[a, k], p[a, (k + 1) % 3], p[b])
         points[own & ~hit] = where[own & ~hit]
         hit |= own
     level = np.flatnonzero(~hit & (a < b))
-    level = level[_on_each_other(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
+    level = level[_coplanar_overlap(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
     points[level], hit[level] = p[b[level]].mean(axis=1), True
     along = _crossing_along_edges(mesh)
     found = np.unique(np.concatenate([face[a[hit]], face[b[hit]], along]))
@@ -162,7 +165,9 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
 
 
 def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
-    """Ascending: faces at edges in one place, each of two faces: parts of a surface that go through each other there."""
+    """Return the faces, ascending, at coincident edges of two faces each, where parts of the surface cross along an
+    edge.
+    """
     sides = sides_of(mesh)
     place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
     inner = np.bincount(sides.edge)[sides.edge] == 2
@@ -173,7 +178,7 @@ def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
 
 
 def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
-    """First * number of faces + second, of all pairs of faces with a corner in one place."""
+    """Encode all pairs of faces with a corner at one place, as first * number of faces + second."""
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
     of_place = csr_array((np.ones(len(face)), (face, places(mesh)[mesh.corners])))
     first, second = (of_place @ of_place.T).nonzero()
@@ -182,7 +187,7 @@ def _neighbours(mesh: PolygonMesh) -> Int[np.ndarray, " pairs"]:
 
 
 def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarray, "triangles 3"]]:
-    """Triangles about the first corner of every face, and the face of each."""
+    """Split every face into triangles about its first corner; return the face of each triangle, and its corners."""
     starts = np.cumsum(mesh.sizes) - mesh.sizes
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes - 2)
     within = np.arange(len(face)) - np.repeat(np.cumsum(mesh.sizes - 2) - (mesh.sizes - 2), mesh.sizes - 2)
@@ -192,10 +197,10 @@ def fans(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " triangles"], Int[np.ndarr
     )
 
 
-def _on_each_other(
+def _coplanar_overlap(
     one: Float[np.ndarray, "pairs 3 3"], other: Float[np.ndarray, "pairs 3 3"], near: float
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether triangles of one plane, to within ``near``, have an area in common."""
+    """Return whether triangles that are coplanar to within ``near``, metres, overlap."""
     import shapely
 
     normal = np.cross(one[:, 1] - one[:, 0], one[:, 2] - one[:, 0])
@@ -213,10 +218,10 @@ def _on_each_other(
     return found
 
 
-def _pierced(
+def _intersect(
     start: Float[np.ndarray, "pairs 3"], end: Float[np.ndarray, "pairs 3"], triangle: Float[np.ndarray, "pairs 3 3"]
 ) -> tuple[Bool[np.ndarray, " pairs"], Float[np.ndarray, "pairs 3"]]:
-    """Whether lines go through triangles, and where (Moeller and Trumbore 1997)."""
+    """Return whether segments go through triangles, and where (Moeller and Trumbore 1997)."""
     way, one, two = end - start, triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
     across = np.cross(way, two)
     size = np.einsum("ni,ni->n", one, across)

@@ -1,6 +1,7 @@
-"""Faces that lie beside each other without being joined: doubled vertices on borders, and T-junctions; found, and cured.
+"""Find and repair faces that lie side by side without being joined: doubled border vertices and T-junctions.
 
-A T-junction is a border vertex inside a neighbour's border edge: what is seen as one surface hangs together only at corners there.
+A T-junction is a border vertex inside a neighbour's border edge: the surface looks whole but is joined only at corners
+there.
 """
 
 from __future__ import annotations
@@ -19,17 +20,19 @@ from ..welding import NEAR, clusters, joined, short_edge
 from .finding import counted
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
-# of a border edge's length: a vertex so near it and so far from its ends lies inside it. Above the sag of an edge of a tenth of the
-# radius of curvature (.0125); larger takes narrow slits for T-junctions
+# Share of a border edge: a vertex nearer to it than this, and farther from its ends, lies inside it. More than the sag
+# of an edge a tenth of the radius of curvature long (0.0125); larger takes narrow slits for T-junctions.
 BESIDE = 0.05
-ALONG = 0.9  # cosine between borders that run along each other, at least
-FOLDED = 0.5  # cosine between the ways into the faces on both sides of a border, at most: a crease of 120 degrees
-MORE = 0.1  # share of quads that a cure by carrying cuts on may add; beyond, the whole is remeshed
+ALONG = 0.9  # smallest cosine between borders that run along each other
+FOLDED = 0.5  # largest cosine between the directions into the faces on both sides of a border: a crease of 120 degrees
+MORE = 0.1  # largest share of quads that carrying on cuts may add; beyond it the mesh needs a remesh
 
 
 @dataclass(frozen=True, eq=False)
 class TJunctions:
-    """Border vertices inside border edges: the vertex, the side it lies inside, and where on the side (0 to 1)."""
+    """Border vertices inside border edges: the vertex, the side in whose edge it lies, and its position on that side
+    (0 to 1).
+    """
 
     vertex: Int[np.ndarray, " junctions"]
     side: Int[np.ndarray, " junctions"]
@@ -37,19 +40,25 @@ class TJunctions:
 
 
 def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
-    """The sides on edges of one face."""
+    """Return the sides whose edge has one face only."""
     return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
 
 
 def doubled(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
-    """For every vertex the first of the border vertices that lie in one place with it."""
+    """Return for every vertex the first border vertex at the same place, or its own index.
+
+    Parameters
+    ----------
+    mesh : unchecked mesh
+    sides : of that mesh
+    """
     rim = border_sides(sides)
     ends = np.unique(np.concatenate([mesh.corners[rim], sides.following[rim]]))
     return clusters(mesh, ends, NEAR * short_edge(mesh)) if len(ends) else np.arange(len(mesh.vertices))
 
 
 def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
-    """All T-junctions, in n log n."""
+    """Find all T-junctions in O(n log n)."""
     rim = border_sides(sides)
     a, b = mesh.corners[rim], sides.following[rim]
     p, q = mesh.vertices[a], mesh.vertices[b]
@@ -69,23 +78,24 @@ def t_junctions(mesh: PolygonMesh, sides: Sides) -> TJunctions:
     faces = np.stack([sides.face[rim[of_side]], vertex], axis=1)[inside]
     own = np.isin(faces @ (len(mesh.vertices), 1), sides.face * len(mesh.vertices) + mesh.corners)
     kept = np.flatnonzero(inside)[~own]
-    kept = kept[_continued(mesh, sides, rim, vertex[kept], of_side[kept])]
-    # a vertex lies inside one edge only, the nearest
+    kept = kept[_continues_beyond(mesh, sides, rim, vertex[kept], of_side[kept])]
+    # assign every vertex to the nearest edge only
     order = kept[np.lexsort((off[kept], vertex[kept]))]
     order = order[np.unique(vertex[order], return_index=True)[1]]
     return TJunctions(vertex[order], rim[of_side[order]], share[order])
 
 
-def _continued(
+def _continues_beyond(
     mesh: PolygonMesh,
     sides: Sides,
     rim: Int[np.ndarray, " rim"],
     vertex: Int[np.ndarray, " n"],
     side: Int[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
-    """Return whether the surface goes on beyond a border edge at a vertex inside it; ``side`` counts those of ``rim``.
+    """Return whether the surface continues beyond a border edge at a vertex inside it; ``side`` indexes ``rim``.
 
-    The border of what goes on runs along the edge, and its faces lie on the other side: others overlap or cross.
+    It continues if the border at the vertex runs along the edge, with its faces on the other side; else parts overlap
+    or cross.
     """
     middle = _middles(mesh)
     start, end = mesh.corners[rim], sides.following[rim]
@@ -109,40 +119,42 @@ def _middles(mesh: PolygonMesh) -> Float[np.ndarray, "faces 3"]:
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Normalise vectors."""
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
 
 def sewn(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with doubled border vertices joined and T-junctions cured; ``cured`` of the mesh says so."""
+    """Join doubled border vertices and repair T-junctions; ``cured`` of the returned mesh reports it."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return mesh
-    mesh = _merged(_once(mesh))
+    mesh = _join_doubled(_without_duplicates(mesh))
     sides = sides_of(mesh)
     found = t_junctions(mesh, sides)
     if not len(found.vertex):
         return mesh
-    quads = _carried(mesh, sides, found)
+    quads = _carry_cuts(mesh, sides, found)
     more = 0 if quads is None else len(quads.sizes) - len(mesh.sizes)
     place = "({:.4g}, {:.4g}, {:.4g})".format(*mesh.vertices[found.vertex[0]])
     named = counted(len(found.vertex), "T-junction", "T-junctions")
     if quads is None:
         text = f"{named}, the first at {place}, in the unit of the file: the edge was split there, and the mesh needs a Quad remesh"
-        return replace(_inserted(mesh, found), cured=(*mesh.cured, ("t-junction", text)))
+        return replace(_insert_vertices(mesh, found), cured=(*mesh.cured, ("t-junction", text)))
     text = f"{named}, the first at {place}, in the unit of the file: the cut was carried on to the border, which took {more} more quads"
     return replace(quads, cured=(*mesh.cured, ("t-junction", text)))
 
 
-def _once(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh without bodies all of whose faces lie on those of bodies before them."""
+def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
+    """Remove bodies all of whose faces coincide with faces of earlier bodies."""
     one = replace(mesh, corners=places(mesh)[mesh.corners])
     again = np.zeros(len(mesh.sizes), bool)
     again[repeated_faces(one)] = True
     body = bodies(sides_of(mesh), len(mesh.sizes))
-    gone = (np.bincount(body, ~again) == 0)[body] | _cut_otherwise(one, body)
+    gone = (np.bincount(body, ~again) == 0)[body] | _duplicate_shells(one, body)
     if not gone.any() or gone.all():
         return mesh
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
-    loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)  # they are said by themselves
+    # vertices without a face stay, for their own finding
+    loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)
     left = mesh.kept(~gone)
     used = np.union1d(np.unique(left.corners), loose)
     corners = np.searchsorted(used, left.corners)
@@ -150,8 +162,10 @@ def _once(mesh: PolygonMesh) -> PolygonMesh:
     return replace(left, vertices=mesh.vertices[used], corners=corners, cured=cured)
 
 
-def _cut_otherwise(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
-    """Faces of bodies with the vertices and the area of a body before them, as a shell has that is there twice, once in triangles."""
+def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
+    """Mask the faces of bodies with the vertices and area of an earlier body, as of a shell listed twice, once in
+    triangles.
+    """
     middle = _middles(mesh)
     sides = sides_of(mesh)
     p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
@@ -166,8 +180,8 @@ def _cut_otherwise(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[n
     return again[body]
 
 
-def _merged(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with doubled vertices of its border joined, and faces turned over that face the other way than their neighbours then."""
+def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
+    """Join doubled border vertices, and turn over faces that then disagree with their neighbours."""
     label = doubled(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
     one = joinable(mesh, label)
@@ -178,7 +192,9 @@ def _merged(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
-    """The mesh with vertices joined, where there are any and that makes it no worse; bodies of it are turned over for that."""
+    """Return the mesh with vertices of equal label joined, bodies turned over to agree; None if nothing joins or
+    faults arise.
+    """
     if (label == np.arange(len(label))).all():
         return None
     one = joined(mesh, label)
@@ -189,11 +205,14 @@ def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonM
         for face in turned.tolist():
             pieces[face] = pieces[face][::-1]
         one = replace(one, corners=np.concatenate(pieces))
-    return one if _sounder(mesh, one) else None
+    return one if _adds_no_fault(mesh, one) else None
 
 
-def _sounder(before: PolygonMesh, after: PolygonMesh) -> bool:
-    """Return whether joining vertices made nothing worse: no edge of three faces, faces that disagree, fans that meet in a vertex, or faces on each other."""
+def _adds_no_fault(before: PolygonMesh, after: PolygonMesh) -> bool:
+    """Return whether joining vertices added no fault.
+
+    Faults are edges of three faces, faces that disagree, fans that meet in a vertex, and faces that coincide.
+    """
 
     def faults(mesh: PolygonMesh) -> tuple[int, ...]:
         sides = sides_of(mesh)
@@ -205,20 +224,20 @@ def _sounder(before: PolygonMesh, after: PolygonMesh) -> bool:
 
 
 def lying_on_each_other(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
-    """Ascending: faces whose corners lie where those of another face do, whichever vertices those are."""
+    """Return the faces, ascending, whose corners are at the same places as the corners of another face."""
     label = places(mesh)
     one = replace(mesh, corners=label[mesh.corners])
     return np.union1d(repeated_faces(one), repeated_faces(one, later=False))
 
 
 def places(mesh: PolygonMesh) -> Int[np.ndarray, " vertices"]:
-    """For every vertex the first of all that lie in one place with it."""
+    """Return for every vertex the first vertex at the same place."""
     used = np.unique(mesh.corners)
     return clusters(mesh, used, NEAR * short_edge(mesh))
 
 
-def _inserted(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
-    """The mesh with the vertices of T-junctions among the corners of the faces whose edges they lie inside."""
+def _insert_vertices(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
+    """Insert the vertices of T-junctions as corners into the faces in whose edges they lie."""
     order = np.lexsort((found.share, found.side))
     after = found.side[order] + 1
     face = np.repeat(np.arange(len(mesh.sizes)), mesh.sizes)
@@ -226,10 +245,11 @@ def _inserted(mesh: PolygonMesh, found: TJunctions) -> PolygonMesh:
     return replace(mesh, corners=np.insert(mesh.corners, after, found.vertex[order]), sizes=sizes)
 
 
-def _carried(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
-    """Quads whose T-junctions are carried on across strips of quads to the border; None where that cannot be, or takes too many.
+def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh | None:
+    """Split strips of quads from the T-junctions to the border; None if that is impossible or adds too many quads.
 
-    No cut can end at an irregular vertex before: the face there would keep an odd number of sides, and no quads fill that.
+    A cut cannot end at an irregular vertex on its way: the face there would have an odd number of sides, which quads
+    cannot fill.
     """
     if not (mesh.sizes == 4).all() or np.bincount(sides.edge).max() > 2:
         return None
@@ -237,8 +257,8 @@ def _carried(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh 
     if strips is None:
         return None
     strip, turned = strips
-    cuts: dict[int, list[float]] = {}  # by strip, from 0 to 1 along the edges' own way
-    at: dict[tuple[int, int], int] = {}  # vertices by edge and number of the cut
+    cuts: dict[int, list[float]] = {}  # positions of the cuts by strip, 0 to 1 in the direction of its edges
+    at: dict[tuple[int, int], int] = {}  # vertices by edge and cut number
     for side in np.unique(found.side).tolist():
         own = np.flatnonzero(found.side == side)
         back = bool(turned[sides.edge[side]]) != bool(not sides.forward[side])
@@ -254,15 +274,17 @@ def _carried(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMesh 
     )
     if ((number + 1).prod(axis=1) - 1).sum() > MORE * len(mesh.sizes):
         return None
-    return _cut(mesh, sides, strip, turned, cuts, at)
+    return _divide(mesh, sides, strip, turned, cuts, at)
 
 
 def _strips(mesh: PolygonMesh, sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
-    """By edge: the strip of quads that it crosses, and whether it runs against the strip's first edge; None for one-sided strips."""
+    """Return for every edge the strip of quads it crosses, and whether it runs against the strip's first edge; None
+    for one-sided strips.
+    """
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)
     first, second = edge[:, :2].ravel(), edge[:, 2:].ravel()
-    # opposite sides of a quad run against each other, so edges that both lie forward there are turned
+    # opposite sides of a quad have opposite directions, so edges that are both forward there are reversed
     against = (forward[:, :2] == forward[:, 2:]).ravel()
     a = np.concatenate([first, first + n])
     b = np.concatenate([np.where(against, second + n, second), np.where(against, second, second + n)])
@@ -273,7 +295,7 @@ def _strips(mesh: PolygonMesh, sides: Sides) -> tuple[np.ndarray, np.ndarray] | 
     return strip, cover[:n] != strip
 
 
-def _cut(
+def _divide(
     mesh: PolygonMesh,
     sides: Sides,
     strip: np.ndarray,
@@ -281,18 +303,19 @@ def _cut(
     cuts: dict[int, list[float]],
     at: dict[tuple[int, int], int],
 ) -> PolygonMesh:
-    """Every quad as the grid that the cuts of its two strips make of it."""
+    """Divide every quad into the grid that the cuts of its two strips make."""
     points = [np.asarray(mesh.vertices, float)]
     count, rows = len(mesh.vertices), []
 
     def new(point: np.ndarray) -> int:
+        """Add a vertex and return its index."""
         nonlocal count
         points.append(point[None])
         count += 1
         return count - 1
 
     def along(side: int, back: bool) -> list[int]:
-        """The vertices on a side from its start to its end, or back."""
+        """Return the vertices on a side from its start to its end, or reversed."""
         edge = int(sides.edge[side])
         shares = cuts.get(int(strip[edge]), [])
         low, high = mesh.vertices[sides.edges[edge]]

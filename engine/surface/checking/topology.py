@@ -1,4 +1,4 @@
-"""How the faces of an unchecked polygon mesh hang together."""
+"""Connectivity of an unchecked polygon mesh: sides, bodies, fans, orientation."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..mesh import PolygonMesh
 
 @dataclass(frozen=True, eq=False)
 class Sides:
-    """The sides of all faces; side c runs from corner c of the mesh to the next corner of the same face.
+    """The sides of all faces; side c runs from corner c of the mesh to the next corner of its face.
 
     edges : vertices, the smaller first, by ascending vertex pair
-    face, edge, following : the face and edge of every side, and the vertex at its end
-    forward : True where the side runs from the edge's smaller vertex to the larger
-    after : the side that follows in the same face
-    pairs : the two sides on every edge of exactly two sides
+    face, edge, following : face and edge of every side, and the vertex at its end
+    forward : True if the side runs from the edge's smaller vertex to the larger
+    after : next side of the same face
+    pairs : the two sides of every edge that has exactly two
     """
 
     edges: Int[np.ndarray, "edges 2"]
@@ -33,7 +33,7 @@ class Sides:
 
 
 def sides_of(polygons: PolygonMesh) -> Sides:
-    """The sides of a mesh whose indices are in range."""
+    """Build the sides of a mesh with valid indices."""
     corners, sizes = polygons.corners.astype(np.int64), polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     after = np.arange(1, len(corners) + 1)
@@ -53,18 +53,19 @@ def sides_of(polygons: PolygonMesh) -> Sides:
 
 
 def _components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Label the connected components of n nodes joined by pairs (a, b)."""
     return connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)[1]
 
 
 def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
-    """The body of every face, joined over edges, numbered from 0."""
+    """Return the body of every face, connected over edges, numbered from 0."""
     order = np.argsort(sides.edge, kind="stable")
     same = sides.edge[order][1:] == sides.edge[order][:-1]
     return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
 
 
 def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
-    """The fan of every corner, numbered from 0: corners at one vertex whose faces hang together over its edges."""
+    """Return the fan of every corner, numbered from 0: corners at a vertex whose faces are connected over its edges."""
     start, end = np.arange(len(sides.face)), sides.after
     one, two = sides.pairs.T
     flipped = sides.forward[one] != sides.forward[two]  # the usual case: the two sides run against each other
@@ -74,16 +75,16 @@ def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
 
 
 def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """Vertices whose corners fall into several fans, none of which shares an edge with another."""
+    """Return the vertices whose corners form several fans."""
     found = np.unique(np.stack([polygons.corners, fans(sides)], axis=1), axis=0)[:, 0]
     return np.flatnonzero(np.bincount(found) > 1)
 
 
 def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Faces to turn over, bodies that have only one side, and the edges between faces that disagree.
+    """Return faces to turn over, bodies with only one side, and edges between faces that disagree.
 
-    On the double cover every face is there twice, once turned over; a body is one-sided when its two copies hang
-    together. Of the two ways to make a body agree, the one that turns fewer faces is told.
+    The double cover holds every face twice, once turned over; a body is one-sided if its two copies are connected. The
+    smaller of the two possible sets of faces is turned over.
     """
     one, two = sides.pairs.T
     f, g = sides.face[one], sides.face[two]
@@ -93,7 +94,7 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
     b = np.concatenate([np.where(agree, g, g + n), np.where(agree, g + n, g)])
     cover = _components(2 * n, a, b)
     one_sided = np.unique(body[cover[:n] == cover[n:]])
-    # in a two-sided body, copy 0 of a face lies on the same sheet as its body's first face, or on the other
+    # in a two-sided body, copy 0 of a face is connected to copy 0 of the body's first face, or to copy 1
     first = np.full(body.max() + 1, n)
     np.minimum.at(first, body, np.arange(n))
     turned = cover[:n] != cover[first][body]
@@ -104,7 +105,9 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray, " repeated"]:
-    """Ascending: faces with the same vertices as an earlier one, in whatever order; not ``later``: as a later one."""
+    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in
+    any order.
+    """
     sizes = polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face

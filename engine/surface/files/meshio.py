@@ -1,7 +1,8 @@
 """Read a polygon mesh from a file: OBJ, OFF, PLY and STL.
 
-``.blend`` files are read through Blender (see ``bridge``). Readers only parse; whether the mesh can be made is the
-business of ``check``.
+``.blend`` files are read through Blender (see ``bridge``). Readers only parse; ``check`` decides whether the mesh can
+be
+fabricated.
 """
 
 from __future__ import annotations
@@ -26,19 +27,21 @@ from .text import RawMesh
 
 PARSERS = {".obj": parse_obj, ".off": parse_off, ".ply": parse_ply, ".stl": parse_stl}
 SUFFIXES = tuple(PARSERS)
-SHAPE = "shape:"  # before the name of a built-in surface
+SHAPE = "shape:"  # prefix of the name of a built-in surface
 
 
 def read(path: str | Path) -> PolygonMesh:
-    """Read the mesh in the file ``path``; the suffix tells the format.
+    """Read the mesh in the file ``path``; the suffix decides the format.
 
-    Vertices come in the file's own unit, (V, 3) float64, in the file's order, used or not. Corners of STL triangles at
-    nearly the same position become one vertex. Texture coordinates, normals, colours and materials are left out. So are,
-    as Blender's importers do it, points and lines, and faces that are listed a second time; ``left_out`` of the mesh says
-    so.
+    Vertices are in the file's own unit, (V, 3) float64, in the file's order, used or not. STL corners at nearly the
+    same
+    position become one vertex. Texture coordinates, normals, colours and materials are ignored. Points, lines and faces
+    listed a second time are dropped, as Blender's importers do, and ``left_out`` of the mesh reports them.
 
-    Raises FlexMapsError, naming the file and the line or element, when there is no such file or it is a folder, cannot
-    be read, is empty, cut short, of another format, or holds numbers or indices that make no sense.
+    Raises
+    ------
+    FlexMapsError : naming the file and the line or element: no such file, a folder, unreadable, empty, cut short, of
+        another format, or with invalid numbers or indices
     """
     path = Path(path)
     parse = PARSERS.get(path.suffix.lower())
@@ -58,16 +61,22 @@ def read(path: str | Path) -> PolygonMesh:
 
 
 def parsed(data: bytes, name: str) -> PolygonMesh:
-    """The mesh in the bytes of a file with this name; as ``read``."""
+    """Parse the mesh in the bytes of a file; see ``read``.
+
+    Parameters
+    ----------
+    data : content of the file
+    name : its name; the suffix decides the format
+    """
     if not data.strip():
         raise FlexMapsError(f"{name} is empty; export the mesh again")
     suffix = Path(name).suffix.lower()
-    mesh = _checked(PARSERS[suffix](data, name), name)
+    mesh = _check_raw(PARSERS[suffix](data, name), name)
     return welded(mesh) if suffix == ".stl" else mesh
 
 
-def _checked(raw: RawMesh, name: str) -> PolygonMesh:
-    """The mesh without what is no face; raises for faces with vertices that are not there, or are nowhere."""
+def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
+    """Drop faces of fewer than 3 corners and repeated faces; raise for missing or non-finite vertices."""
     face_of = np.repeat(np.arange(len(raw.sizes)), raw.sizes)
     outside = (raw.corners < 0) | (raw.corners >= len(raw.vertices))
     if outside.any():
@@ -80,14 +89,14 @@ def _checked(raw: RawMesh, name: str) -> PolygonMesh:
     left = raw.left_out
     small = np.flatnonzero(raw.sizes < 3)
     if len(small):
-        left += (_told(small, raw, "a point or a line", "points or lines"),)
+        left += (_describe_dropped(small, raw, "a point or a line", "points or lines"),)
     mesh = PolygonMesh(raw.vertices, raw.corners, raw.sizes).kept(raw.sizes >= 3)
     if not len(mesh.sizes):
         raise FlexMapsError(f"{name} holds no faces; export the surface itself, not only points or curves")
     twice = repeated_faces(mesh)
     if len(twice):
         faces = np.flatnonzero(raw.sizes >= 3)[twice]
-        left += (_told(faces, raw, "a face that is listed before", "faces that are listed before"),)
+        left += (_describe_dropped(faces, raw, "a face that is listed before", "faces that are listed before"),)
         mesh = mesh.kept(~np.isin(np.arange(len(mesh.sizes)), twice))
     nowhere = ~np.isfinite(mesh.vertices).all(axis=1)
     bad = np.intersect1d(np.flatnonzero(nowhere), mesh.corners)
@@ -105,8 +114,8 @@ def _checked(raw: RawMesh, name: str) -> PolygonMesh:
     return PolygonMesh(mesh.vertices, mesh.corners, mesh.sizes, left)
 
 
-def _told(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
-    """For example "2 faces that are listed before are left out (line 4, line 7)"."""
+def _describe_dropped(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
+    """Return for example "2 faces that are listed before are left out (line 4, line 7)"."""
     places = ", ".join(raw.face_place(int(f)) for f in faces[:3]) + (", ..." if len(faces) > 3 else "")
     if len(faces) == 1:
         return f"{one[0].upper()}{one[1:]} is left out ({places})"
@@ -114,9 +123,16 @@ def _told(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> str:
 
 
 def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
-    """A mesh from a file's path or "shape:NAME", z up, with what it is called; ``up`` is the file's axis that points up.
+    """Read a mesh, z up, moved to the origin if it lies far from there; return its name and the mesh.
 
-    A surface far away from the file's origin is brought to the origin.
+    Parameters
+    ----------
+    source : path of a file, or "shape:NAME" for a built-in surface
+    up : axis of the file that points up, "x", "y" or "z"; None for y in OBJ files, else z
+
+    Raises
+    ------
+    FlexMapsError : unknown axis, or as ``read``
     """
     if source.startswith(SHAPE):
         name = source.removeprefix(SHAPE)
@@ -128,5 +144,5 @@ def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     polygons = about_middle(read(source))
     name = (
         Path(source).name.encode("utf-8", "replace").decode()
-    )  # of bytes that are no text, for the report and Blender
+    )  # replace bytes that are not valid text, for the report and Blender
     return name, replace(polygons, vertices=polygons.vertices[:, turned[axis]])

@@ -9,16 +9,16 @@ from .text import RawMesh, integers, lines_place, numbers, refuse_binary, rows_o
 
 
 def parse_obj(data: bytes, name: str) -> RawMesh:
-    """Parse Wavefront OBJ: vertices and faces of any size; everything else is passed over.
+    """Parse Wavefront OBJ: vertices and faces of any size; everything else is ignored.
 
-    Understands ``v/vt/vn`` corners, indices counted backwards, vertex colours, comments and continued lines.
+    Understands ``v/vt/vn`` corners, negative (relative) indices, vertex colours, comments and continued lines.
     """
     refuse_binary(data, name, "OBJ")
     points: list[list[bytes]] = []
     point_lines: list[int] = []
     faces: list[list[bytes]] = []
     face_lines: list[int] = []
-    known: list[int] = []  # vertices read before each face: what backward indices count from
+    known: list[int] = []  # number of vertices before each face, the base of its negative indices
     for number, words in rows_of(data, continued=True):
         if words[0] == b"v":
             points.append(words[1:4])  # further numbers are a weight or a colour

@@ -1,8 +1,9 @@
-"""Parser of the Object File Format of Geomview in its text forms.
+"""Parser of the text forms of Geomview's Object File Format.
 
-Programs read it in different ways. Geomview's own description makes it a stream of words in which only a face's colour ends
-with the line; MeshLab and libigl skip what else stands on the line after a vertex or face; some writers put a face on
-several lines, others all on one. What reads the whole file without contradiction is taken, the usual way first.
+Programs disagree on it. In Geomview's description it is a stream of words, and only a face's colour ends with the line;
+MeshLab and libigl ignore further words on the line of a vertex or face; some writers put a face on several lines,
+others
+put all faces on one. The first way that reads the whole file without contradiction is taken, the usual one first.
 """
 
 from __future__ import annotations
@@ -21,13 +22,14 @@ KEYWORD = re.compile(rb"((?:ST|[CN4])*)(n?)OFF(\d*)", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class _Head:
+    """Header of an OFF file."""
     vertices: int
     faces: int
-    stride: int  # numbers of a vertex where they are not told apart by lines
+    stride: int  # numbers per vertex, if vertices are not separated by lines
 
 
 def parse_off(data: bytes, name: str) -> RawMesh:
-    """Parse the Object File Format (OFF, and with colours, normals or texture coordinates, which are left out)."""
+    """Parse OFF; colours, normals and texture coordinates are ignored."""
     refuse_binary(data, name, "OFF")
     rows = rows_of(data)
     if not rows:
@@ -43,13 +45,13 @@ def parse_off(data: bytes, name: str) -> RawMesh:
         way(_vertices_by_word, _faces_over_lines),
         way(_vertices_by_word, _faces_by_word),
     ]
-    if not _face_fills_its_line(head, rows):  # then what is wrong is told of the way that allows for that
+    if not _face_fills_its_line(head, rows):  # then the error message comes from the way that allows for it
         ways.append(ways.pop(0))
     return first_that_fits(ways)
 
 
 def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
-    """The promised numbers of vertices and faces, and the rows after them."""
+    """Return the numbers of vertices and faces that the header promises, and the rows after it."""
     line, words = rows[0]
     kind = KEYWORD.fullmatch(words[0])
     letters, word_after = b"", words[1:]
@@ -62,13 +64,13 @@ def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
         letters += kind[2].upper()
         if b"BINARY" in (word.upper() for word in words):
             raise FlexMapsError(f"{name}, line {line}: binary OFF cannot be read; export it as text")
-        if kind[3]:  # "OFF490 518 0", as a well-known data set has it
+        if kind[3]:  # "OFF490 518 0", as in ModelNet
             word_after = [kind[3], *word_after]
         rows = [(line, word_after), *rows[1:]] if word_after else rows[1:]
         if not rows:
             raise FlexMapsError(f"{name} is cut short after its first line; export it again")
     line, words = rows[0]
-    # the number of edges, which nobody uses, is left out by some
+    # some files omit the number of edges, which no reader uses
     edges = 0 if len(words) == 2 and len(rows) > 1 and len(rows[1][1]) > 1 else 1
     counts: list[bytes] = []
     while rows and len(counts) < 2 + edges:
@@ -87,7 +89,7 @@ def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
 
 
 def _face_fills_its_line(head: _Head, rows: list[Row]) -> bool:
-    """Whether the first face, where every vertex has a line, has one too."""
+    """Return whether the first face stands on one line, in a file with one line per vertex."""
     if len(rows) <= head.vertices:
         return True
     first = rows[head.vertices][1]
@@ -95,9 +97,9 @@ def _face_fills_its_line(head: _Head, rows: list[Row]) -> bool:
 
 
 def _mesh(head: _Head, rows: list[Row], name: str, read_vertices: Callable, read_faces: Callable) -> RawMesh:
-    """The mesh by one way of reading its vertices and one of reading its faces.
+    """Read the mesh with one way of reading vertices and one of reading faces.
 
-    Both take the head, the rows that are left and the name; they return what they read, its lines and the rows after it.
+    Both functions take the header, the rows left and the name; they return the data, its lines and the rows after it.
     """
     if len(rows) == 0 and head.vertices + head.faces:
         raise _cut_short(head, name)
@@ -115,7 +117,7 @@ def _mesh(head: _Head, rows: list[Row], name: str, read_vertices: Callable, read
 
 
 def _left(head: _Head, rest: list[Row], name: str) -> tuple[str, ...]:
-    """What is said of lines after the last face; raises where they would be further faces."""
+    """Describe lines after the last face; raise if they would be further faces."""
     if not rest:
         return ()
     line, words = rest[0]
@@ -136,7 +138,7 @@ def _cut_short(head: _Head, name: str) -> FlexMapsError:
 
 
 def _vertices_by_line(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarray, list[int], list[Row]]:
-    """Every vertex has a line; what else stands there is left out."""
+    """Read one vertex per line; ignore further words of the line."""
     own = rows[: head.vertices]
     if len(own) < head.vertices:
         raise _cut_short(head, name)
@@ -146,7 +148,7 @@ def _vertices_by_line(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarr
 
 
 def _vertices_by_word(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarray, list[int], list[Row]]:
-    """Vertices of as many numbers as the keyword tells, wherever the lines end."""
+    """Read vertices of ``stride`` numbers each, regardless of line ends."""
     words: list[bytes] = []
     lines: list[int] = []
     at = 0
@@ -165,7 +167,7 @@ def _vertices_by_word(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarr
 
 
 def _size(word: bytes, line: int, name: str) -> int:
-    """How many corners a face has."""
+    """Return the number of corners of a face."""
     size = whole(word, line, name)
     if size < 0:
         raise FlexMapsError(f"{name}, line {line}: a face cannot have {size} corners; mend the line")
@@ -173,7 +175,7 @@ def _size(word: bytes, line: int, name: str) -> int:
 
 
 def _faces_by_line(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Every face has a line; what else stands there is its colour."""
+    """Read one face per line; further words of the line are its colour."""
     own = rows[: head.faces]
     if len(own) < head.faces:
         raise _cut_short(head, name)
@@ -189,7 +191,9 @@ def _faces_by_line(head: _Head, rows: list[Row], name: str) -> tuple[list[list[b
 
 
 def _faces_over_lines(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Every face begins on a line of its own and may go on over others; what follows it on its last line is its colour."""
+    """Read faces that begin on a new line and may continue over several; further words of the last line are the
+    colour.
+    """
     faces, lines, at = [], [], 0
     for _ in range(head.faces):
         if at == len(rows):
@@ -209,7 +213,7 @@ def _faces_over_lines(head: _Head, rows: list[Row], name: str) -> tuple[list[lis
 
 
 def _faces_by_word(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Faces without colours, wherever the lines end."""
+    """Read faces without colours, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
     faces, lines, at = [], [], 0

@@ -33,6 +33,7 @@ FACE_LISTS = (b"vertex_indices", b"vertex_index")
 
 @dataclass(frozen=True)
 class _Property:
+    """A property of an element in the PLY header."""
     name: bytes
     type: str  # numpy type of the value, or of a list's items
     count_type: str = ""  # numpy type of a list's length; "" for a single value
@@ -40,17 +41,19 @@ class _Property:
 
 @dataclass(frozen=True)
 class _Element:
+    """An element (vertex, face, ...) in the PLY header."""
     name: bytes
     count: int
     properties: list[_Property] = field(default_factory=list)
 
     @property
     def flat(self) -> bool:
+        """Whether the element has no list property."""
         return not any(p.count_type for p in self.properties)
 
 
 def parse_ply(data: bytes, name: str) -> RawMesh:
-    """Parse PLY (Stanford polygon format) 1.0, text or binary of either byte order, any elements and properties."""
+    """Parse PLY 1.0, text or binary of either byte order, with any elements and properties."""
     data = data.removeprefix(BYTE_ORDER_MARK)
     order, elements, start, head_lines = _ply_head(data, name)
     for wanted in (b"vertex", b"face"):
@@ -63,10 +66,10 @@ def parse_ply(data: bytes, name: str) -> RawMesh:
 
 
 def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
-    """Byte order ("" for text), the elements, where the body starts, how many lines the head has."""
+    """Return the byte order ("" for text), the elements, the offset of the body, and the number of header lines."""
     if not data.startswith(b"ply"):
         raise FlexMapsError(f"{name} does not begin with 'ply', so it is no PLY file; export the mesh again")
-    # a binary body may begin with any byte, so the first line tells how lines end
+    # the first line decides how lines end, because a binary body may begin with any byte
     old_mac = re.match(rb"ply[ \t]*\r(?!\n)", data) is not None
     end = re.search(rb"\r[ \t]*end_header[ \t]*\r" if old_mac else rb"\n[ \t]*end_header[ \t]*\r?\n", data)
     if end is None:
@@ -102,7 +105,7 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
 
 
 def _columns(element: _Element, name: str) -> list[int]:
-    """Where x, y and z stand among the properties of the vertices."""
+    """Return the positions of x, y and z among the vertex properties."""
     names = [p.name for p in element.properties]
     if not {b"x", b"y", b"z"} <= set(names) or not element.flat:
         raise FlexMapsError(f"{name}: its vertices have no x, y and z; export it again")
@@ -110,7 +113,7 @@ def _columns(element: _Element, name: str) -> list[int]:
 
 
 def _face_list(element: _Element, name: str) -> int:
-    """Which property of the faces holds the vertex indices."""
+    """Return the position of the property that holds a face's vertex indices."""
     for i, p in enumerate(element.properties):
         if p.name in FACE_LISTS and p.count_type and p.type[0] != "f":
             return i
@@ -118,7 +121,7 @@ def _face_list(element: _Element, name: str) -> int:
 
 
 def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
-    """A line for every element, as most have it, or else a stream of words, as the format allows."""
+    """Read one line per element, as most files have it, or else a stream of words, as the format allows."""
     rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
 
     def by_line() -> RawMesh:
@@ -130,11 +133,12 @@ def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head
     return first_that_fits([by_line, by_word])
 
 
-_Own = tuple[list[Row], tuple[str, ...]]  # a line number and the words of every element, and what is left out
+# line number and words of every element, and sentences about data that were not read
+_ElementRows = tuple[list[Row], tuple[str, ...]]
 
 
-def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
-    """Of every element in turn its lines; more words than it has properties are left out."""
+def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_ElementRows]:
+    """Yield for every kind of element its lines; ignore more words than it has properties."""
     promised = sum(e.count for e in elements if e.properties)
     if len(rows) < promised:
         raise FlexMapsError(
@@ -151,8 +155,8 @@ def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
         yield own, left
 
 
-def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_Own]:
-    """Of every element in turn as many words as its properties take, wherever the lines end."""
+def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_ElementRows]:
+    """Yield for every kind of element as many words as its properties take, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
     at = 0
@@ -173,7 +177,8 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
         yield own, ()
 
 
-def _text_mesh(found: Iterator[_Own], elements: list[_Element], name: str) -> RawMesh:
+def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
+    """Build the mesh from the words of every element."""
     vertices, corners, sizes = np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     point_lines: list[int] = []
     face_lines: list[int] = []
@@ -198,7 +203,7 @@ def _text_mesh(found: Iterator[_Own], elements: list[_Element], name: str) -> Ra
 
 
 def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, line: int) -> list[bytes]:
-    """The vertex indices among the words of one face."""
+    """Return the vertex indices among the words of a face."""
     at, found = 0, []
     for i, p in enumerate(element.properties):
         length = whole(words[at], line, name) if p.count_type and at < len(words) else 0
@@ -211,6 +216,7 @@ def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, li
 
 
 def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
+    """Read the body of a binary file."""
     at, vertices, corners, sizes = 0, np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, np.int64)
     single = False
     for element in elements:
@@ -237,6 +243,7 @@ def _ply_binary(data: bytes, order: str, elements: list[_Element], name: str, he
 
 
 def _cut_short(name: str, element: _Element) -> FlexMapsError:
+    """Return the error for data that end too early."""
     return FlexMapsError(
         f"{name} is cut short: it ends within its {element.count} {element.name.decode(errors='replace')}"
         " elements; export it again"
@@ -246,9 +253,9 @@ def _cut_short(name: str, element: _Element) -> FlexMapsError:
 def _binary_lists(
     data: bytes, at: int, order: str, element: _Element, wanted: int, name: str
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Items and lengths of the list property ``wanted`` of all elements, and where the next element starts.
+    """Return items and lengths of list property ``wanted`` of all elements, and the offset of the next element.
 
-    Runs of elements with lists of equal lengths are read in one go: the layout of the first is tried on the rest.
+    Runs of elements with lists of equal length are read at once: the layout of the first is tried on the rest.
     """
     items: list[np.ndarray] = []
     lengths: list[np.ndarray] = []
@@ -269,13 +276,13 @@ def _binary_lists(
             lengths.append(np.full(run, int(table[f"n{wanted}"][0]), dtype=np.int64))
         at += run * dtype.itemsize
         done += run
-        chunk = max(2 * run, 16)  # short runs: look only a little ahead, so that mixed faces cost linear time
+        chunk = max(2 * run, 16)  # after short runs look only a little ahead, so that mixed faces cost linear time
     empty = np.zeros(0, np.int64)
     return np.concatenate([empty, *items]), np.concatenate([empty, *lengths]), at
 
 
 def _record_type(data: bytes, at: int, order: str, element: _Element) -> np.dtype | None:
-    """The numpy type of the record at ``at``; None where the data end within it."""
+    """Return the numpy type of the record at offset ``at``; None if the data end within it."""
     fields: list[tuple] = []
     for i, p in enumerate(element.properties):
         if not p.count_type:

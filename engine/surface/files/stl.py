@@ -9,18 +9,20 @@ import numpy as np
 from ...errors import FlexMapsError
 from .text import BYTE_ORDER_MARK, RawMesh, bytes_left, numbers
 
-RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])  # 50 bytes
-HEAD = 84  # bytes: 80 of any text, and the number of triangles
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])  # 50 bytes per triangle
+HEAD = 84  # bytes: 80 of any text and the number of triangles
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; corners at exactly the same position become one vertex (``welded`` joins those that noise keeps apart)."""
+    """Parse STL, text or binary; merge corners at exactly equal positions (``welded`` merges those that noise
+    separates).
+    """
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
     end = HEAD + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
     left: tuple[str, ...] = ()
     single = True
-    # the size tells, not the first word: heads of binary files may begin with "solid" too
+    # decide by the size, not the first word: binary headers may begin with "solid" too
     if len(data) != end and text[:5].lower() == b"solid" and b"\0" not in data:
         points, left = _text_points(text, data[: len(data) - len(text)].count(b"\n"), name)
         single = False
@@ -43,7 +45,7 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
             f"{name}, triangle {bad}: a coordinate is not a finite number; export it again", faces=[bad]
         )
     _, first, index = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))  # number the vertices in the order in which they appear
+    rank = np.argsort(np.argsort(first))  # number the vertices in order of appearance
     corners = rank[index.ravel()]
     sizes = np.full(len(points) // 3, 3, dtype=np.int64)
     places = (lambda i: f"vertex {i}", lambda i: f"triangle {i}")
@@ -51,9 +53,9 @@ def parse_stl(data: bytes, name: str) -> RawMesh:
 
 
 def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(3 n, 3) corner positions of a text STL, and what is to be said of it.
+    """Return (3 n, 3) corner positions of a text STL, and a sentence if the file has no end.
 
-    Its words count, so lines may end anywhere but in the name of a solid.
+    Words count, not lines, except for the name of a solid, which ends with its line.
     """
     words: list[bytes] = []
     line_of: list[int] = []
@@ -61,9 +63,11 @@ def _text_points(data: bytes, lines_before: int, name: str) -> tuple[np.ndarray,
     for number, line in enumerate(data.splitlines(), lines_before + 1):
         own = line.split()
         if own and own[0].lower() == b"solid":
-            facet = re.search(rb"\sfacet\s+normal\s+[-+.\d]", line, re.IGNORECASE)  # where all stands on one line
+            # the whole file may stand on one line
+            facet = re.search(rb"\sfacet\s+normal\s+[-+.\d]", line, re.IGNORECASE)
             own = line[facet.start() :].split() if facet else []
-        end = next((k for k, word in enumerate(own) if word.lower() == b"endsolid"), len(own))  # its name follows
+        # the name of the solid follows
+        end = next((k for k, word in enumerate(own) if word.lower() == b"endsolid"), len(own))
         ended |= end < len(own)
         words += own[:end]
         line_of += [number] * end

@@ -1,4 +1,4 @@
-"""What the readers of all mesh formats share: lines and words of a text file, and the numbers among them."""
+"""Text helpers shared by the mesh readers: lines, words and numbers."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from ...errors import FlexMapsError
 from ...surface.checking.finding import counted
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # of text in UTF-16
+WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks of UTF-16
 
-Row = tuple[int, list[bytes]]  # the number of a line, and its words
+Row = tuple[int, list[bytes]]  # line number and words
 
 
 @dataclass(frozen=True, eq=False)
 class RawMesh:
-    """What a parser found, not yet checked.
+    """Result of a parser, not yet checked.
 
-    vertices, corners, sizes : as in PolygonMesh; indices may be out of range, and
-        sizes as small as 0
-    vertex_place, face_place : tell where in the file a vertex or a face stands, for messages ("line 12")
-    left_out : sentences about what the file holds beyond its mesh
+    vertices, corners, sizes : as in PolygonMesh; indices may be out of range, sizes as small as 0
+    vertex_place, face_place : functions that return the place of a vertex or face in the file, e.g. "line 12"
+    left_out : sentences about data of the file that were not read
     single : whether coordinates are stored in single precision
     """
 
@@ -39,12 +38,12 @@ class RawMesh:
 
 
 def lines_place(lines: Sequence[int]) -> Callable[[int], str]:
-    """A place function from the line number of every element."""
+    """Return a place function (see ``RawMesh``) from the line number of every element."""
     return lambda i: f"line {lines[i]}"
 
 
 def refuse_binary(data: bytes, name: str, format: str) -> None:
-    """Raise when ``data`` cannot be the text that ``format`` is made of."""
+    """Raise FlexMapsError if ``data`` is not text, as ``format`` requires."""
     if data.startswith(WIDE_MARKS):
         raise FlexMapsError(f"{name} is text in UTF-16, which no {format} file is; save it as UTF-8")
     if b"\0" in data[:4096]:
@@ -52,11 +51,12 @@ def refuse_binary(data: bytes, name: str, format: str) -> None:
 
 
 def rows_of(data: bytes, *, continued: bool = False) -> list[Row]:
-    """The lines that hold words, without comments (#); ``continued``: a line that ends in a backslash goes on in the next."""
+    """Return the non-empty lines without # comments; with ``continued`` a backslash at the end continues a line."""
     return [(number, words) for number, line in _logical_lines(data, continued) if (words := line.split())]
 
 
 def _logical_lines(data: bytes, continued: bool) -> Iterator[tuple[int, bytes]]:
+    """Yield line number and text without comments, continued lines joined."""
     lines = data.removeprefix(BYTE_ORDER_MARK).splitlines()
     if b"#" in data:
         lines = [line.partition(b"#")[0] for line in lines]
@@ -77,19 +77,19 @@ def _logical_lines(data: bytes, continued: bool) -> Iterator[tuple[int, bytes]]:
 
 
 def shown(words: Sequence[bytes]) -> str:
-    """Words of a file for a message."""
+    """Return words of a file as text for a message, at most 60 characters."""
     return b" ".join(words).decode(errors="replace")[:60]
 
 
 def bytes_left(data: bytes) -> tuple[str, ...]:
-    """What is said of the bytes after the last element of a binary file."""
+    """Describe bytes after the last element of a binary file."""
     if not data.strip(b"\0 \r\n\t"):
         return ()
     return (f"{counted(len(data), 'byte', 'bytes')} after the last element of the file left out",)
 
 
 def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:
-    """(n, width) float from rows of words; raises with the line of the first row that does not fit."""
+    """Convert rows of words to an (n, width) float array; raise with the line of the first bad row."""
     try:
         flat = np.array([float(word) for row in rows for word in row])
         if flat.size == width * len(rows) and all(len(row) == width for row in rows) and not _grouped(rows):
@@ -112,7 +112,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
 
 
 def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -> Int[np.ndarray, " corners"]:
-    """From rows of words of any length; raises with the line of the first word that is no integer."""
+    """Convert rows of words of any length to integers; raise with the line of the first word that is not one."""
     try:
         found = np.array([int(word) for word in chain.from_iterable(rows)], dtype=np.int64)
         if not _grouped(rows):
@@ -132,7 +132,7 @@ def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -
 
 
 def whole(word: bytes, line: int, name: str) -> int:
-    """The integer that a word is; raises with its line."""
+    """Convert a word to an integer; raise with its line if it is not one."""
     try:
         if b"_" not in word:
             return int(word)
@@ -142,12 +142,12 @@ def whole(word: bytes, line: int, name: str) -> int:
 
 
 def _grouped(rows: Sequence[Sequence[bytes]]) -> bool:
-    """Whether digits are grouped by underscores, which Python takes for numbers and no mesh file means."""
+    """Return whether digits are grouped by underscores, which Python accepts but no mesh file means."""
     return any(b"_" in word for row in rows for word in row)
 
 
 def first_that_fits(ways: Sequence[Callable[[], RawMesh]]) -> RawMesh:
-    """The mesh by the first way of reading that fits; raises the first way's error where none does."""
+    """Return the mesh by the first parser that succeeds; if all fail, raise the first error."""
     first: FlexMapsError | None = None
     for way in ways:
         try:
