@@ -26,8 +26,8 @@ ACUTE = np.radians(50.0)  # radians: corners below it are too pointed; six quads
 class Ring:
     """Edges round a vertex, counter-clockwise, and the angle from each to the next, radians.
 
-    At a border vertex the first and the last edge lie on the border, and there is one angle less than edges.
-    ``known`` caches costs by the pattern of cut edges.
+    At a border vertex the first and the last edge lie on the border, and there is one angle less than edges. ``known``
+    caches costs by the pattern of cut edges.
     """
 
     edges: tuple[int, ...]
@@ -53,9 +53,7 @@ def rings(mesh: QuadMesh) -> list[Ring]:
 
 
 def _ring(step: dict[int, tuple[int, float]]) -> Ring:
-    """Build a ring by following the edges round a vertex; ``step`` maps an edge to the next edge and the angle
-    between.
-    """
+    """Build a ring by following the edges round a vertex; ``step`` maps an edge to the next edge and the angle between."""
     if not step:
         return Ring((), (), True)
     targets = {edge for edge, _ in step.values()}
@@ -93,9 +91,7 @@ def corner_cost(ring: Ring, cut: Container[int]) -> float:
 
 
 def _cost(ring: Ring, marks: list[bool]) -> float:
-    """Add up the costs of the sectors between cut edges; ``marks`` tells for every edge of the ring whether it is
-    cut.
-    """
+    """Add up the costs of the sectors between cut edges; ``marks`` tells for every edge of the ring whether it is cut."""
     count = sum(marks)
     if count < 2:
         return 0.0 if count == 0 or len(marks) != 4 else TIP

@@ -38,10 +38,8 @@ def principal_curvatures(mesh: QuadMesh) -> Float[np.ndarray, "quads 2"]:
 
     A curvature is positive where the surface is hollow seen from the side to which the normals point. It comes from the
     shape operator of a quadric z(x, y) over the quad's tangent plane, fitted to the vertices of the quad and of all
-    quads
-    round it (16 in a regular mesh), nearer ones with more weight (Cazals and Pouget 2005). Coefficients that the
-    neighbours
-    leave open, as across a strip one quad wide, are zero.
+    quads round it (16 in a regular mesh), nearer ones with more weight (Cazals and Pouget 2005). Coefficients that the
+    neighbours leave open, as across a strip one quad wide, are zero.
     """
     a, b, c, d, e, f, scale = _fit_quadrics(mesh)
     fitted = _graph_curvatures(b, c, d, e, f)
@@ -55,10 +53,8 @@ def misalignment(mesh: QuadMesh) -> float:
     """Mean angle between the quads' sides and the principal directions, degrees, 0 to 45; 22.5 for random directions.
 
     The weight of a quad is its area times |k1 - k2| times its size, at most 1: where both curvatures are equal, no
-    direction
-    is better than another. The angle comes from the second fundamental form of the quadric of ``principal_curvatures``,
-    whose
-    x axis runs along the quad; tilts of the quadric against the quad are neglected.
+    direction is better than another. The angle comes from the second fundamental form of the quadric of
+    ``principal_curvatures``, whose x axis runs along the quad; tilts of the quadric against the quad are neglected.
     """
     _, _, _, d, e, f, _ = _fit_quadrics(mesh)
     off = 0.5 * np.abs(np.arctan2(2.0 * e, d - f))
@@ -67,9 +63,7 @@ def misalignment(mesh: QuadMesh) -> float:
 
 
 def _fit_quadrics(mesh: QuadMesh) -> tuple[Float[np.ndarray, " quads"], ...]:
-    """Fit z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad; return a to f, in units of the quad's size,
-    and that size, metres.
-    """
+    """Fit z = a + b x + c y + d x^2/2 + e x y + f y^2/2 at every quad; return a to f, in units of the quad's size, and that size, metres."""
     quad, vertex = _neighbourhoods(mesh)
     count = len(mesh.quads)
     normal = _smooth_normals(mesh)
@@ -131,8 +125,7 @@ def angle_defects(mesh: QuadMesh) -> tuple[Float[np.ndarray, " vertices"], Float
     """Total Gaussian curvature at every inner vertex and within every quad, radians.
 
     At a vertex it is 2 pi less the angles round it (0 at the border); in a quad it is the sum of its angles less 2 pi
-    (not 0
-    if the quad is warped). Together they satisfy the Gauss-Bonnet theorem exactly.
+    (not 0 if the quad is warped). Together they satisfy the Gauss-Bonnet theorem exactly.
     """
     angle = corner_angles(mesh)
     round_vertex = np.bincount(mesh.quads.ravel(), weights=angle.ravel(), minlength=len(mesh.vertices))

@@ -34,9 +34,7 @@ def near(mesh: QuadMesh) -> QuadMesh:
 
 
 def coarse_step(positions: Float[np.ndarray, "vertices 3"]) -> float:
-    """Return the single-precision rounding step at these positions, in their unit; 0 if it is fine relative to their
-    extent.
-    """
+    """Return the single-precision rounding step at these positions, in their unit; 0 if it is fine relative to their extent."""
     finite = positions[np.isfinite(positions).all(axis=1)]
     if not len(finite):
         return 0.0

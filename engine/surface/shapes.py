@@ -1,8 +1,7 @@
 """Built-in surfaces for the demo, for tests and for trying things out.
 
 Every shape is a function, without required arguments, that returns a QuadMesh of arbitrary size; ``make`` scales it to
-an
-edge length.
+an edge length.
 """
 
 from __future__ import annotations

@@ -110,8 +110,7 @@ def _marks(mesh: QuadMesh, points: np.ndarray, progress: Progress) -> Float[np.n
     """Nine lengths per quad, metres, that no rigid motion about the centre changes.
 
     They are the sorted distances of its corners from the centre, that of its middle, and the sorted numbers of edges
-    from its
-    corners to the nearest irregular or border vertex, times the median edge.
+    from its corners to the nearest irregular or border vertex, times the median edge.
     """
     away = np.sort(np.linalg.norm(points[mesh.quads], axis=2), axis=1)
     middle = np.linalg.norm(points[mesh.quads].mean(axis=1), axis=1)
@@ -149,9 +148,7 @@ def _motion(
 
 
 def _refit(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray, slack: float) -> Symmetry | None:
-    """Return the symmetry of a motion, with the matrix refitted to all vertices; None if the motion is not a
-    symmetry.
-    """
+    """Return the symmetry of a motion, with the matrix refitted to all vertices; None if the motion is not a symmetry."""
     few = points[:: max(1, len(points) // 40)]
     if tree.query(few @ matrix.T)[0].max() > 8 * slack:
         return None

@@ -46,9 +46,7 @@ def welded(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
-    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance
-    ``near``.
-    """
+    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance ``near``."""
     label = np.arange(len(mesh.vertices))
     pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
     if not len(pairs):

@@ -14,7 +14,7 @@ from flexmaps.engine.surface.curvature import misalignment
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.quadrangulation import separation
 from flexmaps.engine.surface.quadrangulation.even import evened
-from flexmaps.engine.surface.quadrangulation.extraction import _is_like, extracted
+from flexmaps.engine.surface.quadrangulation.extraction import _has_same_topology, extracted
 from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
 from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
 from flexmaps.engine.surface.quadrangulation.rounding import rounded
@@ -256,12 +256,12 @@ def test_torn_quads_are_told_from_sound_ones():
     mesh = plane()
     uv = mesh.vertices[mesh.corners][..., :2]
     rows = extracted(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv).corners.reshape(-1, 4)
-    assert _is_like(mesh, rows)
+    assert _has_same_topology(mesh, rows)
     use = np.bincount(rows.ravel())
     corners = np.flatnonzero(use == 1)
     inner = np.flatnonzero((use[rows] == 4).all(axis=1))
-    assert not _is_like(mesh, np.delete(rows, inner[0], axis=0))
-    assert not _is_like(mesh, np.where(rows == corners[0], corners[-1], rows))
+    assert not _has_same_topology(mesh, np.delete(rows, inner[0], axis=0))
+    assert not _has_same_topology(mesh, np.where(rows == corners[0], corners[-1], rows))
     turned = rows.copy()
     turned[0] = turned[0, ::-1]
-    assert not _is_like(mesh, turned)
+    assert not _has_same_topology(mesh, turned)

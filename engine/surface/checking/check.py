@@ -51,9 +51,7 @@ from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, spl
 
 
 def edges_of(polygons: PolygonMesh) -> Int[np.ndarray, "edges 2"]:
-    """Return the vertices of every edge, the smaller first, in the order of ``Finding.edges`` and
-    ``QuadMesh.edges``.
-    """
+    """Return the vertices of every edge, the smaller first, in the order of ``Finding.edges`` and ``QuadMesh.edges``."""
     return sides_of(polygons).edges
 
 

@@ -18,8 +18,7 @@ ROUNDS = 200  # largest number of rounds; a right angle takes 5
 
 
 def turns(polygons: PolygonMesh, sides: Sides) -> Float[np.ndarray, " edges"]:
-    """Return the angle between the normals of the two faces at every edge, radians; 0 at edges without exactly two
-    faces.
+    """Return the angle between the normals of the two faces at every edge, radians; 0 at edges without exactly two faces.
 
     Parameters
     ----------

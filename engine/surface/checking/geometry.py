@@ -26,8 +26,7 @@ THIN = 0.1
 
 
 def in_unit(polygons: PolygonMesh) -> tuple[PolygonMesh, int]:
-    """Scale coordinates to about 1, so that their squares and cubes do not overflow; return the mesh and k, for a
-    factor 2^-k.
+    """Scale coordinates to about 1, so that their squares and cubes do not overflow; return the mesh and k, for a factor 2^-k.
 
     A power of two changes no digit.
     """
@@ -148,8 +147,7 @@ def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " face
     """Return the arm width at which a cross of straight arms to the side middles fills a quad; a square's is its side.
 
     Arms of width w that cross at the acute angle t overlap up to w / (2 tan(t / 2)) from the quad's middle; at the
-    breadth
-    the overlap reaches the end of the shorter arms.
+    breadth the overlap reaches the end of the shorter arms.
     """
     p = np.asarray(corners, float)
     sides = 0.5 * (p + np.roll(p, -1, axis=1))
@@ -162,9 +160,7 @@ def breadth(corners: Float[np.ndarray, "faces 4 3"]) -> Float[np.ndarray, " face
 def _quad_faults(
     polygons: PolygonMesh, quads: np.ndarray, area_vectors: np.ndarray, bows: np.ndarray, middle: float
 ) -> list[Finding]:
-    """Report crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median
-    edge.
-    """
+    """Report crossed, concave, thin and warped quads; ``bows`` are known to be crossed, ``middle`` is the median edge."""
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     p = np.asarray(polygons.vertices, float)[polygons.corners[starts[quads][:, None] + np.arange(4)]]
     normals = np.cross(np.roll(p, -1, axis=1) - p, np.roll(p, 1, axis=1) - p)

@@ -132,9 +132,7 @@ def _intersections(mesh: PolygonMesh) -> list[Finding]:
 
 
 def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.ndarray, " 3"]]:
-    """Return the faces, ascending, that intersect faces without a common corner, and the place of the first
-    intersection.
-    """
+    """Return the faces, ascending, that intersect faces without a common corner, and the place of the first intersection."""
     from shapely import STRtree, box
 
     face, rows = fans(mesh)
@@ -165,9 +163,7 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
 
 
 def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
-    """Return the faces, ascending, at coincident edges of two faces each, where parts of the surface cross along an
-    edge.
-    """
+    """Return the faces, ascending, at coincident edges of two faces each, where parts of the surface cross along an edge."""
     sides = sides_of(mesh)
     place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
     inner = np.bincount(sides.edge)[sides.edge] == 2

@@ -30,9 +30,7 @@ MORE = 0.1  # largest share of quads that carrying on cuts may add; beyond it th
 
 @dataclass(frozen=True, eq=False)
 class TJunctions:
-    """Border vertices inside border edges: the vertex, the side in whose edge it lies, and its position on that side
-    (0 to 1).
-    """
+    """Border vertices inside border edges: the vertex, the side in whose edge it lies, and its position on that side (0 to 1)."""
 
     vertex: Int[np.ndarray, " junctions"]
     side: Int[np.ndarray, " junctions"]
@@ -163,9 +161,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Bool[np.ndarray, " faces"]:
-    """Mask the faces of bodies with the vertices and area of an earlier body, as of a shell listed twice, once in
-    triangles.
-    """
+    """Mask the faces of bodies with the vertices and area of an earlier body, as of a shell listed twice, once in triangles."""
     middle = _middles(mesh)
     sides = sides_of(mesh)
     p, q, m = mesh.vertices[mesh.corners], mesh.vertices[sides.following], middle[sides.face]
@@ -192,9 +188,7 @@ def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh | None:
-    """Return the mesh with vertices of equal label joined, bodies turned over to agree; None if nothing joins or
-    faults arise.
-    """
+    """Return the mesh with vertices of equal label joined, bodies turned over to agree; None if nothing joins or faults arise."""
     if (label == np.arange(len(label))).all():
         return None
     one = joined(mesh, label)
@@ -278,9 +272,7 @@ def _carry_cuts(mesh: PolygonMesh, sides: Sides, found: TJunctions) -> PolygonMe
 
 
 def _strips(mesh: PolygonMesh, sides: Sides) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return for every edge the strip of quads it crosses, and whether it runs against the strip's first edge; None
-    for one-sided strips.
-    """
+    """Return for every edge the strip of quads it crosses, and whether it runs against the strip's first edge; None for one-sided strips."""
     n, edge = len(sides.edges), sides.edge.reshape(-1, 4)
     forward = sides.forward.reshape(-1, 4)
     first, second = edge[:, :2].ravel(), edge[:, 2:].ravel()

@@ -105,9 +105,7 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray, " repeated"]:
-    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in
-    any order.
-    """
+    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in any order."""
     sizes = polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face

@@ -1,8 +1,7 @@
 """Read a polygon mesh from a file: OBJ, OFF, PLY and STL.
 
 ``.blend`` files are read through Blender (see ``bridge``). Readers only parse; ``check`` decides whether the mesh can
-be
-fabricated.
+be fabricated.
 """
 
 from __future__ import annotations
@@ -34,9 +33,8 @@ def read(path: str | Path) -> PolygonMesh:
     """Read the mesh in the file ``path``; the suffix decides the format.
 
     Vertices are in the file's own unit, (V, 3) float64, in the file's order, used or not. STL corners at nearly the
-    same
-    position become one vertex. Texture coordinates, normals, colours and materials are ignored. Points, lines and faces
-    listed a second time are dropped, as Blender's importers do, and ``left_out`` of the mesh reports them.
+    same position become one vertex. Texture coordinates, normals, colours and materials are ignored. Points, lines and
+    faces listed a second time are dropped, as Blender's importers do, and ``left_out`` of the mesh reports them.
 
     Raises
     ------

@@ -2,8 +2,8 @@
 
 Programs disagree on it. In Geomview's description it is a stream of words, and only a face's colour ends with the line;
 MeshLab and libigl ignore further words on the line of a vertex or face; some writers put a face on several lines,
-others
-put all faces on one. The first way that reads the whole file without contradiction is taken, the usual one first.
+others put all faces on one. The first way that reads the whole file without contradiction is taken, the usual one
+first.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ KEYWORD = re.compile(rb"((?:ST|[CN4])*)(n?)OFF(\d*)", re.IGNORECASE)
 @dataclass(frozen=True)
 class _Head:
     """Header of an OFF file."""
+
     vertices: int
     faces: int
     stride: int  # numbers per vertex, if vertices are not separated by lines
@@ -191,9 +192,7 @@ def _faces_by_line(head: _Head, rows: list[Row], name: str) -> tuple[list[list[b
 
 
 def _faces_over_lines(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Read faces that begin on a new line and may continue over several; further words of the last line are the
-    colour.
-    """
+    """Read faces that begin on a new line and may continue over several; further words of the last line are the colour."""
     faces, lines, at = [], [], 0
     for _ in range(head.faces):
         if at == len(rows):

@@ -34,6 +34,7 @@ FACE_LISTS = (b"vertex_indices", b"vertex_index")
 @dataclass(frozen=True)
 class _Property:
     """A property of an element in the PLY header."""
+
     name: bytes
     type: str  # numpy type of the value, or of a list's items
     count_type: str = ""  # numpy type of a list's length; "" for a single value
@@ -42,6 +43,7 @@ class _Property:
 @dataclass(frozen=True)
 class _Element:
     """An element (vertex, face, ...) in the PLY header."""
+
     name: bytes
     count: int
     properties: list[_Property] = field(default_factory=list)

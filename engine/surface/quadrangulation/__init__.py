@@ -1,1 +1,1 @@
-"""Quads that follow the surface's curvature: so far the field of directions that they are to follow."""
+"""Quads that follow the surface's curvature: cross field, seamless map, extraction of quads."""

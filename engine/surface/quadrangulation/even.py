@@ -1,4 +1,4 @@
-"""Triangles of even size in the shape of others, on which fields and maps are made."""
+"""Even-sized triangles in the shape of a given mesh, for fields and maps."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from ...arrays import Bool, Int
 from .field import Triangles
 
 TURNED = (
-    1.2  # mean sides by which smoothing would move a point of a line: a right angle moves by 1.8, a zigzag by a half
+    # in mean sides: a point of a line that smoothing would move farther is a corner and stays; a right angle moves by
+    # 1.8, a zigzag by 0.5
+    1.2
 )
-MANY = 1.3  # times as many triangles as are needed: such surfaces are simplified first
+MANY = 1.3  # meshes with more than this factor of the triangles needed are simplified first
 
 
 def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
-    """The same surface with no side longer than ``longest`` (metres), and none from one point of ``Triangles.lines`` to
-    another that is no part of them.
+    """Return the same surface without sides longer than ``longest``, and without sides that connect two points of
 
-    fold : radians, of the lines
+    ``Triangles.lines`` but are not part of them.
+
+    Parameters
+    ----------
+    mesh : triangles, metres
+    longest : metres
+    fold : angle of the lines, radians
     """
     vertices, corners = mesh.vertices, mesh.corners
     needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
@@ -29,18 +36,18 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
         long = np.abs(mesh.sides).ravel() > longest
         if not long.any():
             break
-        vertices, corners = _cut(mesh, _both(mesh, long))
+        vertices, corners = _halve_edges(mesh, _mark_both_sides(mesh, long))
     for _ in range(4):
         mesh = Triangles(vertices, corners)
-        bad = _between(mesh, mesh.lines(fold))
+        bad = _short_cuts(mesh, mesh.lines(fold))
         if not bad.any():
             break
-        vertices, corners = _cut(mesh, bad)
+        vertices, corners = _halve_edges(mesh, bad)
     return Triangles(vertices, corners)
 
 
 def simplified(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """About ``count`` triangles in the shape of more, edges collapsed where that changes least (Garland and Heckbert 1997)."""
+    """Simplify to about ``count`` triangles by edge collapses (Garland and Heckbert 1997)."""
     import igl
 
     found = igl.qslim(np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64), count)
@@ -48,13 +55,14 @@ def simplified(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[n
     return np.asarray(v, float), np.asarray(f, np.int64)
 
 
-def _both(mesh: Triangles, sides: np.ndarray) -> np.ndarray:
+def _mark_both_sides(mesh: Triangles, sides: np.ndarray) -> np.ndarray:
+    """Mark the opposite sides of marked sides too."""
     other = mesh.opposite
     return sides | ((other >= 0) & sides[other])
 
 
-def _between(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
-    """Sides from one point of the lines to another that are no part of them: the map would have no area there."""
+def _short_cuts(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
+    """Mask sides that connect two points of the lines but are not part of them: the map would have no area there."""
     start = mesh.corners.ravel()
     end = np.roll(mesh.corners, -1, axis=1).ravel()
     on = np.zeros(len(mesh.vertices), dtype=bool)
@@ -62,8 +70,8 @@ def _between(mesh: Triangles, lines: np.ndarray) -> np.ndarray:
     return on[start] & on[end] & ~lines
 
 
-def _cut(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "triangles 3"]]:
-    """Every one of these edges halved, and the triangles at it cut into two, three or four."""
+def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray, "triangles 3"]]:
+    """Halve the marked edges, and split the triangles at them into two, three or four."""
     other, count = mesh.opposite, len(mesh.vertices)
     first = sides & ((other < 0) | (np.arange(len(other)) < other))
     number = np.full(len(other), -1)
@@ -84,49 +92,55 @@ def _cut(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np.ndarray
         a, b, c = np.roll(t[one], -k, axis=1).T
         ab = m[one, k]
         made += [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
-        two = (how.sum(axis=1) == 2) & ~how[:, k]  # halved: sides k + 1 and k + 2
+        two = (how.sum(axis=1) == 2) & ~how[:, k]  # sides k + 1 and k + 2 are halved
         a, b, c = np.roll(t[two], -k, axis=1).T
         bc, ca = m[two, (k + 1) % 3], m[two, (k + 2) % 3]
         made.append(np.stack([bc, c, ca], axis=1))
         one_way, other_way = vertices[a] - vertices[bc], vertices[b] - vertices[ca]
         shorter = (np.linalg.norm(one_way, axis=1) < np.linalg.norm(other_way, axis=1))[
             :, None
-        ]  # of what is left, a quad
+        ]  # split the rest, a quad, along its shorter diagonal
         made.append(np.where(shorter, np.stack([a, b, bc], 1), np.stack([a, b, ca], 1)))
         made.append(np.where(shorter, np.stack([a, bc, ca], 1), np.stack([b, bc, ca], 1)))
     return vertices, np.concatenate(made)
 
 
 def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength: float) -> Triangles:
-    """The same triangles on a surface without what is smaller than some of them, so that directions follow the shape and
-    not its noise. Points are drawn to the mean of their neighbours, those on lines to the mean of the next on the line;
-    where lines meet, end or turn they stay.
+    """Smooth the surface, so that directions follow its shape and not noise smaller than a triangle.
 
-    strength : weight of the mean beside the point's own place, no unit
+    Points move to the mean of their neighbours, points on lines to the mean of their neighbours on the line; where
+    lines meet, end or turn, points stay.
+
+    Parameters
+    ----------
+    mesh : triangles, metres
+    lines : mask of sides on the border and on folds
+    strength : weight of the mean relative to the point's own position
     """
     from scipy.sparse import coo_array
 
     start, end, count = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), len(mesh.vertices)
 
     def graph(sides: np.ndarray) -> csr_array:
+        """Return the adjacency matrix of vertices joined by these sides."""
         a, b = np.r_[start[sides], end[sides]], np.r_[end[sides], start[sides]]
         found = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
-        found.data[:] = 1.0  # an edge of two triangles was there twice
+        found.data[:] = 1.0  # an edge of two triangles was counted twice
         return found
 
     along = graph(lines)
     passed = along.sum(axis=1) == 2
-    drawn = _drawn(mesh.vertices, along, passed, strength)
+    drawn = _smooth_points(mesh.vertices, along, passed, strength)
     size = np.abs(mesh.sides[lines.reshape(-1, 3)]).mean() if lines.any() else 1.0
     passed &= np.linalg.norm(drawn - mesh.vertices, axis=1) < TURNED * size
     inner = along.sum(axis=1) == 0
     around = graph(np.ones(len(start), dtype=bool))
     near = diags_array(inner.astype(float)) @ around + diags_array(passed.astype(float)) @ along
-    return Triangles(_drawn(mesh.vertices, near, inner | passed, strength), mesh.corners)
+    return Triangles(_smooth_points(mesh.vertices, near, inner | passed, strength), mesh.corners)
 
 
-def _drawn(points: np.ndarray, near: csr_array, moving: np.ndarray, strength: float) -> np.ndarray:
-    """Points drawn to the mean of those near them, one implicit step; what does not move is held."""
+def _smooth_points(points: np.ndarray, near: csr_array, moving: np.ndarray, strength: float) -> np.ndarray:
+    """Move points to the mean of the points ``near`` them in one implicit step; points not ``moving`` stay."""
     from scipy.sparse import eye_array
     from scipy.sparse.linalg import splu
 

@@ -1,8 +1,8 @@
-"""The quads that the integer grid makes of a surface by a seamless map (as Ebke et al. 2013, by pieces instead of traced lines).
+"""Extract the quads of the integer grid from a seamless map (as Ebke et al. 2013, by pieces instead of traced lines).
 
-Every triangle is cut by the grid into pieces of cells. Pieces of a cell that meet over a side of two triangles are one quad;
-cells that meet over a grid line are neighbours. All is decided in whole numbers: coordinates are rounded before, so that
-every transition of the map is exact.
+The grid cuts every triangle into pieces of cells. Pieces of a cell that meet across a side of two triangles belong to
+one quad; cells that meet across a grid line are neighbours. All decisions use integers: coordinates are rounded first,
+so that every transition of the map is exact.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from ...errors import FlexMapsError
 from ..mesh import PolygonMesh
 from .field import Triangles
 
-FAR = 8000.0  # quads from the origin: beyond, products of coordinates are no whole numbers of 64 bits any more
-UNIT = 1 << 16  # steps in a quad; products of two coordinates of a thousand quads stay below 2**63
-# cells that triangles or sides may touch, in the mean, and all those of few triangles: far more than any useful map has, and
-# no more than memory takes
+FAR = 8000.0  # in quads from the origin: beyond it, products of coordinates overflow 64-bit integers
+UNIT = 1 << 16  # integer steps per quad; products of two coordinates of a thousand quads stay below 2**63
+# Largest mean number of cells that triangles or sides touch, and a total always allowed: far more than any useful map
+# needs, and small enough for memory.
 MOST, LEAST = 100, 1_000_000
-CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # of a cell; side k runs from corner k to corner k + 1
-STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # to the cell over side k
-TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])  # by -q quarters
+CORNER = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])  # corners of a cell; side k runs from corner k to corner k + 1
+STEP = np.array([[0, -1], [1, 0], [0, 1], [-1, 0]])  # offset to the cell across side k
+# rotation by -q quarter turns
+TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]])
 
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """Parts of cells in triangles: the triangle and the cell of each, sorted."""
+    """Pieces of cells in triangles, sorted by triangle and cell."""
 
     face: Int[np.ndarray, " pieces"]
     cell: Int[np.ndarray, "pieces 2"]
@@ -38,12 +39,13 @@ class _Pieces:
 
     @staticmethod
     def key(face: np.ndarray, cell: np.ndarray, low: np.ndarray, span: int) -> np.ndarray:
+        """Return a sortable key for each triangle and cell, -1 outside the range."""
         at = cell - low
         inside = ((at >= 0) & (at < span)).all(axis=1)
         return np.where(inside, (face * span + at[:, 0]) * span + at[:, 1], -1)
 
     def find(self, face: np.ndarray, cell: np.ndarray) -> np.ndarray:
-        """The number of each piece, -1 where there is none."""
+        """Return the index of each piece, -1 if it does not exist."""
         mine = self.key(self.face, self.cell, self.low, self.span)
         asked = self.key(face, cell, self.low, self.span)
         at = np.minimum(np.searchsorted(mine, asked), len(mine) - 1)
@@ -51,13 +53,18 @@ class _Pieces:
 
 
 def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]) -> PolygonMesh:
-    """The quads of the grid.
+    """Return the quads of the grid.
 
-    jump : quarters by which u of the neighbour over every side is turned against u here
-    uv : in quads; equal to the neighbour's after turning by -jump quarters and shifting by whole numbers, to rounding errors
-        far below 1/65536
+    Parameters
+    ----------
+    mesh : triangles
+    jump : quarter turns of u of the neighbour across every side relative to u here
+    uv : in quads; equal to the neighbour's after -jump quarter turns and an integer shift, to rounding errors far below
+        1/65536
 
-    Raises FlexMapsError where they are no manifold quads of the surface's own kind.
+    Raises
+    ------
+    FlexMapsError : the result is not a manifold of the surface's own topology
     """
     if not np.isfinite(uv).all() or np.abs(uv).max() > FAR:
         raise FlexMapsError("The map is stretched too much")
@@ -65,19 +72,19 @@ def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.nda
     area = _cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     pieces = _pieces(p, area)
     merged, turns, glued = _neighbours(mesh, jump, p, area, pieces)
-    quad, turn = _whole(len(pieces.face), merged, turns)
-    sides = _glued(quad, turn, glued)
-    keep = _real(quad, pieces, p, area)
-    result = _mesh(mesh, p, area, pieces, quad, turn, sides, keep)
+    quad, turn = _merge_pieces(len(pieces.face), merged, turns)
+    sides = _matching_sides(quad, turn, glued)
+    keep = _existing(quad, pieces, p, area)
+    result = _build_mesh(mesh, p, area, pieces, quad, turn, sides, keep)
     if not len(result.sizes):
         raise FlexMapsError("The map is smaller than a quad")
-    if not _is_like(mesh, result.corners.reshape(-1, 4)):
+    if not _has_same_topology(mesh, result.corners.reshape(-1, 4)):
         raise FlexMapsError("The map folds over itself and tears the surface")
     return result
 
 
-def _is_like(mesh: Triangles, rows: np.ndarray) -> bool:
-    """Whether these quads are a manifold that faces one way, of the triangles' own kind."""
+def _has_same_topology(mesh: Triangles, rows: np.ndarray) -> bool:
+    """Return whether the quads are an oriented manifold with the triangles' Euler characteristic."""
     import igl
 
     triangles = np.concatenate([rows[:, [0, 1, 2]], rows[:, [0, 2, 3]]])
@@ -90,11 +97,12 @@ def _is_like(mesh: Triangles, rows: np.ndarray) -> bool:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of plane vectors."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number and cell of every cell that the bounding boxes of (n, k, 2) points touch, those at their edge included."""
+    """Return for all cells that touch the bounding boxes of (n, k, 2) points the index of the box, and the cell."""
     low = np.floor_divide(p.min(axis=1), UNIT) - 1
     size = np.floor_divide(p.max(axis=1), UNIT) - low + 1
     number = size.prod(axis=1)
@@ -106,7 +114,7 @@ def _boxes(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.ndarray | None) -> np.ndarray:
-    """Whether the inside of convex polygons (n, k, 2) meets the inside of boxes: no line separates them.
+    """Return whether the interiors of convex polygons (n, k, 2) and boxes intersect: no line separates them.
 
     outward : (n,) sign of the polygon's area; None for line segments
     """
@@ -125,6 +133,7 @@ def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.
 
 
 def _pieces(p: np.ndarray, area: np.ndarray) -> _Pieces:
+    """Cut the triangles into pieces of cells."""
     solid = np.flatnonzero(area != 0)
     which, cell = _boxes(p[solid])
     face = solid[which]
@@ -141,10 +150,16 @@ def _pieces(p: np.ndarray, area: np.ndarray) -> _Pieces:
 def _neighbours(
     mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _Pieces
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of pieces of one cell, quarters between their corners' numbers; and (piece, side, piece, side) over grid lines."""
+    """Find adjacent pieces.
+
+    Returns
+    -------
+    pairs of pieces of one cell; quarter turns between the corner numbers of each pair; (piece, side, piece, side)
+    across grid lines
+    """
     other = mesh.opposite
     glued = []
-    for k in (1, 2):  # over the right and the upper side, within a triangle
+    for k in (1, 2):  # across the right and the upper side, within a triangle
         there = pieces.find(pieces.face, pieces.cell + STEP[k])
         have = np.flatnonzero(there >= 0)
         low = (pieces.cell[have] + CORNER[[0, 1, 3][k]]) * UNIT
@@ -156,18 +171,18 @@ def _neighbours(
     sides = np.flatnonzero((other >= 0) & (np.arange(len(other)) < other))
     a, b = p.reshape(-1, 2)[sides], np.roll(p, -1, axis=1).reshape(-1, 2)[sides]
     here, there, q = sides // 3, other[sides] // 3, jump[sides]
-    shift = np.roll(p, -1, axis=1).reshape(-1, 2)[other[sides]] - _turned(a, q)
-    back = p.reshape(-1, 2)[other[sides]] - _turned(b, q)
+    shift = np.roll(p, -1, axis=1).reshape(-1, 2)[other[sides]] - _rotate(a, q)
+    back = p.reshape(-1, 2)[other[sides]] - _rotate(b, q)
     if (shift != back).any() or (shift % UNIT).any():
         raise FlexMapsError("The map does not fit together over its cuts")
     which, cell = _boxes(np.stack([a, b], axis=1))
     ends = np.stack([a, b], axis=1)[which]
     inside = _overlap(ends, cell * UNIT, (cell + 1) * UNIT, None)
     mine = pieces.find(here[which], cell)
-    far = pieces.find(there[which], _turned_cells(cell, q[which], shift[which]))
+    far = pieces.find(there[which], _rotate_cells(cell, q[which], shift[which]))
     good = inside & (mine >= 0) & (far >= 0)
     merged, turns = np.stack([mine, far], axis=1)[good], q[which][good]
-    # sides that lie on grid lines: the cells left and right of them
+    # sides on grid lines separate the cells left and right of them
     for axis in (0, 1):
         on = (a[:, axis] == b[:, axis]) & (a[:, axis] % UNIT == 0) & (a[:, 1 - axis] != b[:, 1 - axis])
         at = np.flatnonzero(on[which])
@@ -176,30 +191,31 @@ def _neighbours(
         along = np.stack([a[s, 1 - axis], b[s, 1 - axis]], axis=1)
         span = cell[at][:, 1 - axis] * UNIT
         hit = (along.min(axis=1) < span + UNIT) & (along.max(axis=1) > span)
-        # the triangle lies left of its side, or right of it where it is flipped
+        # the triangle lies left of its side, or right if it is flipped
         up = np.sign(along[:, 1] - along[:, 0]) * np.sign(area[here[s]]) * (-1 if axis == 0 else 1)
         first = np.where(up > 0, line, line - 1)
         hit &= cell[at][:, axis] == first
         at, s, up = at[hit], s[hit], up[hit]
         over = np.where(up > 0, 3 if axis == 0 else 0, 1 if axis == 0 else 2)
         next_cell = cell[at] + STEP[over]
-        one, two = pieces.find(here[s], cell[at]), pieces.find(there[s], _turned_cells(next_cell, q[s], shift[s]))
+        one, two = pieces.find(here[s], cell[at]), pieces.find(there[s], _rotate_cells(next_cell, q[s], shift[s]))
         good = (one >= 0) & (two >= 0)
         glued.append(np.stack([one, over, two, (over + 2 - q[s]) % 4], axis=1)[good])
     return merged, turns, np.concatenate(glued)
 
 
-def _turned(points: np.ndarray, quarters: np.ndarray) -> np.ndarray:
-    """Points turned by minus so many quarters about the origin."""
+def _rotate(points: np.ndarray, quarters: np.ndarray) -> np.ndarray:
+    """Rotate points about the origin by minus so many quarter turns."""
     return np.einsum("nij,nj->ni", TURNED[quarters % 4], points)
 
 
-def _turned_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    return (_turned(2 * cell + 1, quarters) - 1) // 2 + shift // UNIT
+def _rotate_cells(cell: np.ndarray, quarters: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Rotate and shift cells."""
+    return (_rotate(2 * cell + 1, quarters) - 1) // 2 + shift // UNIT
 
 
-def _whole(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The quad of every piece, and the quarters to add to the piece's corner numbers to get the quad's."""
+def _merge_pieces(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the quad of every piece, and the quarter turns from the piece's corner numbers to the quad's."""
     from scipy.sparse.csgraph import connected_components
 
     graph = csr_array((np.ones(len(merged)), (merged[:, 0], merged[:, 1])), shape=(count, count))
@@ -217,15 +233,15 @@ def _whole(count: int, merged: np.ndarray, turns: np.ndarray) -> tuple[np.ndarra
     return quad, turn % 4
 
 
-def _glued(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np.ndarray:
-    """Pairs of sides 4 quad + side that are one, each once."""
+def _matching_sides(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np.ndarray:
+    """Return each pair of coincident sides once; a side has the number 4 quad + side."""
     one = 4 * quad[glued[:, 0]] + (glued[:, 1] + turn[glued[:, 0]]) % 4
     two = 4 * quad[glued[:, 2]] + (glued[:, 3] + turn[glued[:, 2]]) % 4
     return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
-def _real(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Which of the quads are there: where the map folds over itself, parts of cells cancel and leave none."""
+def _existing(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Mask the quads that exist: where the map folds over itself, parts of cells cancel."""
     import shapely
 
     keep = np.ones(quad.max() + 1, dtype=bool)
@@ -241,7 +257,7 @@ def _real(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) ->
     return keep
 
 
-def _mesh(
+def _build_mesh(
     mesh: Triangles,
     p: np.ndarray,
     area: np.ndarray,
@@ -251,7 +267,7 @@ def _mesh(
     sides: np.ndarray,
     keep: np.ndarray,
 ) -> PolygonMesh:
-    """The quads with their corners joined, at their places on the surface."""
+    """Build the quads: merge their corners and place them on the surface."""
     from scipy.sparse.csgraph import connected_components
 
     sides = sides[keep[sides[:, 0] // 4] & keep[sides[:, 1] // 4]]

@@ -1,4 +1,4 @@
-"""The field of crosses that quads are to follow: one cross of two perpendicular lines in every triangle."""
+"""Cross field that guides quads: two perpendicular lines in every triangle."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from scipy.sparse import coo_array, csr_array, diags_array
 from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 
-# alignment to curvature beside smoothness, both free of units: over 18 meshes of many kinds 4 lowers the angle to the
-# principal curvatures in 15 against 0 and hardly adds irregular points; 16 adds a third on smooth shells
+# Weight of alignment with curvature relative to smoothness, both without a unit. Over 18 meshes of many kinds 4 lowers
+# the angle to the principal curvatures on 15, compared with 0, and hardly adds irregular points; 16 adds a third on
+# smooth shells.
 ALIGNMENT = 4.0
-# Relative residual at which the solution for the crosses is accepted. Ten times as much turns crosses by up to 1e-3 rad and moves no
-# irregular point of an ellipsoid
+# Relative residual of the solver for the crosses. Ten times as much turns crosses by up to 1e-3 rad and moves no
+# irregular point of an ellipsoid.
 TOLERANCE = 1e-6
-ROUNDS = 20  # of smoothing, over three decades of distance squared; a sphere has its eight irregular points after these
+# smoothing rounds, over three decades of squared distance; enough for the eight irregular points of a sphere
+ROUNDS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +34,11 @@ class Triangles:
 
     @cached_property
     def opposite(self) -> Int[np.ndarray, " sides"]:
-        """The same edge's side in the neighbouring triangle, -1 at the border.
+        """Side of the neighbouring triangle on the same edge, -1 at the border.
 
-        Raises FlexMapsError where more than two triangles share an edge, or two that are oriented unlike.
+        Raises
+        ------
+        FlexMapsError : more than two triangles share an edge, or two with opposite orientation
         """
         start, end = self.corners.ravel(), np.roll(self.corners, -1, axis=1).ravel()
         count = len(self.vertices)
@@ -52,9 +56,11 @@ class Triangles:
 
     @cached_property
     def frames(self) -> Float[np.ndarray, "triangles 3 3"]:
-        """Unit: along side 0, across it in the triangle, and the normal.
+        """Unit vectors along side 0, perpendicular to it in the triangle, and along the normal.
 
-        Raises FlexMapsError where a triangle has no area.
+        Raises
+        ------
+        FlexMapsError : a triangle has no area
         """
         p = self.vertices[self.corners]
         x = p[:, 1] - p[:, 0]
@@ -68,25 +74,25 @@ class Triangles:
 
     @cached_property
     def sides(self) -> np.ndarray:
-        """(triangles, 3) complex: every side in its triangle's frame, metres."""
+        """(triangles, 3) complex: every side as a vector in its triangle's frame, metres."""
         p = self.vertices[self.corners]
         along = np.einsum("fki,fji->fkj", np.roll(p, -1, axis=1) - p, self.frames[:, :2])
         return along[..., 0] + 1j * along[..., 1]
 
     @cached_property
     def areas(self) -> Float[np.ndarray, " triangles"]:
-        """Square metres."""
+        """Area of every triangle, square metres."""
         return 0.5 * (self.sides[:, 0].conj() * self.sides[:, 1]).imag
 
     def lines(self, fold: float) -> Bool[np.ndarray, " sides"]:
-        """The sides at the border, and those over which the surface turns by more than ``fold`` radians."""
+        """Mask of the sides on the border and of those where the surface turns by more than ``fold`` radians."""
         normal = self.frames[:, 2]
         here = np.arange(len(self.opposite)) // 3
         cosine = np.einsum("si,si->s", normal[here], normal[self.opposite // 3])
         return (self.opposite < 0) | (cosine < np.cos(fold))
 
     def long_lines(self, fold: float, shortest: float) -> Bool[np.ndarray, " sides"]:
-        """The border, and the folds that hang together over at least ``shortest`` metres."""
+        """Mask of the sides on the border and on connected folds at least ``shortest`` metres long."""
         from scipy.sparse.csgraph import connected_components
 
         lines = self.lines(fold)
@@ -102,7 +108,7 @@ class Triangles:
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "triangles 3"]:
-        """Radians at every corner."""
+        """Angle at every corner, radians."""
         return np.angle(-np.roll(self.sides, 1, axis=1) / self.sides)
 
 
@@ -121,11 +127,13 @@ class CrossField:
 
     @cached_property
     def turns(self) -> Float[np.ndarray, " sides"]:
-        """Radians, at most pi/4: how far the cross turns from a triangle to its neighbour over each side; at the
-        border, from the cross to the side."""
+        """Rotation of the cross from a triangle to its neighbour across each side, radians, at most pi/4.
+
+        At the border it is the rotation from the cross to the side.
+        """
         mesh, other = self.mesh, self.mesh.opposite
-        lean = (self.angles[:, None] - np.angle(mesh.sides)).ravel()  # of the cross against the side
-        # both triangles take the same rounding, so that what is left over where it is just pi/4 cancels
+        lean = (self.angles[:, None] - np.angle(mesh.sides)).ravel()  # angle of the cross relative to the side
+        # use the same rounding for both triangles, so that their errors cancel where the turn is exactly pi/4
         first = np.arange(len(other)) < other
         turn = np.where(other >= 0, lean[other], 0.0) - lean
         turn -= np.round(turn / (np.pi / 2)) * (np.pi / 2)
@@ -133,9 +141,11 @@ class CrossField:
 
     @cached_property
     def indices(self) -> Int[np.ndarray, " vertices"]:
-        """Quarters by which the cross turns round every vertex: 1 where three quads will meet instead of four, -1 where
-        five; at the border 1 where one quad instead of two. Their sum is four times the Euler characteristic (Poincare
-        and Hopf; Ray et al. 2008, section 3)."""
+        """Index of the cross field at every vertex, in quarter turns: 1 for three quads instead of four, -1 for five.
+
+        At the border 1 stands for one quad instead of two. The sum is four times the Euler characteristic
+        (Poincare-Hopf theorem; Ray et al. 2008, section 3).
+        """
         mesh, count = self.mesh, len(self.mesh.vertices)
         start, end, rim = mesh.corners.ravel(), np.roll(mesh.corners, -1, axis=1).ravel(), mesh.opposite < 0
         total = np.full(count, 2 * np.pi)
@@ -150,24 +160,29 @@ class CrossField:
 def cross_field(
     mesh: Triangles, lines: Bool[np.ndarray, " sides"] | None = None, alignment: float = ALIGNMENT
 ) -> CrossField:
-    """The smoothest field that runs along some lines, and along the principal curvatures where these differ.
+    """Return the smoothest cross field along some lines and, where they differ, along the principal curvatures.
 
-    Crosses are unit complex numbers, the fourth power of a direction; the sum of their squared differences over edges and
-    from the curvature's cross, this weighted by area and by the squared difference of the curvatures, is least (Knoeppel
-    et al. 2013). Lengths are set to one between rounds of smoothing, which moves irregular points to where the field
-    wants them (Viertel and Osting 2019).
+    A cross is a unit complex number, the fourth power of a direction. The field minimises squared differences over
+    edges, and squared differences from the curvature's crosses, weighted by area and squared difference of the
+    curvatures (Knoeppel et al. 2013). Rounds of smoothing alternate with normalisation, which moves irregular points to
+    their natural places (Viertel and Osting 2019).
 
-    lines : sides that are followed exactly; the border where none are given
-    alignment : weight of the curvature, no unit; 0 for the smoothest field
+    Parameters
+    ----------
+    mesh : triangles, metres
+    lines : mask of sides that the field follows exactly; the border by default
+    alignment : weight of the curvature, without a unit; 0 for the smoothest field
 
-    Raises FlexMapsError where the mesh is no oriented manifold or a triangle has no area.
+    Raises
+    ------
+    FlexMapsError : not an oriented manifold, or a triangle has no area
     """
     smooth = _smoothness(mesh).tocsr()
     anisotropy = _anisotropy(mesh)
     size = np.abs(anisotropy)
     wanted = (anisotropy / np.maximum(size, 1e-300)) ** 2
     pull = alignment * mesh.areas * size**2
-    fixed, value = _followed(mesh, mesh.lines(np.pi) if lines is None else lines)
+    fixed, value = _line_crosses(mesh, mesh.lines(np.pi) if lines is None else lines)
     free = np.flatnonzero(~fixed)
     cross = np.where(fixed, value, wanted)
     if not len(free):
@@ -177,7 +192,7 @@ def cross_field(
     pulled = (pull * wanted)[free] - rows[:, np.flatnonzero(fixed)] @ value[fixed]
     pull, areas, solver = pull[free], mesh.areas[free], None
     solved = cross[free]
-    # first nearly without memory, which finds the field's large features wherever it began, then ever more local
+    # large steps first: they find the field's large features from any start; then ever more local ones
     for step in np.geomspace(1.0, 1e-3, ROUNDS) * mesh.areas.sum():
         matrix = inner + diags_array(pull + areas / step)
         solver = solver or _Solver(matrix)
@@ -188,9 +203,10 @@ def cross_field(
 
 
 class _Solver:
-    """Conjugate gradients for Hermitian matrices that differ by their diagonals, preconditioned by the factors of the first.
+    """Conjugate gradients for Hermitian matrices that differ in their diagonals, preconditioned by factors of the first.
 
-    Factors of every matrix take two to eight times as long, on six of Blender's own objects with 192 to 15,744 triangles.
+    Factoring every matrix takes two to eight times as long, on six of Blender's own objects with 192 to 15,744
+    triangles.
     """
 
     def __init__(self, first: csr_array):
@@ -200,15 +216,18 @@ class _Solver:
         self._near = LinearOperator(first.shape, factors.solve, dtype=complex)
 
     def solve(self, matrix: csr_array, right: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """The solution to ``TOLERANCE``, or as near as the iterations come."""
+        """Solve to ``TOLERANCE``, or as near as the iterations get."""
         from scipy.sparse.linalg import cg
 
         return cg(matrix, right, x0=start, rtol=TOLERANCE, M=self._near)[0]
 
 
 def _smoothness(mesh: Triangles) -> coo_array:
-    """Hermitian, triangles by triangles: crosses' squared differences over all inner edges, every edge counting by its
-    length over the distance of the triangles' middles, as the integral of the squared gradient does."""
+    """Hermitian matrix over triangles: squared differences of crosses over all inner edges.
+
+    The weight of an edge is its length over the distance of the triangles' middles, as in the integral of the squared
+    gradient.
+    """
     side = np.flatnonzero(mesh.opposite >= 0)
     here, there = side // 3, mesh.opposite[side] // 3
     axis = mesh.sides.ravel() / np.abs(mesh.sides.ravel())
@@ -222,7 +241,8 @@ def _smoothness(mesh: Triangles) -> coo_array:
 def _anisotropy(mesh: Triangles) -> np.ndarray:
     """(triangles,) complex, 1/m: half the difference of the principal curvatures, at twice the angle of the larger.
 
-    The shape operator of every triangle from the change of the vertices' normals along its sides (Rusinkiewicz 2004)."""
+    The shape operator comes from the change of the vertex normals along the triangle's sides (Rusinkiewicz 2004).
+    """
     normal = np.zeros_like(mesh.vertices)
     for k in range(3):
         np.add.at(normal, mesh.corners[:, k], mesh.angles[:, k, None] * mesh.frames[:, 2])
@@ -238,8 +258,8 @@ def _anisotropy(mesh: Triangles) -> np.ndarray:
     return 0.5 * (a - c) + 1j * b
 
 
-def _followed(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which triangles have such a side, and the cross along it."""
+def _line_crosses(mesh: Triangles, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mask the triangles at lines, and return the crosses along these lines."""
     side = np.flatnonzero(lines)
     fixed, value = np.zeros(len(mesh.corners), dtype=bool), np.ones(len(mesh.corners), dtype=complex)
     fixed[side // 3] = True

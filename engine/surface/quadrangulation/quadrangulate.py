@@ -1,4 +1,4 @@
-"""Quads along a smooth field of crosses that follows the curvature, by a seamless map (Bommes et al. 2009)."""
+"""Quads along a smooth cross field that follows the curvature, by a seamless map (Bommes et al. 2009)."""
 
 from __future__ import annotations
 
@@ -16,25 +16,28 @@ from .rounding import rounded
 from .seamless import Maps, lattice, opened
 from .separation import NOTHING, TOO_MANY_FOLDS, apart
 
-# quads: longest edge of the triangles on which the map is made; with 0.4 the same quads of 16 meshes take two to three times as long
+# Longest edge of the map's triangles, in quads; 0.4 gives the same quads on 16 meshes in two to three times the time.
 FINE = 0.55
-# sizes of the quads, as shares of the one asked for, that are tried until the map does not fold
+# Quad sizes, as shares of the wanted size, tried until the map does not fold.
 SCALES = (1.0, 0.94)
 ATTEMPTS = (
-    2  # sizes, with and without what is kept apart: a map that folds then takes twice as long as one that does not
+    # attempts over sizes, with and without separation of nearby points; with 2, a map that folds takes twice the time
+    2
 )
 MAPPING = "Mapping the surface onto a grid"
-# over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and 139 irregular points of 32, 103 and 160
+# Smoothing of the surface before the field is computed; over amo_quad, homer and a scanned bunny 10 leaves 16, 70 and
+# 139 irregular points of 32, 103 and 160.
 SMOOTHING = 10.0
 STIFFER = 12  # rounds in which folded triangles are made stiffer
-IDLE = 3  # of them that may pass without fewer folds
-SHORTEST = 3.0  # quads: shorter folds are noise; a scanned bunny has hundreds
-# whole numbers of a map: of more than so many, finding the best ones takes time with their cube, 2 s of the processor for 1,000
+IDLE = 3  # rounds without fewer folds after which it stops
+SHORTEST = 3.0  # in quads: shorter folds are noise; a scanned bunny has hundreds
+# Largest number of integers of a map; the time to find the best ones grows with the cube, 2 s of processor time for
+# 1,000.
 WHOLE = 1000
-SPREAD, FADING = 4, 0.7  # so far around them, by so much less from triangle to triangle
+SPREAD, FADING = 4, 0.7  # rings of triangles round a folded one that are stiffened too, and the factor per ring
 
 
-@one_thread  # with more, sums differ from run to run, and with them whole numbers of the map
+@one_thread  # with more threads sums, and so the integers of the map, differ from run to run
 def quadrangulate(
     mesh: PolygonMesh,
     edge: float,
@@ -43,26 +46,32 @@ def quadrangulate(
     smoothing: float = SMOOTHING,
     progress: Progress = SILENT,
 ) -> PolygonMesh:
-    """Quads of about this edge on a clean connected surface of triangles, along its borders and curvature.
+    """Make quads on a clean connected triangle surface, along its borders and curvature.
 
-    edge : metres
-    fold : radians; along edges at which the surface turns by more, quads have sides too
-    alignment : to the curvature, as in ``cross_field``
-    smoothing : of the surface before directions are looked for, as in ``smoothed``
+    Parameters
+    ----------
+    mesh : triangles, metres
+    edge : wanted quad edge, metres
+    fold : quads have sides along edges where the surface turns by more, radians
+    alignment : with the curvature, see ``cross_field``
+    smoothing : of the surface before the field is computed, see ``smoothed``
+    progress : called with the fraction done
 
-    Raises FlexMapsError where no map without folds is found, or where the surface is no oriented manifold.
+    Raises
+    ------
+    FlexMapsError : no map without folds is found, or the surface is not an oriented manifold
     """
     given = Triangles(mesh.vertices, mesh.corners.reshape(-1, 3))
     try:
-        return _mapped(evened(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
-    except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:  # of the solvers
+        return _quads_by_map(evened(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
+    except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:  # errors of the solvers
         raise FlexMapsError("Some triangles are too thin for a map: dissolve them") from error
 
 
-def _mapped(
+def _quads_by_map(
     triangles: Triangles, edge: float, fold: float, alignment: float, smoothing: float, progress: Progress
 ) -> PolygonMesh:
-    """Quads of the first size that gives a map without folds."""
+    """Return the quads of the first size that gives a map without folds."""
     lines = triangles.long_lines(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
     smooth = smoothed(triangles, lines, smoothing)
@@ -77,26 +86,28 @@ def _mapped(
         part = progress.part(0.4 + 0.6 * number / ATTEMPTS, 0.4 + 0.6 * (number + 1) / ATTEMPTS)
         part(0.0, MAPPING)
         whole = rounded(*maps.energy(scale * edge), asked)
-        if not asked.hold(whole):  # too much lies too near, and another size seldom helps
+        if not asked.hold(whole):  # too many points are too near each other, and another size seldom helps
             continue
         try:
-            return extracted(triangles, chart.jump, _unfolded(maps, scale * edge, whole, part))
+            return extracted(triangles, chart.jump, _unfold(maps, scale * edge, whole, part))
         except FlexMapsError as error:
             last = error
     raise last
 
 
 def folded(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
-    """Which triangles the map turns over."""
+    """Mask the triangles that the map turns over."""
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
 
 
-def _unfolded(
+def _unfold(
     maps: Maps, edge: float, whole: Int[np.ndarray, " whole"], progress: Progress
 ) -> Float[np.ndarray, "triangles 3 2"]:
-    """The map, with folded triangles and their neighbours stiffer round after round; that with the fewest folds
-    (Bommes et al. 2009, section 4.3)."""
+    """Compute the map, making folded triangles and their neighbours stiffer in rounds; return the map with the fewest folds.
+
+    See Bommes et al. 2009, section 4.3.
+    """
     mesh = maps.chart.field.mesh
     inner = np.flatnonzero(mesh.opposite >= 0)
     here, there = inner // 3, mesh.opposite[inner] // 3

@@ -1,4 +1,4 @@
-"""The whole numbers of a seamless map: the best there are that keep apart what has to stay apart."""
+"""Find the best integers of a seamless map that keep nearby points apart."""
 
 from __future__ import annotations
 
@@ -7,21 +7,31 @@ import numpy as np
 from ...arrays import Float, Int
 from .separation import Apart
 
-SURE = 0.02  # numbers that are as near to whole ones as this are rounded together
-FAR = 3.0  # whole numbers move no farther
-NODES = 10  # of the solver's tree, and not seconds, so that one mesh gives one map; of 83 maps of 24 meshes 65 took 7 at most, the others over 40
-LONGEST = 10.0  # seconds of the solver, however busy the machine is
-GAP = 0.1  # of the optimum, which is good enough: what follows takes the best steps of one
-STEPS = 200  # of one; far more than were ever taken
+SURE = 0.02  # values this near to integers are rounded together
+FAR = 3.0  # largest change of an integer
+# limit on the solver's nodes, not seconds, so that a mesh always gives the same map; of 83 maps of 24 meshes 65 took at
+# most 7, the others over 40
+NODES = 10
+LONGEST = 10.0  # time limit of the solver, seconds, if the machine is busy
+GAP = 0.1  # relative gap to the optimum that is good enough, since single steps follow
+STEPS = 200  # largest number of single steps; far more than were ever taken
 
 
 def rounded(
     matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: Apart
 ) -> Int[np.ndarray, " whole"]:
-    """Those of the best map found: rounded one after another, the surest first, the rest following (Bommes et al. 2009,
-    section 3); then stepped apart where pairs have come together; then one by one wherever that lowers the energy."""
-    result = _greedy(matrix, right)
-    result = _separated(matrix, right, apart, result)
+    """Round the unknowns of an energy to integers.
+
+    First greedily, the surest first, solving for the rest (Bommes et al. 2009, section 3); then pairs that came
+    together are separated; then single integers step wherever that lowers the energy.
+
+    Parameters
+    ----------
+    matrix, right : energy 1/2 x^T M x - r^T x
+    apart : constraints that keep pairs apart
+    """
+    result = _round_greedily(matrix, right)
+    result = _separate(matrix, right, apart, result)
     for _ in range(STEPS):
         slope = matrix @ result - right
         gain = np.abs(slope) - 0.5 * np.diag(matrix)
@@ -36,7 +46,8 @@ def rounded(
     return result.astype(np.int64)
 
 
-def _greedy(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Round one unknown after another, the surest first, solving for the others."""
     result, left = np.zeros(len(right)), np.arange(len(right))
     while len(left):
         held = np.setdiff1d(np.arange(len(right)), left)
@@ -48,16 +59,15 @@ def _greedy(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result
 
 
-def _separated(matrix: np.ndarray, right: np.ndarray, apart: Apart, result: np.ndarray) -> np.ndarray:
-    """The nearest whole numbers that keep all pairs apart, distances weighed by the energy's curvature; the same ones where
-    the solver finds none in time."""
+def _separate(matrix: np.ndarray, right: np.ndarray, apart: Apart, result: np.ndarray) -> np.ndarray:
+    """Return the nearest integers that keep all pairs apart, weighted by the energy's curvature; unchanged if the solver finds none."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     if apart.hold(result):
         return result
     size = len(result)
     eye = np.eye(size)
-    # numbers, then how far each is from the result: far >= number - result, far >= result - number
+    # variables: the integers, then their distances from the result: far >= number - result, far >= result - number
     beside = np.block([[eye, -eye], [eye, eye]])
     found = milp(
         np.concatenate([np.zeros(size), np.sqrt(np.diag(matrix))]),

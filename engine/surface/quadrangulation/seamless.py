@@ -1,9 +1,8 @@
-"""A seamless map of a triangle mesh onto the plane in which the integer grid is a mesh of quads (Bommes et al. 2009).
+"""Seamless map of a triangle mesh onto the plane, in which the integer grid is a quad mesh (Bommes et al. 2009).
 
-The surface is cut open to a disk through the irregular points of the field of crosses, the crosses are turned so that they
-fit together there, and u and v follow them as well as they can in the sense of least squares. Over every cut the map may
-turn by quarters and shift by whole numbers, so that the grid goes on across it; irregular points, borders and sharp folds
-lie on whole numbers.
+The surface is cut open to a disk through the irregular points of the cross field, and the crosses are rotated to be
+consistent there; u and v follow them in the least-squares sense. Across a cut the map may turn by quarters and shift by
+integers, so that the grid continues; irregular points, borders and sharp folds lie on integers.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ from ...errors import FlexMapsError
 from ...linalg import Pattern, SparseCholesky
 from .field import CrossField
 
-# (u + iv) turned by -q quarters: which coordinate each is taken from
+# (u + iv) rotated by -q quarter turns: source of each coordinate
 TAKEN = ((0, 1), (1, 0), (0, 1), (1, 0))
-# and the sign that it gets
+# and its sign
 SIGN = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-LOOSE = 1e-9  # of the matrix's diagonal: what holds a map that may be shifted as a whole
+LOOSE = 1e-9  # share of the matrix's diagonal that is added to it; fixes a map that could be shifted as a whole
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The mesh cut open, with one sense of u and v.
+    """The mesh cut open, with consistent directions of u and v.
 
-    turn : quarters by which the cross of every triangle is turned to give the direction of u
-    jump : quarters by which the neighbour's u is turned against this triangle's, for every side; 0 at the border
-    cut : sides where the map may jump
-    wedge : for every corner of every triangle, the point of the cut mesh; corners that share one are alike in u and v
+    turn : quarter turns from the cross of every triangle to the direction of u
+    jump : quarter turns of the neighbour's u relative to this triangle's, for every side; 0 at the border
+    cut : sides across which the map may jump
+    wedge : point of the cut mesh for every corner of every triangle; corners of one wedge have equal u and v
     """
 
     field: CrossField
@@ -45,19 +44,19 @@ class Chart:
 
     @cached_property
     def angles(self) -> Float[np.ndarray, " triangles"]:
-        """Radians of the direction of u from side 0 of every triangle."""
+        """Angle from side 0 of every triangle to the direction of u, radians."""
         return self.field.angles + 0.5 * np.pi * self.turn
 
 
 def opened(field: CrossField) -> Chart:
-    """Cut one connected mesh to a disk through all irregular points, and turn the crosses so that they fit together."""
+    """Cut a connected mesh to a disk through all irregular points, and make the crosses consistent there."""
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
     mesh = field.mesh
     other, count = mesh.opposite, len(mesh.corners)
     lean = (field.angles[:, None] - np.angle(mesh.sides)).ravel()
     inner = other >= 0
-    quarters = np.zeros(len(other), dtype=np.int64)  # by which the neighbour's cross is to be turned to fit this one
+    quarters = np.zeros(len(other), dtype=np.int64)  # quarter turns that make the neighbour's cross match
     quarters[inner] = -np.round((lean[other] - lean - field.turns)[inner] / (0.5 * np.pi)).astype(np.int64) - 2
     sides = np.flatnonzero(inner)
     dual = csr_array((np.ones(len(sides)), (sides // 3, other[sides] // 3)), shape=(count, count))
@@ -72,7 +71,7 @@ def opened(field: CrossField) -> Chart:
         crossed[s] = crossed[other[s]] = True
     jump = np.zeros(len(other), dtype=np.int64)
     jump[sides] = (turn[other[sides] // 3] - turn[sides // 3] - quarters[sides]) % 4
-    cut = _pruned(field, inner & ~crossed)
+    cut = _prune(field, inner & ~crossed)
     if (jump[inner & ~cut] != 0).any():
         raise FlexMapsError("The field of crosses does not fit together")
     joined = np.flatnonzero(inner & ~cut)
@@ -83,19 +82,19 @@ def opened(field: CrossField) -> Chart:
 
 
 def _after(sides: np.ndarray) -> np.ndarray:
-    """The next side of the same triangle; corners have the number of the side that begins at them."""
+    """Return the next side of the same triangle; a corner has the number of the side that begins at it."""
     return sides - sides % 3 + (sides + 1) % 3
 
 
-def _pruned(field: CrossField, cut: np.ndarray) -> np.ndarray:
-    """The cut without dead ends, but for those at irregular points."""
+def _prune(field: CrossField, cut: np.ndarray) -> np.ndarray:
+    """Remove dead ends of the cut, except at irregular points."""
     mesh, irregular = field.mesh, field.indices != 0
     start, other = mesh.corners.ravel(), mesh.opposite
     rim = np.zeros(len(mesh.vertices), dtype=bool)
     rim[start[other < 0]] = True
     at: dict[int, set[int]] = {}
     for s in np.flatnonzero(cut):
-        at.setdefault(int(start[s]), set()).add(int(s))  # every cut edge from both of its ends
+        at.setdefault(int(start[s]), set()).add(int(s))  # every cut edge appears at both of its ends
     dead = deque(v for v, found in at.items() if len(found) == 1 and not rim[v] and not irregular[v])
     cut = cut.copy()
     while dead:
@@ -114,9 +113,9 @@ def _pruned(field: CrossField, cut: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """All maps of a chart that fit together, as free numbers and whole numbers.
+    """All consistent maps of a chart, parametrised by real numbers and integers.
 
-    Coordinate 2 w + c (u or v) of wedge w is ``free`` times free numbers plus ``whole`` times whole numbers.
+    Coordinate 2 w + c (u or v) of wedge w is ``free`` times the real numbers plus ``whole`` times the integers.
     """
 
     free: csr_array
@@ -124,14 +123,17 @@ class Lattice:
 
 
 def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
-    """What u and v may be.
+    """Parametrise the consistent maps of a chart.
 
-    lines : (sides,) bool, borders and sharp folds, along which one coordinate is a whole number
+    Parameters
+    ----------
+    chart : cut mesh
+    lines : (sides,) bool, borders and sharp folds, along which one coordinate is an integer
     """
     field, mesh = chart.field, chart.field.mesh
     other, wedges = mesh.opposite, chart.wedge.max() + 1
     shift = _chains(chart)
-    relations: list[tuple[int, int, int, int]] = []  # as ``_walked`` takes them
+    relations: list[tuple[int, int, int, int]] = []  # relations as ``_traverse`` takes them
     for s in np.flatnonzero(shift >= 0):
         o, q = int(other[s]), int(chart.jump[s])
         for mine, theirs in ((s, int(_after(np.array(o)))), (int(_after(np.array(s))), o)):
@@ -151,12 +153,14 @@ def lattice(chart: Chart, lines: np.ndarray) -> Lattice:
     for w in np.unique(chart.wedge[irregular[~rim[mesh.corners.ravel()[irregular]]]]):
         wholes |= {int(2 * w), int(2 * w + 1)}
     shifts = 2 * (int(shift.max(initial=-1)) + 1)
-    return _eliminated(2 * int(wedges), shifts, _walked(2 * int(wedges), relations, wholes, shifts))
+    return _eliminate(2 * int(wedges), shifts, _traverse(2 * int(wedges), relations, wholes, shifts))
 
 
 def _chains(chart: Chart) -> np.ndarray:
-    """(sides,) int: one number for the sides of the cut between two of its ends or branchings, which all lie on the same
-    hand; -1 for their opposite sides and all others."""
+    """(sides,) int: number of the chain of each cut side, on one flank of the cut; -1 for opposite and all other sides.
+
+    A chain is the part of the cut between two of its ends or branch points.
+    """
     mesh, cut = chart.field.mesh, chart.cut
     start, other = mesh.corners.ravel(), mesh.opposite
     degree = np.bincount(start[cut], minlength=len(mesh.vertices)) + 2 * np.bincount(
@@ -182,11 +186,12 @@ def _chains(chart: Chart) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Walked:
-    """Every coordinate as factor times that of its class's root, plus an offset in the shifts.
+class _Classes:
+    """Every coordinate as a factor times the root of its class, plus an offset in the shifts.
 
-    whole : classes that lie on whole numbers, at their roots
-    rows : what shifts and roots have to fulfil: sums of them, roots numbered after the shifts, that are zero
+    root, factor, offset : of each coordinate
+    whole : mask of classes that lie on integers
+    rows : sums of shifts and roots that must be zero, roots numbered after the shifts
     """
 
     root: Int[np.ndarray, " coordinates"]
@@ -196,10 +201,10 @@ class _Walked:
     rows: list[dict[int, int]]
 
 
-def _walked(size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int) -> _Walked:
-    """Go round every class of coordinates that are related: x_a = sign x_b + shift t, where t is -1 for none."""
+def _traverse(size: int, relations: list[tuple[int, int, int, int]], wholes: set[int], shifts: int) -> _Classes:
+    """Traverse the classes of related coordinates; a relation is x_a = sign x_b + shift t, with t = -1 for no shift."""
     near: dict[int, list[tuple[int, int, int, int]]] = {}
-    for a, b, sign, t in relations:  # the other way round x_b = sign x_a - sign (shift t)
+    for a, b, sign, t in relations:  # reversed: x_b = sign x_a - sign (shift t)
         near.setdefault(b, []).append((a, sign, t, 1))
         near.setdefault(a, []).append((b, sign, t, -sign))
     root, factor = np.arange(size), np.ones(size, dtype=np.int64)
@@ -229,11 +234,11 @@ def _walked(size: int, relations: list[tuple[int, int, int, int]], wholes: set[i
                     whole[first] = True
                 if any(row.values()):
                     rows.append({k: n for k, n in row.items() if n})
-    return _Walked(root, factor, offset, whole[root], rows)
+    return _Classes(root, factor, offset, whole[root], rows)
 
 
-def _eliminated(size: int, shifts: int, walked: _Walked) -> Lattice:
-    """The coordinates by free and whole numbers, after the whole ones that the rows determine are gone."""
+def _eliminate(size: int, shifts: int, walked: _Classes) -> Lattice:
+    """Express the coordinates by real numbers and integers, after elimination of the integers that the rows determine."""
     is_root = walked.root == np.arange(size)
     place = np.full(size, -1)
     whole, free = np.flatnonzero(is_root & walked.whole), np.flatnonzero(is_root & ~walked.whole)
@@ -256,9 +261,10 @@ def _eliminated(size: int, shifts: int, walked: _Walked) -> Lattice:
 
 
 def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
-    """(size, k) int: a basis of all whole-number solutions of the rows, by Euclid's algorithm on columns."""
+    """(size, k) int: basis of all integer solutions of the rows, by Euclid's algorithm on columns."""
     basis = np.eye(size, dtype=np.int64, order="F")
-    left = np.ones(size, dtype=bool)  # columns; the others are 0 and go in the end, for taking one out copies all
+    # mask of columns in use; the others are zeroed and dropped at the end, because dropping one copies all
+    left = np.ones(size, dtype=bool)
     unique = {tuple(sorted(row.items())) for row in rows}
     for row in sorted(unique, key=len):
         y = sum(n * basis[k] for k, n in row)
@@ -278,16 +284,17 @@ def _kernel(rows: list[dict[int, int]], size: int) -> np.ndarray:
 
 
 class Maps:
-    """Maps of one chart at any size of the quads; what takes time is done once.
+    """Maps of a chart for any quad size; the expensive parts are computed once.
 
-    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2 with the direction d of the crosses over the edge.
+    The energy is the area integral of |grad u - d|^2 + |grad v - i d|^2, with d the direction of the crosses over the
+    edge.
     """
 
     def __init__(self, chart: Chart, found: Lattice):
         mesh = chart.field.mesh
         count = len(mesh.corners)
         self.chart, self.lattice = chart, found
-        # the gradient of the hat over a corner stands on the opposite side (Bommes et al. 2009, section 4)
+        # the gradient of a corner's hat function is perpendicular to the opposite side (Bommes et al. 2009, section 4)
         gradient = (1j * np.roll(mesh.sides, -1, axis=1) / (2 * mesh.areas[:, None])).ravel()
         row = 4 * np.repeat(np.arange(count), 3)
         gradients = coo_array(
@@ -309,7 +316,7 @@ class Maps:
         self.weigh(np.ones(count))
 
     def weigh(self, weights: Float[np.ndarray, " triangles"]) -> None:
-        """Let triangles count more or less than by their area, which are ``weights`` of one."""
+        """Scale the weight of every triangle, its area, by ``weights``."""
         self._weight = np.repeat(self.chart.field.mesh.areas * weights, 4)
         normal = (self._free.T @ (diags_array(self._weight) @ self._free)).tocoo()
         rows = self._pattern.size * normal.coords[1].astype(np.int64) + normal.coords[0]
@@ -322,7 +329,7 @@ class Maps:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and right side (for an edge of one metre) of the energy in the whole numbers, all else being best."""
+        """Matrix and right side (for an edge of 1 m) of the energy in the integers, minimised over all other unknowns."""
         weighted = diags_array(self._weight) @ self._whole
         cross = (self._free.T @ weighted).toarray()
         solved = self._factor.solve(cross) if cross.size else cross
@@ -330,18 +337,18 @@ class Maps:
         return (self._whole.T @ weighted).toarray() - cross.T @ solved, right
 
     def relaxed(self, edge: float) -> Float[np.ndarray, " whole"]:
-        """The whole numbers as they would be if they need not be whole."""
+        """Return the optimum if the integers may be real."""
         matrix, right = self.energy(edge)
         return np.linalg.solve(matrix, right)
 
     def energy(self, edge: float) -> tuple[Float[np.ndarray, "whole whole"], Float[np.ndarray, " whole"]]:
-        """Matrix and right side of the energy in the whole numbers, all other numbers being best for them."""
+        """Return matrix and right side of the energy in the integers, minimised over all other unknowns; ``edge`` in metres."""
         matrix, right = self._schur
         count = len(right)
         return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge
 
     def map(self, edge: float, whole: np.ndarray) -> Float[np.ndarray, "triangles 3 2"]:
-        """u and v at every corner, in quads."""
+        """Return u and v at every corner, in quads; ``edge`` in metres."""
         right = self._weight * (self._wished / edge - self._whole @ whole)
         both = self.lattice.free @ self._factor.solve(self._free.T @ right) + self.lattice.whole @ whole
         return both.reshape(-1, 2)[self.chart.wedge].reshape(-1, 3, 2)

@@ -1,1 +1,1 @@
-"""Quads for any mesh, and squarer quads."""
+"""Quad remeshing of any mesh, and regularisation of quads towards squares."""

@@ -1,4 +1,4 @@
-"""The bodies of a mesh that are remeshed one by one, and what joins them or cuts them apart."""
+"""Split a mesh into the bodies that are remeshed one by one: join intersecting ones, cut open parts apart."""
 
 from __future__ import annotations
 
@@ -13,13 +13,11 @@ from ..mesh import PolygonMesh
 from .mend import Target, of_rows
 from .tool import Tool
 
-BEYOND = (
-    2  # times the count that quads may be where small bodies need some: a mesh of loose faces is to be merged instead
-)
+BEYOND = 2  # factor by which small bodies may raise the number of quads; a mesh of loose faces should be merged instead
 
 
 def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[list[PolygonMesh], list[Finding]]:
-    """The bodies to be remeshed one by one."""
+    """Return the bodies to remesh one by one, and findings on bodies that were joined or cut apart."""
     whole, found = apart(triangles), []
     if len(whole) > 1:
         closed = np.array([is_closed(part) for part in whole])
@@ -56,10 +54,25 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
 def without_crumbs(
     areas: Float[np.ndarray, " bodies"], count: int, fewest: Int[np.ndarray, " bodies"], crumbs: float
 ) -> tuple[Bool[np.ndarray, " bodies"], list[Finding]]:
-    """Return which bodies get their ``fewest`` quads at least, and what is said of the others.
+    """Decide which bodies get quads, and report the others, which are left out.
 
-    The others have at most ``crumbs`` of the area: as many bodies as that takes are kept, however few of ``count`` quads are theirs by
-    area. Raises ``FlexMapsError`` where that takes more than ``BEYOND`` times the count.
+    A body is kept if its share of the quads, by area, reaches its minimum; further bodies are kept, the largest first,
+    until at most ``crumbs`` of the area is left out.
+
+    Parameters
+    ----------
+    areas : of the bodies, any unit
+    count : quads wanted in all
+    fewest : minimum number of quads of each body
+    crumbs : share of the area that may be left out
+
+    Returns
+    -------
+    mask of bodies to keep; findings
+
+    Raises
+    ------
+    FlexMapsError : keeping enough area takes more than ``BEYOND`` times the count
     """
     share = areas / areas.sum()
     large = share * count >= np.minimum(fewest, share.max() * count)
@@ -85,11 +98,12 @@ def without_crumbs(
 
 
 def said(code: str, message: str) -> Finding:
+    """Make a warning."""
     return Finding(code, "warning", message)
 
 
 def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
-    """The bodies of a mesh, each with its own vertices and its faces turned the same way."""
+    """Return the bodies of a triangle mesh, each with its own vertices and consistent orientation."""
     sides = sides_of(mesh)
     body = bodies(sides, len(mesh.sizes))
     turned, _, _ = inconsistent(sides, body)
@@ -101,23 +115,25 @@ def apart(mesh: PolygonMesh) -> list[PolygonMesh]:
 
 
 def cut_apart(mesh: PolygonMesh) -> PolygonMesh:
-    """Every fan of faces round a vertex gets a vertex of its own; at an edge of three faces or more all part."""
+    """Give every fan of faces round a vertex its own vertex; edges of three or more faces come apart."""
     fan = fans(sides_of(mesh))
     _, first = np.unique(fan, return_index=True)
     return PolygonMesh(mesh.vertices[mesh.corners[first]], fan.astype(np.int64), mesh.sizes)
 
 
 def has_one_side(mesh: PolygonMesh) -> bool:
+    """Return whether a body has only one side."""
     sides = sides_of(mesh)
     return bool(len(inconsistent(sides, bodies(sides, len(mesh.sizes)))[1]))
 
 
 def is_closed(mesh: PolygonMesh) -> bool:
+    """Return whether no edge has one face only."""
     return bool((np.bincount(sides_of(mesh).edge) > 1).all())
 
 
 def is_clean(mesh: PolygonMesh) -> bool:
-    """Whether it is one body of two sides, with at most two faces at an edge and one fan at a vertex."""
+    """Return whether the mesh is one orientable body, at most two faces per edge, one fan per vertex, consistently oriented."""
     sides = sides_of(mesh)
     if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
         return False
@@ -127,6 +143,7 @@ def is_clean(mesh: PolygonMesh) -> bool:
 
 
 def joined(parts: list[PolygonMesh]) -> PolygonMesh:
+    """Concatenate meshes."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return PolygonMesh(
         np.concatenate([part.vertices for part in parts]),
@@ -136,7 +153,7 @@ def joined(parts: list[PolygonMesh]) -> PolygonMesh:
 
 
 def target_of(mesh: PolygonMesh) -> Target:
-    """A mesh of triangles or quads as the surface that quads are to lie on."""
+    """Return a mesh of triangles or quads as the target surface of its quads."""
     starts = np.cumsum(mesh.sizes) - mesh.sizes
     rows = [
         np.stack([mesh.corners[starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)

@@ -1,4 +1,4 @@
-"""Whether quads cover the surface that they stand for: its area, and how far its points are from them."""
+"""Check whether quads cover their target surface: compare areas and distances."""
 
 from __future__ import annotations
 
@@ -11,23 +11,30 @@ from .mend import Target
 AREA = (
     0.75,
     1.25,
-)  # times the surface's area that quads have at least and at most: rounding off what is small takes .15 of Suzanne's 500
+    # smallest and largest area of the quads, as a share of the surface's; rounding off small features takes 0.15 of Suzanne
+    # with 500 quads
+)
 USUAL, WORST = (
     0.5,
     1.5,
-)  # edges: 95 of 100 points of the surface are nearer to the quads than the first, all nearer than the second
-MORE = 2.0  # times the count with which the quads follow what they have missed; not measured
+)  # in edges: 95 % of the surface's points are nearer to the quads than the first, all are nearer than the second
+MORE = 2.0  # factor on the quad count at which the quads follow details that were missed; not measured
 
 
 def finer(count: int) -> int:
-    """How many quads to ask for where so many have missed something, in tens."""
+    """Return the number of quads to suggest where ``count`` quads miss details, in tens."""
     return round(MORE * count / 10.0) * 10
 
 
 def uncovered(quads: PolygonMesh, made: Target, whole: Target, count: int, first: int) -> list[Finding]:
-    """The warning that names the quads beside parts of the surface that they miss, if there are any.
+    """Warn if the quads miss parts of the surface; the warning names the quads beside these parts.
 
-    made : the surface of the quads; count : of quads of all bodies; first : the number of the first quad among all bodies
+    Parameters
+    ----------
+    quads : of one body
+    made, whole : the quads' surface, the target surface
+    count : quads of all bodies
+    first : index of this body's first quad among all bodies
     """
     edge = (made.area / len(quads.sizes)) ** 0.5
     away = made.distances(whole.samples) / edge

@@ -1,4 +1,4 @@
-"""Where vertices may go while a mesh is regularised: its surface, its border and creases, their corners."""
+"""Constraints on vertices while a mesh is regularised: its surface, its border and creases, their corners."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ from scipy.sparse.csgraph import connected_components
 from ...arrays import Bool, Float, Int
 from ..mesh import QuadMesh
 
-STEP = 0.3  # longest move of a vertex in one round, relative to the edges at it: two ends of one cannot pass each other
-TURN = np.radians(50.0)  # a line that turns more than this at a vertex has a corner there
-CREASE = np.radians(80.0)  # faces that meet at a larger angle than this have a crease between them
-CREASE_EDGES = 6  # fewest edges in a row of creases that counts: single sharp edges are noise
+# longest move of a vertex per round, in lengths of its shortest edge; below 0.5, so that the ends of an edge cannot
+# pass each other
+STEP = 0.3
+TURN = np.radians(50.0)  # a line has a corner at a vertex where it turns by more than this, radians
+CREASE = np.radians(80.0)  # an edge is a crease if the faces' normals differ by more than this, radians
+CREASE_EDGES = 6  # smallest number of edges in a crease; single sharp edges are noise
 
 
 def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles of the surface: every quad as four triangles round its middle, which favours no diagonal."""
+    """Return vertices and triangles of the surface; every quad becomes four triangles round its middle, which prefers no diagonal."""
     middle = len(mesh.vertices) + np.arange(len(mesh.quads))
     triangles = np.stack([mesh.quads, np.roll(mesh.quads, -1, axis=1), np.repeat(middle[:, None], 4, axis=1)], axis=2)
     return np.concatenate([mesh.vertices, mesh.centroids]), np.ascontiguousarray(
@@ -28,7 +30,7 @@ def fan(mesh: QuadMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-    """Unit, weighted by area."""
+    """Unit vertex normals, weighted by area."""
     p = points[mesh.quads]
     vectors = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     total = np.zeros_like(points)
@@ -38,12 +40,12 @@ def _vertex_normals(mesh: QuadMesh, points: np.ndarray) -> Float[np.ndarray, "ve
 
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """Where the vertices may go: the surface of the mesh as it came, its lines (border and creases) and their corners.
+    """Surface, lines (border and creases) and corners of the original mesh, on which vertices must stay.
 
-    max_step : metres, the longest step of every vertex
-    fixed : vertices that do not move
+    max_step : longest step of every vertex, metres
+    fixed : mask of vertices that do not move
     sliding : vertices on a line; before, after : their neighbours on it
-    line_edges : the edges of the lines
+    line_edges : edges of the lines
     """
 
     mesh: QuadMesh
@@ -60,6 +62,7 @@ class Guide:
 
     @classmethod
     def of(cls, mesh: QuadMesh, boundary: bool) -> Guide:
+        """Build the guide; with ``boundary`` the border counts as a line."""
         import igl
 
         vertices, triangles = fan(mesh)
@@ -71,11 +74,11 @@ class Guide:
         shortest = np.full(len(mesh.vertices), np.inf)
         np.minimum.at(shortest, mesh.edges, mesh.edge_lengths[:, None])
         line_edges = mesh.edges[_lines(mesh, boundary)]
-        fixed, sliding, before, after = _along(mesh, line_edges)
+        fixed, sliding, before, after = _classify_line_vertices(mesh, line_edges)
         return cls(mesh, tree, vertices, triangles, normals, STEP * shortest, fixed, sliding, before, after, line_edges)
 
     def back(self, start: np.ndarray, wanted: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
-        """Metres: ``wanted`` brought back to the surface and the lines, no further than ``max_step`` from ``start``."""
+        """Project moves from ``start`` to ``wanted`` onto the surface and the lines, at most ``max_step`` long; metres."""
         step = wanted - start
         normal = _vertex_normals(self.mesh, start)
         step -= np.einsum("vi,vi->v", step, normal)[:, None] * normal
@@ -101,7 +104,7 @@ class Guide:
 
 
 def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
-    """Edges of the border and of creases."""
+    """Return the edges of creases and, with ``boundary``, of the border."""
     a, b = mesh.dual.T
     sharp = mesh.dual_edges[np.einsum("di,di->d", mesh.normals[a], mesh.normals[b]) < np.cos(CREASE)]
     if len(sharp):
@@ -114,8 +117,16 @@ def _lines(mesh: QuadMesh, boundary: bool) -> Int[np.ndarray, " lines"]:
     return np.union1d(np.flatnonzero(mesh.border), sharp) if boundary else sharp
 
 
-def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fixed vertices: ends, crossings and corners of lines; the sliding ones, and their neighbours along the line."""
+def _classify_line_vertices(
+    mesh: QuadMesh, line_edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Classify the vertices on lines.
+
+    Returns
+    -------
+    mask of fixed vertices (ends, crossings and corners of lines); sliding vertices; their neighbours before and after
+    on the line
+    """
     n = len(mesh.vertices)
     ends = np.concatenate([line_edges, line_edges[:, ::-1]])
     ends = ends[np.lexsort((ends[:, 1], ends[:, 0]))]
@@ -136,16 +147,17 @@ def _along(mesh: QuadMesh, line_edges: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
-    """Largest distance between two surfaces with the same quads, metres: from the vertices and middles of each to the other."""
+    """Largest distance between two surfaces of the same quads, metres, measured from vertices and quad middles both ways."""
     return float(max(distances(mesh, samples(other)).max(), distances(other, samples(mesh)).max()))
 
 
 def samples(mesh: QuadMesh) -> np.ndarray:
+    """Vertices and quad middles."""
     return np.concatenate([mesh.vertices, mesh.centroids])
 
 
 def distances(mesh: QuadMesh, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-    """Metres: from points to the surface."""
+    """Distances from points to the surface, metres."""
     import igl
 
     return np.sqrt(igl.point_mesh_squared_distance(points, *fan(mesh))[0])

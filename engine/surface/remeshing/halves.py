@@ -1,4 +1,4 @@
-"""Mirror planes of a surface: one side of a plane is remeshed, and its quads are mirrored, so that they are symmetric."""
+"""Mirror symmetry in remeshing: one side of a mirror plane is remeshed and its quads are reflected."""
 
 from __future__ import annotations
 
@@ -14,36 +14,35 @@ from ..mesh import PolygonMesh
 from .bodies import joined, target_of
 from .mend import of_rows
 
-ALIKE = 1e-3  # of the extent: a surface whose mirrored vertices lie nearer to it is symmetric
-SNAPPED = (
-    1e-6  # of the extent: a vertex so near to the plane is on it; rounding errors of what is stored in single precision
-)
-AT_PLANE = 0.5  # quad edges: border vertices of a half that are nearer to the plane are joined with their images
-FITS = 4  # rounds of fitting a plane to the pairs of a point and its image
+ALIKE = 1e-3  # symmetry tolerance, as a share of the extent: farthest that a mirrored vertex may lie from the surface
+SNAPPED = 1e-6  # share of the extent: a vertex nearer to the plane lies on it, up to rounding in single precision
+AT_PLANE = 0.5  # in quad edges: border vertices of a half nearer to the plane are merged with their images
+FITS = 4  # rounds of fitting a plane to pairs of a point and its image
 
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A mirror plane; metres.
+    """A mirror plane.
 
-    normal : unit length
+    point : on the plane, metres
+    normal : unit vector
     """
 
     point: Float[np.ndarray, " 3"]
     normal: Float[np.ndarray, " 3"]
 
     def heights(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-        """Metres above the plane."""
+        """Signed distances from the plane, metres."""
         return (points - self.point) @ self.normal
 
     def mirrored(self, mesh: PolygonMesh) -> PolygonMesh:
-        """The image of a mesh, its faces turned so that the outside stays outside; the first corner stays the first."""
+        """Reflect a mesh, its faces reversed so that outside stays outside; the first corner stays the first."""
         points = mesh.vertices - 2.0 * self.heights(mesh.vertices)[:, None] * self.normal
         corners = mesh.corners.reshape(len(mesh.sizes), -1)
         return PolygonMesh(points, np.roll(corners[:, ::-1], 1, axis=1).ravel(), mesh.sizes)
 
     def maps(self, one: PolygonMesh, other: PolygonMesh, extent: float) -> bool:
-        """Whether the image of a mesh lies on another one, and the other's on it; ``extent`` in metres is that of the whole."""
+        """Return whether the image of one mesh lies on the other and conversely; ``extent`` is the size of the whole, metres."""
         pairs = ((one, other), (other, one))
         return all(
             target_of(b).distances(np.ascontiguousarray(self.mirrored(a).vertices)).max() < ALIKE * extent
@@ -52,7 +51,7 @@ class Plane:
 
 
 def planes_of(mesh: PolygonMesh) -> list[Plane]:
-    """Mirror planes of triangles, at right angles to each other: along the axes first, then along the principal directions."""
+    """Find mirror planes of triangles, perpendicular to each other: along the axes first, then along the principal axes."""
     points, extent = mesh.vertices, float(np.ptp(mesh.vertices, axis=0).max())
     _, directions = np.linalg.eigh(np.cov(points.T))
     found: list[Plane] = []
@@ -60,15 +59,15 @@ def planes_of(mesh: PolygonMesh) -> list[Plane]:
         heights = points @ normal
         plane = Plane(0.5 * (heights.min() + heights.max()) * normal, normal)
         if k >= 3:
-            plane = _fitted(mesh, plane)
+            plane = _fit_plane(mesh, plane)
         at_right_angles = all(abs(plane.normal @ one.normal) < ALIKE for one in found)
         if at_right_angles and plane.maps(mesh, mesh, extent):
             found.append(plane)
     return found
 
 
-def _fitted(mesh: PolygonMesh, plane: Plane) -> Plane:
-    """The plane nearest to the middles between points and where the surface is nearest to their images."""
+def _fit_plane(mesh: PolygonMesh, plane: Plane) -> Plane:
+    """Fit a plane to the middles between points and their images projected onto the surface."""
     target = target_of(mesh)
     for _ in range(FITS):
         images, _ = target.nearest(np.ascontiguousarray(plane.mirrored(mesh).vertices))
@@ -78,7 +77,7 @@ def _fitted(mesh: PolygonMesh, plane: Plane) -> Plane:
 
 
 def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
-    """The triangles above the plane, those across it cut there; ``None`` where a face lies in the plane or nothing is above."""
+    """Cut the mesh at the plane and keep the triangles above; None if a face lies in the plane or none lies above."""
     rows = mesh.corners.reshape(-1, 3)
     heights = plane.heights(mesh.vertices)
     heights[np.abs(heights) < SNAPPED * np.ptp(mesh.vertices, axis=0).max()] = 0.0
@@ -89,7 +88,7 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
     cuts: dict[tuple[int, int], int] = {}
 
     def cut(a: int, b: int) -> int:
-        """The vertex where the edge from a to b crosses the plane."""
+        """Return the vertex where the edge from a to b crosses the plane."""
         low, high = min(a, b), max(a, b)
         if (low, high) not in cuts:
             share = heights[low] / (heights[low] - heights[high])
@@ -111,10 +110,10 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
 def doubled(
     quads: PolygonMesh, plane: Plane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
 ) -> PolygonMesh:
-    """The quads of a half and their images, joined along the plane.
+    """Join the quads of a half and their images along the plane.
 
-    edge : metres, about that of a quad
-    ends : metres, where the border meets the plane: the half has corners there, maybe sharp ones, that quads have cut off
+    edge : typical quad edge, metres
+    ends : points where the border meets the plane, metres; quads may have cut off these corners, so they are restored
     """
     sides = sides_of(quads)
     border = sides.edges[np.bincount(sides.edge, minlength=len(sides.edges)) == 1]
@@ -136,10 +135,10 @@ def doubled(
 
 
 def euler(mesh: PolygonMesh) -> int:
-    """Vertices less edges and more faces: one less for every slit where halves do not meet."""
+    """Return the Euler characteristic; every slit where the halves do not meet lowers it by one."""
     return len(np.unique(mesh.corners)) - len(sides_of(mesh).edges) + len(mesh.sizes)
 
 
 def own_planes(mesh: PolygonMesh, planes: Sequence[Plane], extent: float) -> list[Plane]:
-    """Those planes that map one body of several onto itself."""
+    """Return the planes that map a body onto itself."""
     return [plane for plane in planes if plane.maps(mesh, mesh, extent)]

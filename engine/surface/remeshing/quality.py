@@ -1,4 +1,4 @@
-"""How well quads of a remesher serve what comes after: few irregular vertices, along the curvature, even, on sharp edges."""
+"""Quality of a remesher's quads: irregular vertices, alignment with curvature, evenness, sharp edges."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ from ..curvature import misalignment
 from ..mesh import PolygonMesh
 from .mend import Target
 
-KEPT = 0.1  # quad edges: so near to a side of a quad, a point of a sharp edge counts as kept; a tenth cannot be seen
-# so many irregular vertices are worth a degree. Twice as much of one as of the other weighs the same on a usual mesh, which
-# has 40 and 16; a product of both would take any direction for a few irregular vertices less on a smooth shell
+# in quad edges: a point of a sharp edge nearer than this to a quad's side counts as kept; a tenth is not visible
+KEPT = 0.1
+# Irregular vertices that weigh as much as one degree of misalignment. With it, doubling either weighs the same on a
+# usual mesh, with 40 vertices and 16 degrees; a product of both would accept any direction for slightly fewer irregular
+# vertices on a smooth shell.
 DEGREE = 2.5
-NONE = 20.0  # what counts as none of both together: unevenness and lost edges matter also where they are few
+NONE = 20.0  # constant part of that sum, so that unevenness and lost edges matter even if the sum is small
 
 
 @dataclass(frozen=True)
 class Quality:
-    """Figures of a quad mesh; less is better in all of them.
+    """Measures of a quad mesh; less is better in all of them.
 
-    irregular : inner vertices without four quads, and those on the border without two
+    irregular : number of irregular vertices, see ``QuadMesh.irregular``
     misalignment : degrees, see ``curvature.misalignment``
-    unevenness : standard deviation of the edges' lengths over their mean
-    lost : share of the length of the surface's sharp edges along which no quad has a side
+    unevenness : standard deviation of the edge lengths over their mean
+    lost : share of the length of the surface's sharp edges without a quad's side along it
     """
 
     irregular: int
@@ -35,21 +37,32 @@ class Quality:
 
     @property
     def cost(self) -> float:
-        """One number to compare by."""
+        """All measures combined in one number, to rank quad meshes."""
         return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
 
 
 def quality(quads: PolygonMesh, target: Target) -> Quality:
-    """Figures of quads that stand for the surface ``target``; raises ``FlexMapsError`` where they are no sound quad mesh."""
+    """Measure quads against their surface.
+
+    Parameters
+    ----------
+    quads : a sound quad mesh, metres
+    target : the surface that they cover
+
+    Raises
+    ------
+    FlexMapsError : ``check`` finds errors in the quads
+    """
     mesh = as_quad_mesh(quads)
     lengths = mesh.edge_lengths
     irregular = int(mesh.irregular.sum())
     return Quality(
-        irregular, misalignment(mesh), float(lengths.std() / lengths.mean()), _lost(quads, mesh.edges, target)
+        irregular, misalignment(mesh), float(lengths.std() / lengths.mean()), _lost_share(quads, mesh.edges, target)
     )
 
 
-def _lost(quads: PolygonMesh, edges: np.ndarray, target: Target) -> float:
+def _lost_share(quads: PolygonMesh, edges: np.ndarray, target: Target) -> float:
+    """Return the share of the length of sharp edges that is not kept."""
     if not len(target.sharp):
         return 0.0
     import igl

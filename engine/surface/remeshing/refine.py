@@ -1,5 +1,4 @@
-"""Quads cut into finer ones on the surface that they stand for: coarse quads have few irregular vertices, and finer ones
-that are cut from them no more."""
+"""Subdivide coarse quads on their target surface: this adds no irregular vertices, of which coarse quads have few."""
 
 from __future__ import annotations
 
@@ -10,8 +9,10 @@ from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .mend import Target, line_corners, moved, of_rows, to_middles, to_squares
 
-NEAR = 0.3  # quad edges: corners so near a sharp edge, or the border, are put onto it; under a half, or both ends of a quad's side would
-AT_CORNER = 0.5  # quad edges: the nearest corner of a quad, within these, goes to where sharp edges meet or turn
+# in quad edges: corners nearer to a sharp edge or the border are put onto it; below 0.5, else both ends of a quad's
+# side would be
+NEAR = 0.3
+AT_CORNER = 0.5  # in quad edges: a quad corner within this distance goes to the point where sharp edges meet or turn
 
 
 def split(polygons: PolygonMesh) -> PolygonMesh:
@@ -28,20 +29,20 @@ def split(polygons: PolygonMesh) -> PolygonMesh:
 
 
 def refined(quads: PolygonMesh, target: Target, times: int) -> PolygonMesh:
-    """Every quad cut into four ``times`` times, its corners brought to the surface and made square on it.
+    """Split every quad into four, ``times`` times; project the corners onto the surface and make the quads square.
 
-    Corners near sharp edges of the surface go onto them and stay there; those on the border go to the surface's border.
+    Corners near sharp edges of the surface go onto them and stay there; border corners go to the surface's border.
     """
-    quads = _snapped(quads, target)
+    quads = _snap(quads, target)
     for _ in range(times):
-        quads = _snapped(split(quads), target)
-        for way in (to_middles, to_squares):  # the first unfolds, the second squares
+        quads = _snap(split(quads), target)
+        for way in (to_middles, to_squares):  # means unfold quads, squares make them square
             quads = moved(quads, np.arange(len(quads.sizes)), target, way)
     return quads
 
 
-def _snapped(quads: PolygonMesh, target: Target) -> PolygonMesh:
-    """Corners on the surface, its sharp edges, its border, and where those meet or turn."""
+def _snap(quads: PolygonMesh, target: Target) -> PolygonMesh:
+    """Project corners onto the surface, its sharp edges, its border, and the points where these meet or turn."""
     sides = sides_of(quads)
     once = np.bincount(sides.edge, minlength=len(sides.edges)) == 1
     rim = np.unique(sides.edges[once])
@@ -51,21 +52,24 @@ def _snapped(quads: PolygonMesh, target: Target) -> PolygonMesh:
     off, there = target.onto_sharp(points)
     near = off < NEAR * size
     points[near] = there[near]
-    _to_corners(points, np.flatnonzero(near), target.vertices[_turns(target, target.sharp)], size)
+    _snap_to_corners(points, np.flatnonzero(near), target.vertices[_turns(target, target.sharp)], size)
     if len(rim) and len(target.border):
         import igl
 
         points[rim] = igl.point_mesh_squared_distance(points[rim], target.vertices, target.border)[2]
-        _to_corners(points, rim, target.vertices[_turns(target, target.border)], size)
+        _snap_to_corners(points, rim, target.vertices[_turns(target, target.border)], size)
     return PolygonMesh(points, quads.corners, quads.sizes)
 
 
 def _turns(target: Target, lines: np.ndarray) -> np.ndarray:
+    """Mask of the corners of lines; see ``line_corners``."""
     return line_corners(target.vertices, lines) if len(lines) else np.zeros(len(target.vertices), bool)
 
 
-def _to_corners(points: Float[np.ndarray, "points 3"], among: np.ndarray, corners: np.ndarray, size: float) -> None:
-    """Put the nearest of the points ``among`` at every corner, in place."""
+def _snap_to_corners(
+    points: Float[np.ndarray, "points 3"], among: np.ndarray, corners: np.ndarray, size: float
+) -> None:
+    """Move the nearest of the points ``among`` to every corner, in place."""
     if not len(among) or not len(corners):
         return
     from scipy.spatial import cKDTree

@@ -1,8 +1,8 @@
-"""Quads in the shape of any mesh: every body by itself, by a tool that makes quads of one clean body at a time.
+"""Quad remeshing of any mesh: each body by itself, with a tool that remeshes one clean body at a time.
 
-The tool is Blender's (``bridge.hosts.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean. What it
-gives is judged and mended here. QuadriFlow works in single precision and refuses or spoils surfaces that are very small
-or large, so that it gets every body at one size.
+The tool is Blender's (``bridge.hosts.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean.
+Its results are judged and repaired here. QuadriFlow works in single precision and fails on very small or large
+surfaces, so every body is scaled to the same size first.
 """
 
 from __future__ import annotations
@@ -29,58 +29,54 @@ from .refine import split
 from .soundness import Judged, judge, judge_raw, squarer
 from .tool import Tool
 
-EXTENT = 2.0  # largest extent of what the tool gets; QuadriFlow took every one of 16 surfaces at this size, at 0.16 only some
-JOINED = 1e-6  # of the extent: corners nearer than this are one
-CRUMBS = (
-    RemeshParams.crumbs
-)  # share of the area in bodies too small for the count that is left out unless a setting says otherwise
-FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # shares of the progress until there are quads of every body, and for better ones
-# Quads: a body that would get fewer is left out. Closed ones of 6 ended 4 to 20 % of their size from their shape with strains of up to
-# three times the limit, of 12 at 1.5 to 5 % (but for a flat box), of 24 at .3 to 3.7 %: seven bodies, from balls to thin boxes
+EXTENT = 2.0  # extent of bodies given to the tool; QuadriFlow took all of 16 surfaces at this size, only some at 0.16
+JOINED = 1e-6  # share of the extent: corners nearer than this are merged
+CRUMBS = RemeshParams.crumbs  # default share of the area, in bodies too small for the count, that may be left out
+FIRST, REST = (0.05, 0.3), (0.3, 1.0)  # ranges of the progress: first quads of every body, better ones
+# Smallest number of quads of open and closed bodies; smaller bodies are left out. Seven closed bodies ended 4 to 20 %
+# of their size from their shape with 6 quads and strains of up to three times the limit, 1.5 to 5 % (but for a flat
+# box) with 12, 0.3 to 3.7 % with 24.
 FEWEST, FEWEST_CLOSED = 6, 12
-# what is tried of a body, one after another: QuadriFlow's seed, the share of the wanted count, how often its quads are cut
-# into four, and whether it is to keep sharp edges
+# Attempts with QuadriFlow, in order: seed, share of the wanted count, subdivisions, whether sharp edges are kept.
 TRIES = (
     (0, 1.0, 0, False), (0, 1.0, 1, False), (1, 1.0, 1, False), (2, 1.1, 1, False), (0, 1.0, 1, True), (0, 1.0, 0, True),
     (0, 1.0, 2, False), (1, 1.1, 2, True), (1, 1.0, 0, False), (2, 1.1, 0, False), (3, 0.9, 0, False), (4, 1.25, 0, False),
     (5, 0.8, 0, False), (6, 1.6, 0, False),
 )  # fmt: skip
-# of them are tried where no quads along the curvature are useful, and the best taken: over 25 meshes of 1000 quads, eight of them gave
-# 10 % fewer irregular vertices than one, in three times the time
+# Attempts evaluated if no quads along the curvature are usable; the best is kept. Over 25 meshes of 1000 quads, eight
+# attempts gave 10 % fewer irregular vertices than one, in three times the time.
 CANDIDATES = 4
-FLAT = 180.0  # degrees: no fold is as sharp
-# degrees from which a fold is followed, how much the quads follow the curvature, and how much the surface is smoothed before:
-# what is tried row by row until one gives quads; a row is gone along while its tries do. Of 14 meshes with 500 quads a pull of 64 was
-# the best on one, by 6 %; a weaker one than 4 gave quads nowhere where 4 had none, but for surfaces smoothed more
+FLAT = 180.0  # degrees; an angle that no fold exceeds
+# Attempts along the curvature: smallest angle of folds to follow, degrees; alignment; smoothing. Rows are tried until
+# one gives quads; a row ends at its first failure. On 14 meshes an alignment of 64 was best once, by 6 %; one below 4
+# gave quads where 4 did not only on surfaces smoothed more.
 OWN: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((SHARP, 4.0, 10.0), (SHARP, 16.0, 10.0)),
     ((FLAT, 4.0, 10.0), (FLAT, 16.0, 10.0)),
     ((FLAT, 0.5, 30.0),),
 )
-MAPS = 3  # of these are tried of a body at most: of one that is remeshed from voxels, all the sizes of them together
-# quads in all of these maps: more take longer than a person waits, some 3 s of the processor for 500 and where a map folds, twice that
+MAPS = 3  # largest number of these attempts per body; a body remeshed from voxels shares it among all voxel sizes
+# Largest number of quads in all maps of a body together; 500 take some 3 s of processor time, twice that with folds.
 MAPPED = 3000
-# triangles for each quad: a body of more is thinned before quads are laid on it. Maps are made on about so many, and
-# QuadriFlow takes time in proportion to them: 4 s of the processor for a scan of 69,000
+# Triangles per quad to which denser bodies are simplified; QuadriFlow takes 4 s for a scan of 69,000.
 DENSE = 20.0
-OF_VOXELS = 3  # how many of them a skin of voxels is worth
-# voxel sizes in quad edges: fine ones keep detail, coarse ones close what hinders QuadriFlow
-VOXELS = (0.35, 0.5, 0.72, 1.0)
-ONE_SKIN = 0.95  # share of the voxels' outer skins that the largest must have: nothing but crumbs is lost
-ENOUGH = 3  # sound results of which the best is taken, where none is without poor quads
-# sizes in quad edges of the polygons that are cut into quads where QuadriFlow finds none; each becomes four or more. Of 5
-# letters at 200 to 700 quads that came apart with QuadriFlow, these sizes made 4 whole
+OF_VOXELS = 3  # attempts with QuadriFlow on a voxel surface, the first included
+VOXELS = (0.35, 0.5, 0.72, 1.0)  # voxel sizes in quad edges: fine ones keep detail, coarse ones close gaps
+ONE_SKIN = 0.95  # smallest share of the voxel surface in its largest outer skin; the rest is only crumbs
+ENOUGH = 3  # sound results from which the best is taken if all have poor quads
+# Polygon sizes, in quad edges, tried if QuadriFlow finds no quads; each polygon is split into four or more. With 5
+# letters at 200 to 700 quads that QuadriFlow tore apart, these sizes kept 4 whole.
 CELLS = (2.0, 2.4, 1.6)
-MANY = 3  # times the wanted count: so many quads are the small faces of the body itself
-# times the wanted count, or that share of it: symmetric quads are taken at once where they are as many. Over 11 surfaces at 200 and 500
-# quads they came to .69 to 1.2, but for a cone that had to be cut finer, at 2.2 and with 24 times the irregular vertices
+MANY = 3  # factor on the wanted count: more quads mean that the body itself consists of small faces
+# Largest ratio, either way, of count and wanted count at which symmetric quads are accepted at once. Over 11 surfaces
+# it was 0.69 to 1.2, but 2.2 for a cone that had to be split finer, with 24 times the irregular vertices.
 MIRRORED = 1.5
-COVERED = 0.8  # times the surface's area: less leaves parts out, which is taken only where nothing else is found
+COVERED = 0.8  # smallest share of the surface's area; quads with less are taken only if there are no others
 
 
 @dataclass(frozen=True, eq=False)
 class Requadded:
-    """The quads, and what is to be said of them: parts that were left out or joined."""
+    """Quads, and warnings on parts of the mesh that were left out, joined or missed."""
 
     polygons: PolygonMesh
     findings: list[Finding]
@@ -94,13 +90,22 @@ def requad(
     crumbs: float = CRUMBS,
     symmetric: bool = False,
 ) -> Requadded:
-    """About ``count`` quads in the shape of any mesh; each body gets its share by area.
+    """Make about ``count`` quads in the shape of any mesh; bodies share them by area.
 
-    Closed bodies that cut each other become one, and so does what is closed but no clean surface. Open parts are cut apart
-    where three faces meet. Bodies too small for the count are left out. Raises ``FlexMapsError`` where no sound quads are found for
-    a body, and where those that are left out are more than ``crumbs`` of the area.
+    Closed bodies that intersect become one; closed bodies that are not clean are rebuilt from voxels; open parts are
+    cut apart where three faces meet at an edge; bodies too small for the count are left out.
 
-    symmetric : give a surface that is its own image in planes at right angles quads that are so too
+    Parameters
+    ----------
+    mesh, count : any faces; quads wanted
+    tool : makes quads of a clean body
+    progress : called with the fraction done; a cancel keeps the best so far
+    crumbs : share of the area that may be left out
+    symmetric : give surfaces with mirror planes symmetric quads
+
+    Raises
+    ------
+    FlexMapsError : a body gets no sound quads, or more than ``crumbs`` would be left out
     """
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
@@ -119,14 +124,15 @@ def requad(
     found += left_out
     kept = np.flatnonzero(large)
     planes = planes_of(joined([parts[k] for k in kept])) if symmetric else []
-    searches: list[_Search | _Image] = []
+    searches: list[_BodySearch | _MirroredSearch] = []
     for done, k in enumerate(kept):
         image = next(_images(parts, kept[:done].tolist(), searches, k, planes), None)
         name = f" of body {done + 1} of {len(kept)}" if len(kept) > 1 else ""
         wanted = max(int(fewest[k]), round(share[k] * count / share[large].sum()))
-        searches.append(image or _Search(parts[k], wanted, tool, name, own_planes(parts[k], planes, EXTENT)))
+        searches.append(image or _BodySearch(parts[k], wanted, tool, name, own_planes(parts[k], planes, EXTENT)))
 
     def together() -> PolygonMesh:
+        """Join the best quads of all bodies, in the mesh's own place and size."""
         quads = joined([search.best for search in searches])
         return replace(quads, vertices=quads.vertices / scale + low)
 
@@ -137,7 +143,7 @@ def requad(
                 search.go_on(piece, to_the_end)
             if not to_the_end:
                 progress.show(together())
-    except Cancelled:  # the best so far is kept, where there is one
+    except Cancelled:  # keep the best so far if every body has quads
         if not all(search.found for search in searches):
             raise
     progress.tell(1.0, "Quads are ready")
@@ -150,12 +156,10 @@ def requad(
 # -- one body ------------------------------------------------------------------------------------------------------------
 
 
-class _Search:
-    """The quads of one body: what has been found so far, and the way to more.
+class _BodySearch:
+    """Search for ``count`` quads of one body, called ``name`` in messages.
 
-    count : of the quads that are wanted; name : of the body, for what is told
-    planes : in which the body is its own image
-    found : sound quads
+    planes : mirror planes of the body; found : sound results so far
     """
 
     def __init__(self, body: PolygonMesh, count: int, tool: Tool, name: str, planes: Sequence[Plane] = ()):
@@ -170,7 +174,7 @@ class _Search:
         self._way = self._tries()
 
     def go_on(self, progress: Progress, to_the_end: bool) -> None:
-        """Look for quads until there are some, or until no more are worth a try. Raises ``FlexMapsError`` where there are none."""
+        """Search until there is a result, or with ``to_the_end`` until no attempt is left; raise FlexMapsError without a result."""
         self._progress, self._tried = progress, 0
         while to_the_end or not self.found:
             found = next(self._way, None)
@@ -189,28 +193,26 @@ class _Search:
 
     @property
     def ranked(self) -> list[PolygonMesh]:
-        """What was found, where the body was, the best first."""
+        """Results at the body's own place and size, the best first."""
         order = sorted(self.found, key=lambda one: (*one.faults[:2], one.cost))
         return [replace(one.quads, vertices=one.quads.vertices / self._scale + self._middle) for one in order]
 
     @property
     def best(self) -> PolygonMesh:
-        """The best quads so far, where the body was."""
+        """The best result so far, at the body's own place and size."""
         return self.ranked[0]
 
     def _with_losses(self, judged: Judged) -> Judged:
-        """The quads, with one more missed edge where they have less area than a clean body.
-
-        So few quads that ears or fingers fall between them are all that some counts allow; they are taken where there are no others.
-        A body that cuts itself has lost what was inside.
-        """
+        """Count one more missed edge if ears or fingers fell between the quads, so that a clean body loses area."""
         if not self._clean or target_of(judged.quads).area >= COVERED * self._whole.area:
             return judged
         useless, missed, poor = judged.faults
         return replace(judged, faults=(useless, missed + 1, poor))
 
     def uncovered(self, count: int, first: int) -> list[Finding]:
-        """The warning where the best quads miss the surface; ``first`` is the number of the first of them, ``count`` of all bodies."""
+        """Warn if the best quads miss the surface; ``count`` counts the quads of all bodies, ``first`` the index of
+        this body's first quad.
+        """
         if not self._clean:
             return []
         best = replace(self.best, vertices=(self.best.vertices - self._middle) * self._scale)
@@ -222,9 +224,9 @@ class _Search:
         return self._progress.quiet()
 
     def _tries(self) -> Iterator[Judged | str]:
-        """What is tried, one after another: the quickest first, so that there is something soon."""
+        """Yield the result of one attempt after another, the quickest first, so that there is a result soon."""
         yield from self._by_halves()
-        if _useful(self.found) and 1.0 / MIRRORED < len(self.found[0].quads.sizes) / self._count < MIRRORED:
+        if _any_useful(self.found) and 1.0 / MIRRORED < len(self.found[0].quads.sizes) / self._count < MIRRORED:
             return
         maps = max(1, min(MAPS, round(MAPPED / self._count)))
         for surface in _surfaces(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
@@ -233,15 +235,17 @@ class _Search:
             mapped: list[Judged] = []
             for row in OWN:
                 for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
-                    if not maps or (of_voxels and _useful(self.found)):
+                    if not maps or (of_voxels and _any_useful(self.found)):
                         break
                     maps -= 1
-                    judged = _own(surface, self._whole, self._count, how, self._tell("Quads along the curvature"))
+                    judged = _along_curvature(
+                        surface, self._whole, self._count, how, self._tell("Quads along the curvature")
+                    )
                     yield judged
                     if isinstance(judged, str):
                         break
                     mapped.append(judged)
-                if _useful(mapped):
+                if _any_useful(mapped):
                     break
             for again in TRIES[1 : OF_VOXELS if of_voxels else len(TRIES)]:
                 if self._enough():
@@ -253,14 +257,14 @@ class _Search:
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
     def _by_halves(self) -> Iterator[Judged]:
-        """Yield the quads of one side of a plane with their images, if they are sound; no reason is told, as the whole body is tried next."""
+        """Yield sound quads of one side of a mirror plane, with their images; failures are silent, as the whole body comes next."""
         if not self._planes or not self._clean or self._count < 2 * FEWEST:
             return
         first, *others = self._planes
         side = half(self._small, first)
         if side is None or not is_clean(side):
             return
-        search = _Search(side, round(self._count / 2), self._tool, self._name, others)
+        search = _BodySearch(side, round(self._count / 2), self._tool, self._name, others)
         try:
             search.go_on(self._tell("One half"), True)
         except FlexMapsError:
@@ -277,14 +281,14 @@ class _Search:
                 return
 
     def _enough(self) -> bool:
-        """Whether there are good quads, or as many tries as are worth it."""
+        """Return whether a result is good, or there were enough attempts."""
         sound = [one for one in self.found if not one.faults[0]]
-        if _useful(self.found) and not min(one.faults[2] for one in sound):
+        if _any_useful(self.found) and not min(one.faults[2] for one in sound):
             return True
         return self._tried >= CANDIDATES and bool(sound) and len(self.found) >= min(ENOUGH, CANDIDATES)
 
     def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> Judged | str:
-        """Quads of the tool as ``TRIES`` says, or why there are none."""
+        """Return the tool's quads for a row of ``TRIES``, judged, or the reason of the failure."""
         seed, factor, times, sharp = how
         asked = max(FEWEST, round(factor * self._count / 4**times))
         raw = self._tool.quads(surface, asked, seed, sharp, self._tell("QuadriFlow"))
@@ -294,10 +298,10 @@ class _Search:
 
 
 @dataclass(frozen=True, eq=False)
-class _Image:
-    """The quads of a body that is the image of another one in a plane."""
+class _MirroredSearch:
+    """A body that is the mirror image of another body, whose quads are reflected; same methods as ``_BodySearch``."""
 
-    of: _Search | _Image
+    of: _BodySearch | _MirroredSearch
     plane: Plane
 
     @property
@@ -309,31 +313,35 @@ class _Image:
         return self.plane.mirrored(self.of.best)
 
     def go_on(self, progress: Progress, to_the_end: bool) -> None:
-        """The other search does the work."""
+        """Do nothing: the other body's search does the work."""
 
     def uncovered(self, count: int, first: int) -> list[Finding]:
         return self.of.uncovered(count, first)
 
 
 def _images(
-    parts: list[PolygonMesh], before: list[int], searches: list[_Search | _Image], k: int, planes: Sequence[Plane]
-) -> Iterator[_Image]:
-    """The body ``k`` as the image of one of those ``before`` it."""
+    parts: list[PolygonMesh],
+    before: list[int],
+    searches: list[_BodySearch | _MirroredSearch],
+    k: int,
+    planes: Sequence[Plane],
+) -> Iterator[_MirroredSearch]:
+    """Yield body ``k`` as the image of one of the bodies ``before`` it."""
     for other, search in zip(before, searches, strict=True):
         for plane in planes:
             if plane.maps(parts[other], parts[k], EXTENT):
-                yield _Image(search, plane)
+                yield _MirroredSearch(search, plane)
 
 
-def _useful(found: list[Judged]) -> bool:
-    """Whether any has room for every spiral and misses nothing of the surface."""
+def _any_useful(found: list[Judged]) -> bool:
+    """Return whether a result has room for every spiral and misses no part of the surface."""
     return any(not any(one.faults[:2]) for one in found)
 
 
-def _own(
+def _along_curvature(
     surface: PolygonMesh, whole: Target, count: int, how: tuple[float, float, float], progress: Progress
 ) -> Judged | str:
-    """Quads along the curvature, judged, or why there are none; ``how`` as in ``OWN``."""
+    """Return quads along the curvature, judged, or the reason of the failure; ``how`` is an entry of ``OWN``."""
     triangles, (fold, alignment, smoothing) = target_of(surface), how
     edge = (triangles.area / count) ** 0.5
     given = of_rows(triangles.vertices, triangles.triangles)
@@ -345,21 +353,21 @@ def _own(
 
 
 def _surfaces(body: PolygonMesh, target: Target, count: int, tool: Tool, progress: Progress) -> Iterator[PolygonMesh]:
-    """What QuadriFlow is to work on: the body itself if it is clean, then its skins of voxels, the finest first."""
+    """Yield surfaces for QuadriFlow: the body itself if it is clean, then its voxel surfaces, the finest first."""
     if is_clean(body):
-        yield _thinned(body, count)
+        yield _simplify(body, count)
     edge = (target.area / count) ** 0.5
     for factor in VOXELS:
         skin = tool.voxels(body, factor * edge, progress)
         if skin is None or not len(skin.sizes):
             continue
-        largest = _outer(skin)
+        largest = _outer_skin(skin)
         if largest is not None and is_clean(largest):
             yield largest
 
 
-def _thinned(body: PolygonMesh, count: int) -> PolygonMesh:
-    """A clean body of no more triangles than its quads need."""
+def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
+    """Simplify a clean body to as many triangles as its quads need."""
     triangles = target_of(body)
     if len(triangles.triangles) <= DENSE * count:
         return body
@@ -367,8 +375,8 @@ def _thinned(body: PolygonMesh, count: int) -> PolygonMesh:
     return fewer if is_clean(fewer) else body
 
 
-def _outer(skin: PolygonMesh) -> PolygonMesh | None:
-    """The one outer skin of a voxel remesh, without those round cavities; ``None`` where there are several."""
+def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
+    """Return the outer skin of a voxel remesh without cavities; None if there are several of similar size."""
     if not (skin.sizes == 4).all():
         return None
     rows, body = skin.corners.reshape(-1, 4), bodies(sides_of(skin), len(skin.sizes))
@@ -382,7 +390,7 @@ def _outer(skin: PolygonMesh) -> PolygonMesh | None:
 
 
 def _by_cells(body: PolygonMesh, whole: Target, count: int, tool: Tool, progress: Progress) -> Iterator[Judged]:
-    """Sound quads of an open body of large flat faces, as a letter, on which QuadriFlow often comes apart or loses sharp corners."""
+    """Yield sound quads of an open body of large flat faces, such as a letter, which QuadriFlow often tears or rounds off."""
     for factor in CELLS:
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:

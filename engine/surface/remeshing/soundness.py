@@ -1,4 +1,4 @@
-"""Whether quads that a remesher gives are sound, and how good they are."""
+"""Judge a remesher's quads: are they sound, and how good are they?"""
 
 from __future__ import annotations
 
@@ -17,23 +17,27 @@ from .quality import quality
 from .refine import refined
 from .regularise import flatter, regularise
 
-WORTH = 10.0  # so much a share of poor quads costs: with a tenth of them poor, twice as much; not measured
-LOST = 3  # quad edges that the quads may miss the surface by, one point in twenty apart: thin parts, as a rabbit's ears
-# times the surface's area: more has a second skin. A voxel remesh gives an open surface two sides, and of few quads
-# QuadriFlow closes it: an open half ball came back with 1.47 to 1.66, all that kept their border with 0.92 to 0.97
+WORTH = 10.0  # cost factor per share of poor quads: a tenth of them poor doubles the cost; not measured
+# in quad edges: distance between quads and surface, at its 95th percentile, at which thin parts such as a rabbit's ears
+# are lost
+LOST = 3
+# Largest area of the quads as a share of the surface's; more means a second skin. A voxel remesh gives an open surface
+# two sides, and QuadriFlow with few quads closes it: an open half ball came back with 1.47 to 1.66, results that kept
+# their border with 0.92 to 0.97.
 DOUBLED = 1.2
-# quad edges: a quad fills a hole where all its corners are so near the border, and its middle is off the surface or shows
-# its back
+# In quad edges: a quad fills a hole if all its corners are this near the border and its middle is off the surface, or
+# if it faces the other way.
 AT_BORDER = 0.6
-FILLING = 0.1  # quad edges between the middle of a quad and the surface from which on it fills a hole
+FILLING = 0.1  # in quad edges: distance between surface and middle of a quad above which the quad fills a hole
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
     """Sound quads.
 
-    faults : in how many no spiral has room, by how many whole quad edges parts of the surface are missed, how many are poor
-    cost : of ``quality.Quality``, and more for poor quads and for other than the wanted count
+    faults : number without room for a spiral; whole quad edges by which parts of the surface are missed; number of poor
+        quads
+    cost : ``Quality.cost``, raised for poor quads and deviations from the wanted count
     """
 
     quads: PolygonMesh
@@ -42,7 +46,7 @@ class Judged:
 
 
 def judge_raw(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: bool = False) -> Judged | str:
-    """The quads cut into four ``times`` times, mended and judged, or why they are no use."""
+    """Subdivide quads ``times`` times, repair and judge them; return the reason if they are useless."""
     if not (raw.sizes == 4).all():
         return "QuadriFlow left faces that are no quads"
     if not is_clean(raw):
@@ -57,7 +61,7 @@ def judge_raw(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp
 
 
 def onto_corners(quads: PolygonMesh, whole: Target) -> PolygonMesh:
-    """Quads with the nearest vertex of their border on every corner of the surface's border: remeshers cut these off."""
+    """Move the nearest border vertex onto every corner of the surface's border; remeshers cut these corners off."""
     corners = whole.vertices[whole.border_corners]
     sides = sides_of(quads)
     border = np.unique(sides.edges[np.bincount(sides.edge) == 1])
@@ -66,14 +70,14 @@ def onto_corners(quads: PolygonMesh, whole: Target) -> PolygonMesh:
     edge = (target_of(quads).area / len(quads.sizes)) ** 0.5
     away, nearest = cKDTree(quads.vertices[border]).query(corners, distance_upper_bound=edge)
     order = np.argsort(away)[: int(np.isfinite(away).sum())]
-    vertex, first = np.unique(border[nearest[order]], return_index=True)  # the nearest corner of each
+    vertex, first = np.unique(border[nearest[order]], return_index=True)  # the nearest corner for each vertex
     moved = quads.vertices.copy()
     moved[vertex] = corners[order[first]]
     return replace(quads, vertices=moved)
 
 
 def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
-    """The quads judged as they are, or why they are no use."""
+    """Judge quads as they are; return the reason if they are useless."""
     found = findings(quads)
     errors = [f for f in found if f.is_error]
     if errors:
@@ -88,7 +92,7 @@ def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
     )
     if missed >= LOST:
         return "parts of the surface are lost"
-    useless, poor = _faces(found, USELESS), _faces(found, POOR)
+    useless, poor = _count_faces(found, USELESS), _count_faces(found, POOR)
     cost = (
         quality(quads, whole).cost
         * (1.0 + WORTH * poor / len(quads.sizes))
@@ -98,7 +102,7 @@ def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
 
 
 def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
-    """Without the quads that fill holes: QuadriFlow fills every one that has no more than 25 of its edges round it."""
+    """Remove quads that fill holes: QuadriFlow fills every hole with at most 25 of its edges round it."""
     rows = raw.corners.reshape(-1, 4)
     size = (target_of(raw).area / len(rows)) ** 0.5
     at_border = whole.to_border(raw.vertices) < AT_BORDER * size
@@ -106,7 +110,7 @@ def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
     middles = corners.mean(axis=1)
     there, normals = whole.nearest(middles)
     across = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    back = np.einsum("fi,fi->f", across, normals) < 0  # over a flat part the filling is its other side
+    back = np.einsum("fi,fi->f", across, normals) < 0  # over a flat part the filling faces the other way
     filling = at_border[rows].all(axis=1) & (back | (np.linalg.norm(there - middles, axis=1) > FILLING * size))
     if not filling.any() or filling.all():
         return raw
@@ -115,26 +119,26 @@ def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
 
 
 def squarer(quads: PolygonMesh) -> PolygonMesh:
-    """Return better quads, or the same: moved along their surface where that leaves fewer poor ones, then pressed flat where they bend.
+    """Regularise quads if that leaves fewer poor ones, then press bent ones flat if that makes no more of them poor.
 
-    Quads are pressed flat only where that makes no more of them poor.
+    If neither helps, the quads are returned unchanged.
     """
     best, found = quads, findings(quads)
     if any(one.is_error for one in found):
         return quads
-    poor = _faces(found, POOR)
+    poor = _count_faces(found, POOR)
     if poor:
         after = PolygonMesh.of(regularise(as_quad_mesh(quads), RegulariseParams()))
-        left = _faces(findings(after), POOR)
+        left = _count_faces(findings(after), POOR)
         best, poor = (after, left) if left < poor else (quads, poor)
     mesh = as_quad_mesh(best)
     pressed = flatter(mesh)
     if pressed is mesh:
         return best
     flat = PolygonMesh.of(pressed)
-    return flat if _faces(findings(flat), POOR) <= poor else best
+    return flat if _count_faces(findings(flat), POOR) <= poor else best
 
 
-def _faces(found: list[Finding], codes: set[str]) -> int:
-    """Return how many faces findings with these codes name."""
+def _count_faces(found: list[Finding], codes: set[str]) -> int:
+    """Return the number of faces that findings with these codes name."""
     return sum(len(one.faces) for one in found if one.code in codes)

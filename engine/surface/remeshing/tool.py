@@ -1,4 +1,4 @@
-"""What is asked of the program that makes quads: Blender's remeshers stand behind it (``bridge.hosts.second_blender``)."""
+"""Interface to the program that makes quads: Blender's remeshers (``bridge.hosts.second_blender``)."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from ..mesh import PolygonMesh
 
 
 class Tool(Protocol):
-    """Makes quads; every call may take seconds, asks ``progress`` meanwhile, and may come back with nothing."""
+    """Makes quads; every call may take seconds, checks ``progress`` for a cancel, and may return None."""
 
     def triangles(self, mesh: PolygonMesh, near: float, progress: Progress) -> PolygonMesh | None:
-        """The mesh as triangles, corners nearer than ``near`` joined, nothing without area."""
+        """Triangulate; merge corners nearer than ``near``, drop faces without area."""
         ...
 
     def quads(self, body: PolygonMesh, count: int, seed: int, sharp: bool, progress: Progress) -> PolygonMesh | None:
-        """About ``count`` quads of one clean body, along its sharp edges where that is asked for."""
+        """Return about ``count`` quads of a clean body, along its sharp edges if ``sharp``."""
         ...
 
     def voxels(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
-        """The skin of a closed body as small faces."""
+        """Return the voxel surface of a closed body; ``size`` is the voxel edge."""
         ...
 
     def cells(self, body: PolygonMesh, size: float, progress: Progress) -> PolygonMesh | None:
-        """A body of large flat faces as polygons of about this size."""
+        """Return a body of large flat faces as polygons of about ``size``."""
         ...
 
     def touching(self, parts: list[PolygonMesh], progress: Progress) -> list[tuple[int, int]]:
-        """Pairs of bodies whose surfaces cut each other."""
+        """Return pairs of bodies whose surfaces intersect."""
         ...
