@@ -3,6 +3,9 @@
 The tool is Blender's (``bridge.hosts.remesh``): QuadriFlow, and a voxel remesh for closed bodies that are not clean.
 Its results are judged and repaired here. QuadriFlow works in single precision and fails on very small or large
 surfaces, so every body is scaled to the same size first.
+
+Closed bodies that intersect become one; closed bodies that are not clean are rebuilt from voxels; open parts are cut
+apart at edges of three faces; bodies too small for the count are left out.
 """
 
 from __future__ import annotations
@@ -92,16 +95,10 @@ def requad(
 ) -> Requadded:
     """Make about ``count`` quads in the shape of any mesh; bodies share them by area.
 
-    Closed bodies that intersect become one; closed bodies that are not clean are rebuilt from voxels; open parts are
-    cut apart where three faces meet at an edge; bodies too small for the count are left out.
-
     Parameters
     ----------
-    mesh, count : any faces; quads wanted
-    tool : makes quads of a clean body
-    progress : called with the fraction done; a cancel keeps the best so far
-    crumbs : share of the area that may be left out
-    symmetric : give surfaces with mirror planes symmetric quads
+    mesh, count, tool : any faces; number of quads wanted; maker of quads of a clean body
+    crumbs, symmetric : share of the area that may be left out; whether mirror planes give symmetric quads
 
     Raises
     ------
@@ -121,7 +118,6 @@ def requad(
     share = count * areas / areas.sum()
     fewest = np.where([is_closed(part) for part in parts], FEWEST_CLOSED, FEWEST)
     large, left_out = without_crumbs(areas, count, fewest, crumbs)
-    found += left_out
     kept = np.flatnonzero(large)
     planes = planes_of(joined([parts[k] for k in kept])) if symmetric else []
     searches: list[_BodySearch | _MirroredSearch] = []
@@ -132,7 +128,6 @@ def requad(
         searches.append(image or _BodySearch(parts[k], wanted, tool, name, own_planes(parts[k], planes, EXTENT)))
 
     def together() -> PolygonMesh:
-        """Join the best quads of all bodies, in the mesh's own place and size."""
         quads = joined([search.best for search in searches])
         return replace(quads, vertices=quads.vertices / scale + low)
 
@@ -148,9 +143,8 @@ def requad(
             raise
     progress.tell(1.0, "Quads are ready")
     first = np.cumsum([0, *(len(search.best.sizes) for search in searches)]).tolist()
-    made = zip(searches, first, strict=False)
-    missed = [one for search, begin in made for one in search.uncovered(first[-1], begin)]
-    return Requadded(squarer(together()), found + missed)
+    missed = [one for search, begin in zip(searches, first, strict=False) for one in search.uncovered(first[-1], begin)]
+    return Requadded(squarer(together()), found + left_out + missed)
 
 
 # -- one body ------------------------------------------------------------------------------------------------------------
