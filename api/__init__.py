@@ -11,10 +11,10 @@
     print(api.report(piece)["optimise"]["laplacian_rmse_mm"])
     api.export(piece, "out/surface")
 
-A ``Piece`` never changes: every stage returns a new one, so that variants can be compared. A stage first runs those
-before it that are still missing. Sizes and settings are in the units of the sidebar, millimetres and degrees; the arrays
-inside a piece are the engine's, in metres and radians. What a user can get wrong raises ``FlexMapsError``;
-``progress(fraction, text)`` may be any function, and may raise ``Cancelled`` to stop.
+A ``Piece`` is immutable: every stage returns a new one, so that variants can be compared. A stage first runs the
+stages before it whose results are missing. Arguments use the units of the sidebar, millimetres and degrees; the arrays
+inside a piece are in metres and radians. A mistake of the user raises ``FlexMapsError``. ``progress(fraction, text)``
+may be any function, and may raise ``Cancelled`` to stop the work.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Forces on single spirals and wishes for them, for scripts."""
+"""Forces on single spirals and drag targets for them, for scripts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,22 @@ from ..engine.runs.piece import Piece
 
 
 def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Piece:
-    """The piece with a force of newtons in world axes at each of some spirals, beside what pulls already; what it makes out of date is dropped."""
+    """Add a force to some spirals, on top of the forces already there, and drop the results that depend on loads.
+
+    Parameters
+    ----------
+    piece : the piece
+    quads : numbers of the quads, or a text as for ``supports``
+    force : newtons on each of these quads, in world axes (x, y, z)
+
+    Returns
+    -------
+    A new piece; forces that sum to zero everywhere are removed.
+
+    Raises
+    ------
+    FlexMapsError where ``force`` is not three finite numbers, or ``quads`` names no quads.
+    """
     made, by = piece.result, _vector(force, "force")
     total = np.zeros((len(made.mesh.quads), 3)) if made.force is None else made.force.copy()
     total[standing(made.mesh, quads)] += by
@@ -24,9 +39,21 @@ def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Pi
 
 
 def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece:
-    """The piece with the wish that ``optimise`` brings some spirals to so many millimetres beside the target; by nothing takes it back.
+    """Set a drag target for some spirals: ``optimise`` shall bring them to an offset from the target surface.
 
-    quads : numbers, or as ``supports`` are named
+    Parameters
+    ----------
+    piece : the piece
+    quads : numbers of the quads, or a text as for ``supports``
+    by : offset in millimetres, in world axes (x, y, z); (0, 0, 0) removes the drag target
+
+    Returns
+    -------
+    A new piece.
+
+    Raises
+    ------
+    FlexMapsError where ``by`` is not three finite numbers, or ``quads`` names no quads.
     """
     made, shift = piece.result, _vector(by, "way")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
@@ -36,9 +63,9 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
 
 def _vector(values: Sequence[float], name: str) -> np.ndarray:
     try:
-        found = np.array(values, dtype=float)
+        vector = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (3,) or not np.isfinite(found).all():
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
         raise FlexMapsError(f"The {name} must be three finite numbers, along x, y and z")
-    return found
+    return vector

@@ -1,4 +1,4 @@
-"""What a piece becomes: sheets, reports, pages, and whole folders of them; and sheets to calibrate a machine with."""
+"""Write a piece as sheets, reports, pages or a whole folder; write and evaluate calibration sheets."""
 
 from __future__ import annotations
 
@@ -36,11 +36,24 @@ def export(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> list[Path]:
-    """Write the sheets and the assembly sheet into a folder, all of them or none; returns their paths.
+    """Write the sheets and the assembly sheet into a folder, all of them or none.
 
-    piece : or several, on common sheets as the first one's settings say, each as often as its ``export.copies``
-    formats : of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"; name : the files become name-01.svg, name-assembly.pdf, ...
-    overwrite : also replace files that FlexMaps did not write, or that were changed since; never what the pieces were read from
+    Parameters
+    ----------
+    piece : a piece, or several to nest on common sheets: sheet settings of the first, each made ``export.copies`` times
+    folder : where the files go
+    formats : any of "svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"
+    name : start of the file names: name-01.svg, name-assembly.pdf, ...
+    overwrite : also replace files that FlexMaps did not write or that changed since; files that the pieces came from never
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The paths of the files.
+
+    Raises
+    ------
+    FlexMapsError where a file may not be replaced, or the sheets cannot be made.
     """
     from ..bridge.hosts import job_folder, letters
     from ..engine import files
@@ -64,7 +77,7 @@ def export(
 
 
 def _together(pieces: Sequence[Piece], told: Progress) -> Batch:
-    """Several pieces on common sheets; what is still missing of each is made first, its own sheets the quick way."""
+    """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
     from ..engine.runs.together import together
 
     shares = [told.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
@@ -80,11 +93,25 @@ def report(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> dict[str, Any]:
-    """The figures of everything that has run, as in report.json; with a folder, writes report.html, report.json and plots there.
+    """Return the figures of all stages that have run, as in report.json; with a folder, also write the report there.
 
-    Of an object, instead of a piece: of what was last done to it in Blender. The page opens without a network; where there are
-    spirals it holds them in 3D, and share.html beside it holds them alone, unless ``page.viewer`` is off.
-    ``overwrite`` : as in ``export``.
+    The page opens without a network. If the piece has spirals, the page shows it in 3D, and share.html beside it holds the
+    3D view alone, unless ``page.viewer`` is off.
+
+    Parameters
+    ----------
+    piece : a piece, or an object, whose last results in Blender are reported
+    folder : gets report.html, report.json and plots
+    overwrite : as in ``export``
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The report: for each stage a dict of figures.
+
+    Raises
+    ------
+    FlexMapsError where a file in the folder may not be replaced.
     """
     from ..bridge.hosts import pages
 
@@ -94,9 +121,24 @@ def report(
 
 
 def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool = False, progress: Tell = None) -> Path:
-    """Write one page that holds the piece in 3D, to send to somebody; of one that was not simulated, flat panels and target.
+    """Write one page that shows the piece in 3D, to send to somebody.
 
-    ``overwrite`` : as in ``export``.
+    A piece without a simulation is shown as flat panels and target.
+
+    Parameters
+    ----------
+    piece : a piece, or an object with the results that it holds
+    path : the .html file
+    overwrite : as in ``export``
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FlexMapsError where the file may not be replaced.
     """
     from ..bridge.hosts import pages
 
@@ -108,7 +150,7 @@ def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool 
 
 
 def _guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
-    """The guard of a piece, or of an object and the file that it lies in."""
+    """Return the guard of the files that a piece or an object was read from."""
     if isinstance(piece, Piece):
         return guard_of([piece], overwrite)
     from ..bridge.store import objects
@@ -127,9 +169,22 @@ def calibration_sheet(
 ) -> list[Path]:
     """Write a small sheet to measure a machine and a material with: kerf comb, ladders of clearances, a strip, two spirals.
 
-    settings : what is known so far, as ``load`` takes them: thickness, material, kerf, widths; formats : of "svg", "dxf",
-    "dxf-r12", "pdf". Beside the files lies ``calibration.json``, which ``calibrated`` reads. Returns their paths.
-    ``overwrite`` : as in ``export``.
+    Parameters
+    ----------
+    folder : where the files and ``calibration.json`` go, which ``calibrated`` reads
+    settings : as in ``load``, as far as known: thickness, material, kerf, widths
+    formats : any of "svg", "dxf", "dxf-r12", "pdf"
+    name : start of the file names
+    overwrite : as in ``export``
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The paths of the files.
+
+    Raises
+    ------
+    FlexMapsError where a file may not be replaced, or a setting is out of its bounds.
     """
     wanted = settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
     guard = Guard(remnants_of(wanted), overwrite)
@@ -137,11 +192,23 @@ def calibration_sheet(
 
 
 def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
-    """Kerf, clearance and stiffness from what was measured on a calibration sheet; its ``settings`` are as ``change`` takes them.
+    """Compute kerf, clearance and stiffness from measurements on a calibration sheet.
 
-    sheet : ``calibration.json`` or its folder; readings : millimetres and grams, one number or several readings: ``kerf_comb``,
-    ``clearance`` with ``kind``, ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``, ``spiral_sag`` and
-    ``spiral_weight`` of A and B; weights as engraved unless given. name : keeps it among Blender's presets of FlexMaps.
+    Parameters
+    ----------
+    sheet : ``calibration.json`` or its folder
+    name : also save the result under this name among Blender's presets of FlexMaps
+    readings : millimetres and grams, one number or several repeats: ``kerf_comb``, ``clearance`` with ``kind``,
+        ``thickness``, ``strip_sag``, ``strip_weight``, ``strip_mass``; ``spiral_sag`` and ``spiral_weight`` as pairs for A
+        and B. Weights that are missing are taken as engraved.
+
+    Returns
+    -------
+    A ``Calibration``; pass its ``settings`` to ``change``.
+
+    Raises
+    ------
+    FlexMapsError where the sheet or a measurement cannot be read.
     """
     made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.shown(**readings))
     if name is not None:
@@ -171,13 +238,26 @@ def run(
     overwrite: bool = False,
     progress: Tell = None,
 ) -> dict[str, Any]:
-    """The whole main job: from a source, as ``load`` takes it, to a folder with all its files; returns the report.
+    """Run the whole main job: from a source to a folder with all its files.
 
-    optimised, chosen : spirals are optimised, and layouts compared and one chosen, as the settings of the section choose say.
-    structured : the piece is examined under the load cases of the settings
-    Patches and spirals that an object already has are made anew. The open file of Blender is left for an empty one. An
-    earlier run's files in the folder stay as they are unless everything succeeds. Raises ``FlexMapsError`` before the work where
-    a file would be replaced that is read, or, unless ``overwrite`` is set, that FlexMaps did not write or that was changed since.
+    Existing patches and spirals are made anew. Earlier files in the folder are replaced only if everything succeeds.
+
+    Parameters
+    ----------
+    source, edge, height, up, quads, remeshed, settings, supports : as in ``load``
+    out : the folder
+    optimised, structured, pictures : also optimise the spirals, examine load cases, render pictures
+    chosen : also compare layouts and take the best, by the settings of the section "choose"
+    stop_after : last stage to run
+    formats, overwrite, progress : as in ``export``
+
+    Returns
+    -------
+    The report, as ``report`` returns it.
+
+    Raises
+    ------
+    FlexMapsError, before the work starts, where a file may not be replaced, as in ``export``.
     """
     from ..bridge.hosts import job_folder
 
@@ -185,7 +265,7 @@ def run(
     names = job.stages(stop_after, optimised, chosen, structured)
     guard = Guard(_named_files(source, settings), overwrite)
     written = tuple(formats) if "sheets" in names else ()
-    # a folder that cannot be written to says so before the work, not after
+    # Open the folder first: one that cannot be written to must fail before the work, not after it.
     with job_folder.folder(Path(out), guard, written, pictures) as new:
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
                      supports=supports, progress=told.part(0.0, 0.2))  # fmt: skip
@@ -200,7 +280,7 @@ def run(
 
 
 def _named_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
-    """The paths that a call names to be read."""
+    """Return the paths of the files that the arguments name for reading."""
     given = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
     return given + remnants_of(
         settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})

@@ -1,4 +1,4 @@
-"""Spirals by hand, from scripts: brushes over a whole piece, fields, and what the optimiser has to leave alone."""
+"""Change spirals by hand from scripts: paint with brushes and fields, and protect spirals from the optimiser."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..engine.spirals import painting
 from ..engine.spirals.design import proved
 from .pieces import Tell, go_to, progress_of
 
-# directions by their names, in the surface's axes
+# direction for each axis name, in the surface's axes
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 Where = float | str | Sequence[float]
 
@@ -31,16 +31,29 @@ def paint(
     direction: str | Sequence[float] | None = None,
     progress: Tell = None,
 ) -> Piece:
-    """The piece with its spirals changed by one stroke, as far as they can be cut; what was made from the former ones is dropped.
+    """Change the spirals by one brush stroke over the piece, as far as they can be cut; drop later results.
 
-    brush : "stiffer", "softer", "smooth", "twist", "width", "along" (a ``direction``), or "stiffness", which sets it to what
-        ``where`` says, from 0, the softest, to 1, the stiffest
-    where : how much, from 0 to 1: a number for all, one for each quad, numbers of quads as "1,2,3", "lowest", or the name of
-        a vertex group, a colour or an attribute of the object
-    strength : share of the way to what the brush leads to; inverted : the other way round
+    Protected spirals stay as they are. A later ``optimise`` starts from exactly these spirals.
+
+    Parameters
+    ----------
+    piece : the piece; stages up to the spirals run first if missing
+    brush : "stiffer", "softer", "smooth", "twist", "width", "along" (with ``direction``), or "stiffness", which sets the
+        stiffness to the value of ``where``, from 0, the softest, to 1, the stiffest
+    where : weight from 0 to 1: one number for all quads, one for each quad, numbers of quads as "1,2,3", "lowest", or the
+        name of a vertex group, a colour or an attribute of the object
+    strength : share of the way to the brush's full effect, 0 to 1
+    inverted : apply the opposite change
     direction : "x", "y", "z" or three numbers
+    progress : called with a fraction and a text
 
-    Protected spirals stay as they are. Optimising begins with these spirals then and no others.
+    Returns
+    -------
+    A new piece.
+
+    Raises
+    ------
+    FlexMapsError where ``where``, ``strength`` or ``direction`` cannot be read.
     """
     told = progress_of(progress)
     ready = go_to(piece, "design", told.part(0.0, 0.8))
@@ -58,16 +71,37 @@ def paint(
 
 
 def protect(piece: Piece, where: Where | None) -> Piece:
-    """The piece with other spirals that the optimiser leaves exactly as they are; ``where`` as in ``paint``, None for none of them.
+    """Set which spirals the optimiser leaves exactly as they are.
 
-    All quads count where it is more than a half, and those of a vertex group that hold half of its weight.
+    Parameters
+    ----------
+    piece : the piece
+    where : as in ``paint``; quads with a weight of at least 0.5 are protected. None protects no spirals.
+
+    Returns
+    -------
+    A new piece.
+
+    Raises
+    ------
+    FlexMapsError where ``where`` cannot be read.
     """
     quads = None if where is None else np.flatnonzero(field(piece, where) >= 0.5)
     return replace(piece, made=replace(piece.result, protected=quads if quads is not None and len(quads) else None))
 
 
 def field(piece: Piece, where: Where) -> np.ndarray:
-    """(F,) from 0 to 1: what ``where`` says of every quad; raises ``FlexMapsError`` where it says nothing that can be read."""
+    """Return the weight of every quad, (F,) from 0 to 1, that ``where`` describes.
+
+    Parameters
+    ----------
+    piece : the piece
+    where : as in ``paint``
+
+    Raises
+    ------
+    FlexMapsError where ``where`` is no name, no numbers from 0 to 1, or has the wrong length.
+    """
     count = len(piece.mesh.quads)
     if isinstance(where, str):
         if piece.uid is not None:
@@ -87,7 +121,7 @@ def field(piece: Piece, where: Where) -> np.ndarray:
     if values.shape not in ((), (count,)):
         raise FlexMapsError(f"{piece.name} has {count} quads; give one number for all of them, or {count}")
     if not ((values >= 0.0) & (values <= 1.0)).all():
-        raise FlexMapsError("How much is painted goes from 0 to 1; give numbers between them")
+        raise FlexMapsError("Painting weights must lie between 0 and 1")
     return np.broadcast_to(values, (count,)).astype(float)
 
 
@@ -105,13 +139,13 @@ def _share(strength: Any) -> float:
     return float(value)
 
 
-def _direction(given: str | Sequence[float]) -> np.ndarray:
-    """(3,) of an axis by its name, or of three numbers."""
-    way = AXES.get(given) if isinstance(given, str) else given
+def _direction(direction: str | Sequence[float]) -> np.ndarray:
+    """Return the (3,) vector of an axis name, or of three numbers."""
+    way = AXES.get(direction) if isinstance(direction, str) else direction
     try:
-        found = np.asarray(way, dtype=float)
+        vector = np.asarray(way, dtype=float)
     except (TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (3,) or not np.isfinite(found).all() or not found.any():
-        raise FlexMapsError(f"Direction '{given!s:.60}': give x, y, z, or three numbers")
-    return found
+        vector = np.zeros(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
+        raise FlexMapsError(f"Direction '{direction!s:.60}': give x, y, z, or three numbers")
+    return vector

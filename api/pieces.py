@@ -1,4 +1,4 @@
-"""Pieces from Blender, files and arrays, and back; what all functions of the api share."""
+"""Read pieces from Blender, files and arrays, and write them back; helpers that all functions of the api share."""
 
 from __future__ import annotations
 
@@ -46,18 +46,31 @@ def load(
     supports: Supports = None,
     progress: Tell = None,
 ) -> Piece:
-    """A piece from an object in Blender, a file (.obj .off .ply .stl .blend), "shape:NAME", or a mesh of the engine.
+    """Read a piece from an object in Blender, a file, a built-in shape or a mesh of the engine.
 
-    edge, height : millimetres, the wanted median edge of the quads or extent along z; without, the source is in metres
-    up : the file's axis that points up, "x", "y" or "z"; y for .obj, else z, as in Blender's importers
-    quads : about so many new quads are made of it first, see ``remesh``; with ``remeshed`` as set, if not all faces are quads
-    settings : "section.name" -> value in shown units, instead of the object's settings or the defaults; arms at an open border, which
-        would end in the air, are left out where no ``spiral.border`` is chosen
-    supports : quads that stand: "lowest", their numbers from 0 on, "1,2,3", or a vertex group of the object
+    An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend source replaces Blender's
+    open file. Warns with ``OtherVersion`` where the results of another version differ from this version's.
 
-    An object brings its settings, vertex groups, seams, flat patches and spirals along. A .blend file is opened in place of the
-    one that is open. Gives the warning ``OtherVersion`` where what was made by another version differs from what this one makes.
-    Raises ``FlexMapsError`` where there is nothing to read.
+    Parameters
+    ----------
+    source : an object, a path (.obj .off .ply .stl .blend), "shape:NAME", a ``QuadMesh`` or a ``PolygonMesh``
+    edge : wanted median quad edge in millimetres; without ``edge`` and ``height`` the source is in metres
+    height : wanted extent along z in millimetres
+    up : the file's axis that points up, "x", "y" or "z"; default y for .obj, else z, as in Blender's importers
+    quads : first remesh to about this many quads, see ``remesh``
+    remeshed : remesh, as the settings say, a mesh with faces that are not quads
+    settings : "section.name" -> value in shown units, in place of the object's settings or the defaults. Without a
+        ``spiral.border`` the arms at an open border are left out, because they would end in the air.
+    supports : quads that stand: "lowest", numbers from 0 on, "1,2,3", or a vertex group of the object
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The piece.
+
+    Raises
+    ------
+    FlexMapsError where the source cannot be read, or a setting is out of its bounds.
     """
     from_blender = hasattr(source, "bl_rna") or str(source).lower().endswith(".blend")
     piece = _from_blender(source) if from_blender else _from_elsewhere(source, up)
@@ -78,7 +91,22 @@ def load(
 def change(
     piece: Piece, settings: ObjectSettings | Mapping[str, Any] | None = None, *, supports: Supports = None
 ) -> Piece:
-    """The piece with other settings or supports; what they make out of date is dropped, and made again when it is needed."""
+    """Change settings or supports, and drop the results that depend on them; they are computed again when needed.
+
+    Parameters
+    ----------
+    piece : the piece
+    settings : "section.name" -> value in shown units, or all settings
+    supports : as in ``load``
+
+    Returns
+    -------
+    A new piece.
+
+    Raises
+    ------
+    FlexMapsError where a setting is out of its bounds, or a vertex group is named for a piece that is not an object.
+    """
     wanted = settings if isinstance(settings, ObjectSettings) else changed(piece.settings, settings or {})
     if isinstance(supports, str) and piece.uid is not None:
         from ..bridge.store import supports as groups
@@ -108,9 +136,16 @@ def change(
 
 
 def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
-    """Write the piece into the object that it was read from, or another one of the same quads; without one, into a new one.
+    """Write the piece into an object: seams, UV map, attributes, simulated shape key, panels beside it, settings.
 
-    The object gets seams, the UV map, attributes, the simulated shape as a shape key, its panels beside it, and the settings.
+    Parameters
+    ----------
+    piece : the piece
+    obj : an object of the same quads; default the object that the piece was read from, else a new one
+
+    Returns
+    -------
+    The object.
     """
     import bpy
 
@@ -126,10 +161,24 @@ def show(piece: Piece, obj: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Save a .blend file with the piece: the file it came from with the object brought up to date, else one of its own.
+    """Save a .blend file with the piece: Blender's open file with the object updated, or a file of its own.
 
-    Blender's open file stays as it is, but for an object that is brought up to date. Raises ``FlexMapsError`` for a path that the
-    piece was read from, and, unless ``overwrite`` is set, for a file that FlexMaps did not write or that was changed since.
+    A piece that was not read from an object leaves Blender's open file as it is.
+
+    Parameters
+    ----------
+    piece : the piece
+    path : the .blend file
+    overwrite : as in ``export``
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FlexMapsError for a path that the piece was read from, and, without ``overwrite``, for a file that FlexMaps did not
+        write or that changed since.
     """
     from ..bridge.view import scene
     from ..engine import files
@@ -147,15 +196,26 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
 
 
 def check(piece: Piece) -> list[Finding]:
-    """Everything that is wrong with the mesh, errors first; with an error no other stage can run."""
+    """Return all faults of the mesh, errors first; an error prevents every other stage."""
     return checking.everything(piece.source)
 
 
 def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> Piece:
-    """Quads in the shape of any mesh, by Blender's own tools, in the size that was asked for; the object itself stays.
+    """Make quads in the shape of any mesh with Blender's own tools, in the piece's size; the object itself stays.
 
-    quads : about how many; else as the settings say. What had to be left out or joined is among the findings of ``check``.
-    Raises ``FlexMapsError`` where Blender finds none.
+    Parameters
+    ----------
+    piece : the piece
+    quads : about how many; default as the settings say
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    A new piece that is no object. ``check`` lists what was left out or joined.
+
+    Raises
+    ------
+    FlexMapsError where Blender's tools find no quads.
     """
     from ..bridge.hosts import remesh as remeshing
 
@@ -172,13 +232,19 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
 
 
 def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
-    """What keeps the user's files as these pieces are written: all that they were read from, their remnants too."""
+    """Return the guard of all files that these pieces were read from, their remnants included.
+
+    Parameters
+    ----------
+    pieces : the pieces
+    overwrite : also replace other files that FlexMaps did not write or that changed since
+    """
     given = [path for piece in pieces for path in piece.files]
     return Guard([*given, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
 
 
 def remnants_of(settings: ObjectSettings) -> list[str]:
-    """The paths of the drawings of remnants that the settings name."""
+    """Return the paths of the remnant drawings that the settings name."""
     return [path.strip() for path in settings.sheet.remnants.split(SEPARATOR) if path.strip()]
 
 
@@ -188,17 +254,24 @@ def progress_of(tell: Tell) -> Progress:
 
 def metres(millimetres: float | None) -> float | None:
     if not isinstance(millimetres, Real | None) or isinstance(millimetres, bool):
-        raise FlexMapsError(f"'{millimetres}' is no length; give a number of millimetres")
+        raise FlexMapsError(f"'{millimetres}' is not a length; give a number of millimetres")
     return None if millimetres is None else float(millimetres) / 1e3
 
 
 def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
-    """A piece with nothing made yet, in the wanted size, metres; it is no object's any more."""
+    """Return the piece scaled to a size, with no results yet; scaled, it no longer belongs to its object.
+
+    Parameters
+    ----------
+    piece : the piece
+    edge : wanted median quad edge in metres
+    height : wanted extent along z in metres
+    """
     source = checking.scaled(piece.source, edge=edge, height=height)
     try:
         made = replace(job.begin(source), edge=edge, height=height)
     except FlexMapsError:
-        made = None  # ``check`` says what is wrong, and so does every stage
+        made = None  # the mesh has an error, which ``check`` and every stage report
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
     return Piece(piece.name, source, piece.settings, edge, height, made, uid, seams, piece.files)
 
@@ -208,10 +281,17 @@ def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool =
 
 
 def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
-    """The piece with the stages that are missing until a member of its result is there, and those asked for ``after``.
+    """Run the missing stages until a member of the result is there, then the stages named ``after``.
 
-    A mesh from elsewhere is regularised before it is cut, unless it has been; the vertices of an object move only when that
-    is asked for.
+    A mesh that was not read from an object is regularised first if it was not yet; an object's vertices move only when
+    ``regularise`` is named.
+
+    Parameters
+    ----------
+    piece : the piece
+    member : name of a member of ``Result``, such as "design"
+    progress : called with a fraction and a text
+    after : names of stages
     """
     fresh = piece.uid is None and "regularise" not in piece.result.seconds
     made = job.go_to(piece.result, piece.settings, member, after, progress_of(progress), fresh=fresh)
@@ -224,22 +304,22 @@ def _from_blender(source: Any) -> Piece:
     from ..engine import versions
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
-    found = snapshot.read(obj)
+    stored = snapshot.read(obj)
     other = versions.said(notes.made_with(obj.data))
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name
-    # what somebody has chosen, or has cut already, stays
+    # Keep the border arms that somebody has chosen or already cut.
     own = getattr(obj, "flexmaps", None)  # none where the extension is not registered
     chosen = own is not None and own.spiral.is_property_set("border")
-    settled = chosen or found.result is None or found.result.flat is not None
+    settled = chosen or stored.result is None or stored.result.flat is not None
     return Piece(
         name,
-        found.source,
-        found.settings if settled else _without_stubs(found.settings, found.source),
-        made=found.result,
-        uid=found.uid,
-        seams=found.seams,
+        stored.source,
+        stored.settings if settled else _without_stubs(stored.settings, stored.source),
+        made=stored.result,
+        uid=stored.uid,
+        seams=stored.seams,
         files=objects.files_read(),
     )
 
@@ -255,6 +335,6 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
 
 
 def _without_stubs(settings: ObjectSettings, polygons: PolygonMesh) -> ObjectSettings:
-    """The settings with the arms at an open border left out, which would end in the air; those of a closed surface as they are."""
+    """Leave out the arms at an open border, which would end in the air; a closed surface keeps its settings."""
     is_open = len(polygons.sizes) and len(border_sides(sides_of(polygons)))
     return changed(settings, {"spiral.border": "left_out"}) if is_open else settings

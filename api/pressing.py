@@ -1,4 +1,4 @@
-"""*Next* without a window: what it offers is pressed, and every press is told with its findings, cures and figures."""
+"""Press *Next* without a window, and report every press with its findings, cures and figures."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ..engine.errors import FlexMapsError
 if TYPE_CHECKING:
     import bpy
 
-MOST = 14  # presses to sheets at most; whatever needs more goes in circles
+MOST = 14  # presses at most until the sheets; a piece that needs more repeats the same presses
 
 
 def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] | None:
-    """Press what *Next* offers for an object, or a cure of what there is to look at.
+    """Press what *Next* offers for an object, or one of the cures of its open findings.
 
     Parameters
     ----------
     obj : a mesh
-    cure : True presses the first cure of what speaks against cutting that was not pressed before; a name, such as "make_larger" or
-        "stand_on-lowest", the cure of that name. ``told`` lists them.
+    cure : True presses the first cure of an open finding that was not tried yet; a name, such as "make_larger" or
+        "stand_on-lowest", presses the cure of that name. ``told`` lists the names.
 
     Returns
     -------
-    None where nothing is left to press, else ``pressed`` (its label), ``call``, ``error`` ("" where it went well), ``seconds`` of
-    processors, other processes included, and what ``told`` tells afterwards. The object that it ends with is the active one.
+    None where nothing is left to press. Otherwise ``pressed`` (its label), ``call``, ``error`` ("" on success), ``seconds``
+    of processor time, child processes included, and the entries of ``told`` afterwards. The resulting object is active.
 
     Raises
     ------
@@ -79,9 +79,13 @@ def presses(
     Parameters
     ----------
     obj : a mesh
-    cures : how many first cures are pressed before files are written
-    named : cures that are pressed there too, or where *Next* offers nothing, each once where it is offered
-    most : presses
+    cures : how many first cures to press before files are written
+    named : names of cures to press before files are written, or where *Next* offers nothing; each once, when offered
+    most : how many presses at most
+
+    Returns
+    -------
+    An iterator over what ``press`` returns.
     """
     import bpy
 
@@ -105,7 +109,7 @@ def presses(
 
 
 def told(obj: bpy.types.Object) -> dict[str, Any]:
-    """How an object stands: ``object``, ``status``, ``findings`` (text, kind, place, cures with label and call) and ``figures``."""
+    """Describe an object by ``object``, ``status``, ``findings`` (text, kind, place, cures with label and call), ``figures``."""
     import bpy
 
     from ..bridge.store import guidance, notes
@@ -124,7 +128,7 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
 
 
 def _seconds() -> float:
-    """Processor seconds of this process and those that it started and that have ended."""
+    """Return the processor seconds of this process and of its child processes that have ended."""
     try:
         import resource
     except ImportError:  # Windows

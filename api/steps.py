@@ -1,4 +1,4 @@
-"""Every stage as a function: from a piece to a piece with more in it."""
+"""Every stage as a function: it takes a piece and returns a piece with one more result."""
 
 from __future__ import annotations
 
@@ -19,14 +19,30 @@ from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metre
 
 
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
-    """Squarer quads; what was laid out before is dropped."""
+    """Make the quads squarer; drop the layout and what follows.
+
+    Parameters
+    ----------
+    piece : the piece
+    progress : called with a fraction and a text
+    """
     return go_on(piece, ("regularise",), progress)
 
 
 def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> Piece:
-    """Flat patches: traced and merged, or, with ``keep_seams``, those between the seams that the object has.
+    """Cut the surface into flat patches.
 
-    A mesh that is no object is regularised first, unless it has been: as in the main job.
+    A mesh that was not read from an object is regularised first if it was not yet, as in the main job.
+
+    Parameters
+    ----------
+    piece : the piece
+    keep_seams : flatten the patches between the object's seams, instead of tracing and merging new ones
+    progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError where ``keep_seams`` is set and the piece has no seams.
     """
     if not keep_seams:
         return go_to(replace(piece, made=stages.without(piece.result, {"layout"})), "flat", progress)
@@ -37,35 +53,72 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
 
 
 def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
-    """Width and twist of every spiral from the curvature."""
+    """Compute the width and twist of every spiral from the curvature.
+
+    Parameters
+    ----------
+    piece : the piece; flat patches are made first if missing
+    progress : called with a fraction and a text
+    """
     return go_to(replace(piece, made=stages.without(piece.result, {"design"})), "design", progress)
 
 
 def choose(piece: Piece, *, panels: int | None = None, match: float | None = None, progress: Tell = None) -> Piece:
-    """Flat patches chosen among many layouts, by the shape that their panels take; the others are in ``result.choice``.
+    """Compare many layouts by the shape that their panels take, and take the best; all are in ``result.choice``.
 
-    panels : most panels; match : RMS distance in percent of the size that may be left; with neither, as the settings say
+    Parameters
+    ----------
+    piece : the piece
+    panels : how many panels at most
+    match : acceptable RMS distance from the target, in percent of its size; without both, the settings decide
+    progress : called with a fraction and a text
     """
     wanted = changed(piece.settings, wish(panels=panels, match=match))
     return go_to(replace(piece, settings=wanted), "flat", progress, "choose")
 
 
 def take(piece: Piece, proposal: int) -> Piece:
-    """The piece in the layout of another proposal of its ``choose``, numbered from 0 on; what came after is dropped."""
+    """Take the layout of another proposal of ``choose``, and drop what follows.
+
+    Parameters
+    ----------
+    piece : a piece after ``choose``
+    proposal : its number, from 0 on
+    """
     return replace(piece, made=job.taken(piece.result, proposal))
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
-    """The shape that the assembled panels take, and what keeps it from the target."""
+    """Compute the shape that the assembled panels take.
+
+    Parameters
+    ----------
+    piece : the piece
+    supports : as in ``load``
+    progress : called with a fraction and a text
+    """
     held = change(piece, supports=supports)
     return go_to(held, "design", progress, "simulate")
 
 
 def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = True, progress: Tell = None) -> Piece:
-    """Lay a scan of the built piece over the simulated shape, or over the target where there is none; ``result.scan`` has it.
+    """Lay a scan of the built piece over the simulated shape, or over the target if there is none.
 
-    scan : an .ply, .obj, .stl or .off file of points or of a mesh; unit : mm, cm, m or in, else metres or millimetres by the size
-    anywhere : False where the scan is turned by 30 degrees at most; quicker and surer
+    Parameters
+    ----------
+    piece : the piece
+    scan : a .ply, .obj, .stl or .off file of points or of a mesh
+    unit : "mm", "cm", "m" or "in"; default metres or millimetres, judged by the size
+    anywhere : False for a scan that is rotated by 30 degrees at most, which is quicker and more reliable
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    A new piece with ``result.scan``.
+
+    Raises
+    ------
+    FlexMapsError where the scan cannot be read.
     """
     from ..engine.scanning import reading
 
@@ -84,23 +137,50 @@ def structure(
     supports: Supports = None,
     progress: Tell = None,
 ) -> Piece:
-    """What a simulated piece bears: deflection, utilisation, joints, and how far each load may rise, in ``result.structure``.
+    """Examine a piece under load: deflection, utilisation, joints, and the load factor at which it gives way.
 
-    cases, combinations : as "snow: snow 500" and "all = 1.35 weight + 1.5 snow", see ``engine/structure/cases.py``; else as the settings say
+    Parameters
+    ----------
+    piece : the piece; it is simulated first if it was not yet
+    cases : load cases such as "snow: snow 500", see ``engine/structure/cases.py``; default as the settings say
+    combinations : sums of cases such as "all = 1.35 weight + 1.5 snow"
+    supports : as in ``load``
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    A new piece with ``result.structure``.
+
+    Raises
+    ------
+    FlexMapsError where a case cannot be read.
     """
-    given = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
-    held = change(piece, {name: text for name, text in given.items() if text}, supports=supports)
+    texts = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
+    held = change(piece, {name: text for name, text in texts.items() if text}, supports=supports)
     return go_to(held, "simulation", progress, "structure")
 
 
 def optimise(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
-    """Spirals whose assembly comes closest to the target, from those that are there on; simulated too."""
+    """Optimise the spirals so that the assembly comes closest to the target, starting from the present ones; then simulate.
+
+    Parameters
+    ----------
+    piece : the piece
+    supports : as in ``load``
+    progress : called with a fraction and a text
+    """
     held = change(piece, supports=supports)
     return go_to(held, "design", progress, "optimise", "simulate")
 
 
 def sheets(piece: Piece, *, progress: Tell = None) -> Piece:
-    """The panels with connectors and kerf, nested on sheets."""
+    """Make the panels with connectors and kerf, and nest them on sheets.
+
+    Parameters
+    ----------
+    piece : the piece
+    progress : called with a fraction and a text
+    """
     return go_to(piece, "design", progress, "sheets")
 
 
@@ -115,12 +195,22 @@ def explore(
     progress: Tell = None,
     **search: Any,
 ) -> Exploration:
-    """Try many candidates of a piece beside each other, and say which hold the goals; ``use`` takes one of them.
+    """Try many candidates of a piece, and report which ones meet the goals; ``use`` takes one of them.
 
-    vary : settings by "section.name", ``edge`` or ``height`` in millimetres, ``quads``; each "low:high" or a list, see ``space``
-    folder : gets table, plot and pictures; an exploration that was stopped, which gives what it found so far, goes on there
-    goals : as "rms_percent<=1"; minimised : the two measures of the front; search : how many and where, see ``explored``
-    overwrite : also replace files in the folder that FlexMaps did not write, or that were changed since
+    Parameters
+    ----------
+    piece : the piece
+    vary : "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values, see ``space``
+    folder : gets table, plot and pictures; an exploration that was stopped there continues
+    goals : such as "rms_percent<=1"
+    minimised : the two measures of the Pareto front
+    overwrite : also replace files in the folder that FlexMaps did not write or that changed since
+    progress : called with a fraction and a text; raising ``Cancelled`` ends the exploration with what it has
+    search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explored``
+
+    Raises
+    ------
+    FlexMapsError where the folder, the cluster or a goal cannot be used.
     """
     if search.get("scheduler"):
         _refuse_offline()
@@ -135,7 +225,7 @@ def explore(
 
 
 def _refuse_offline() -> None:
-    """A Blender that may not go online reaches no cluster; what Blender as a Python module reaches is its script's to say."""
+    """Refuse a cluster where Blender may not go online; Blender as a Python module leaves that to the script."""
     import bpy
 
     if bpy.app.binary_path and not bpy.app.online_access:
@@ -146,7 +236,13 @@ def _refuse_offline() -> None:
 
 
 def use(piece: Piece, values: Mapping[str, Any]) -> Piece:
-    """The piece with the settings and in the size of a candidate, its ``values``; what they make out of date is dropped."""
+    """Take the settings and the size of a candidate, and drop the results that depend on them.
+
+    Parameters
+    ----------
+    piece : the piece that was explored
+    values : the candidate's ``values``
+    """
     wanted = change(piece, {name: value for name, value in values.items() if name not in SIZES})
     wanted = remesh(wanted, quads=values["quads"]) if "quads" in values else wanted
     sized = {"edge", "height"} & set(values)

@@ -1,1 +1,1 @@
-"""FlexMaps on Blender's command line: its words, what each does with the api, and what is printed."""
+"""FlexMaps on Blender's command line: commands and arguments, the api call behind each, and the printed summary."""

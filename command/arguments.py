@@ -1,4 +1,4 @@
-"""The words of the command line: commands, their arguments, and what each does with the api."""
+"""The command line's parser: commands, their arguments, and the api call behind each."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from ..engine.surface.files.meshio import SHAPE
 from . import calibration, handles, painting, pressing, summary
 from .guarding import guarded
 
-CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # settings that ask for a choice by being given
+CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # giving one of these settings also asks for a choice
 
-KEEP = {"choose", "optimise", "explore"}  # commands that give what they have found when they are stopped
+KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped
 
 
 class Parser(argparse.ArgumentParser):
-    """Mistakes in one line, as all others."""
+    """Parser that reports a mistake in one line."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"flexmaps: {message}; {self.prog} --help tells more\n")
@@ -99,7 +99,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _writing(commands: Any) -> None:
-    """The commands that write what is cut, measured, read and sent."""
+    """Add the commands that write files: sheets, calibration, report, page to share."""
     sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
     sheets.add_argument(
@@ -121,15 +121,15 @@ def _writing(commands: Any) -> None:
 
 
 def number(text: str) -> float:
-    """A finite number in the digits that all take for numbers; ``ValueError`` tells argparse of others."""
-    found = float(text)
-    if not text.isascii() or "_" in text or not math.isfinite(found):
+    """Return a finite number written in ASCII digits; otherwise raise ``ValueError``, which argparse reports."""
+    value = float(text)
+    if not text.isascii() or "_" in text or not math.isfinite(value):
         raise ValueError
-    return found
+    return value
 
 
 def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
-    """A command that reads a mesh, with the arguments that all of them have."""
+    """Add a command that reads a mesh, with the arguments that all such commands have."""
     made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
     made.set_defaults(run=partial(guarded, run), tell=tell, keeps=name in KEEP)
     made.add_argument(
@@ -198,7 +198,7 @@ def _flags(made: argparse.ArgumentParser) -> None:
     for block in fields(Settings):
         group = made.add_argument_group(f"{block.name} settings")
         for f in fields(block.default_factory):  # type: ignore[arg-type, misc]
-            # a name that several blocks have would be taken for any of them
+            # prefix a name that several sections have, so that no flag is ambiguous
             name = f"{block.name}_{f.name}" if names[f.name] > 1 else f.name
             _flag(group, name, f"{block.name}.{f.name}", f, get_type_hints(block.default_factory)[f.name])
         for name in block.default_factory.WERE:  # type: ignore[union-attr, misc]
@@ -215,11 +215,11 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
         group.add_argument(flag, dest=dest, choices=[c[0] for c in meta["choices"]], help=help)
     else:
         metavar = {"mm": "MM", "\N{DEGREE SIGN}": "DEGREES", "GPa": "GPA"}.get(SHOWN[meta["unit"]][1], "N")
-        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` makes it a number
+        group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` converts the text to a number
 
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    """What the flags and --set ask for, as the api takes it."""
+    """Return the settings given by flags and --set, as the api takes them."""
     given = {name: value for name, value in vars(args).items() if "." in name and value is not None}
     given |= calibration.assigned(args.settings)
     if args.remnants_given:
@@ -336,7 +336,7 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> dict[str, Any]:
-    """Several pieces or copies on common sheets; the report of each, and the files of all."""
+    """Export several pieces or copies on common sheets, and report their names and the files."""
     copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
     pieces = []
     for mesh, count in zip(meshes, copies, strict=True):
@@ -365,7 +365,7 @@ def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _simulated(args: argparse.Namespace, tell: Any) -> Any:
-    """Of an object that was simulated in Blender the object; of anything else a piece that is simulated now."""
+    """Return an object that has a valid simulation in Blender as it is, and anything else as a piece simulated now."""
     import bpy
 
     from ..bridge.store import notes, objects, states

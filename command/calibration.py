@@ -1,4 +1,4 @@
-"""The commands of the calibration sheet: ``calibrate`` draws it, ``calibrated`` reads what was measured on it."""
+"""The commands of the calibration sheet: ``calibrate`` draws it, ``calibrated`` evaluates the measurements."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.errors import FlexMapsError
 
 
 def add(commands: Any) -> None:
-    """Add both to the parser's commands."""
+    """Add both commands to the parser."""
     help = "draw a small sheet to measure kerf, clearances and stiffness with"
     made = commands.add_parser("calibrate", help=help, description=f"{help.capitalize()}.")
     made.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
@@ -51,14 +51,14 @@ def add(commands: Any) -> None:
 
 
 def assigned(texts: Sequence[str]) -> dict[str, str]:
-    """What --set asks for, as the api takes it."""
-    found = {}
+    """Return the assignments of --set, as the api takes them."""
+    values = {}
     for text in texts:
         name, equals, value = text.partition("=")
         if not equals:
             raise FlexMapsError(f"--set {text}: give it as section.name=value")
-        found[name.strip()] = value.strip()
-    return found
+        values[name.strip()] = value.strip()
+    return values
 
 
 def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -89,7 +89,7 @@ def _read(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 
 def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """What was found, a line each, with its spread."""
+    """Print each result with its spread, one a line."""
     rows = (("kerf_mm", "kerf", "mm"), ("clearance_mm", "clearance", "mm"), ("thickness_mm", "thickness", "mm"),
             ("youngs_strip_gpa", "strip says", "GPa"), ("youngs_spirals_gpa", "spirals say", "GPa"),
             ("youngs_gpa", "Young's modulus", "GPa"))  # fmt: skip

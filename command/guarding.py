@@ -1,4 +1,4 @@
-"""Refusing, before any work, to write over files of the user's."""
+"""Refuse to replace the user's files, before any work."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..engine.own_files import Guard
 from ..engine.runs import report_page
 from ..engine.surface.files.meshio import SHAPE
 
-PAGES = {"compare", "structure", "report"}  # commands whose folder gets the report's page
+PAGES = {"compare", "structure", "report"}  # commands that write the report's page into their folder
 
 
 def guarded(run: Any, args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    """Do what a command asks for, unless it would replace files of the user's: said before the work, not after."""
+    """Run a command, after refusing if it would replace the user's files, so that no work is lost."""
     read = [args.mesh, *getattr(args, "others", ()), *filter(None, [getattr(args, "scan", None)]), *args.remnants_given]
     guard = Guard([path for path in read if not path.startswith(SHAPE)], args.overwrite)
     if args.command == "export":

@@ -1,6 +1,6 @@
-"""``blender --command flexmaps ...``: the stages on the command line; ``tools/dev.py run`` is its ``run``.
+"""``blender --command flexmaps ...``: the stages on the command line.
 
-Everything is done by ``api``, which is imported when a command runs: registering the command costs nothing.
+``api`` does the work. It is imported when a command runs, so that registering the command takes no time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 from ..engine.remaining import Remaining, told
 
 NAME = "flexmaps"
-UNDONE = 3  # exit status
+UNDONE = 3  # exit status: files written, with something left undone
 _registered: list[Any] = []
 
 
@@ -37,13 +37,15 @@ def unregister() -> None:
 
 
 def main(argv: list[str]) -> int:
-    """Run one command. Returns the exit status:
+    """Run one command, with progress on standard error and results on standard output.
 
-    0 where everything was done; 1 for a fault of the program; 2 for a mistake of the user's, told in one line on standard
-    error; 3 where the files are written, but the piece could not be optimised, or no equilibrium was found (``undone`` in
-    the report); 130 when it was stopped. Progress goes to standard error, results to standard output.
+    Returns
+    -------
+    The exit status: 0 success; 1 a fault of the program; 2 a mistake of the user, reported in one line on standard error;
+    3 the files are written, but the piece could not be optimised or no equilibrium was found (``undone`` in the report);
+    130 stopped.
     """
-    for stream in (sys.stdout, sys.stderr):  # a console that lacks a letter of somebody's name, as Windows' old ones do
+    for stream in (sys.stdout, sys.stderr):  # old consoles cannot print every letter
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     from ..bridge.hosts.job_folder import quiet_blender
@@ -87,7 +89,7 @@ def main(argv: list[str]) -> int:
 
 
 def _status(command: str, described: dict[str, Any]) -> int:
-    """The exit status that goes with what a command has found."""
+    """Return the exit status for a command's result."""
     if command == "check" and any(f["severity"] == "error" for f in described["checks"]):
         return 2
     if described.get("stuck"):
@@ -97,7 +99,7 @@ def _status(command: str, described: dict[str, Any]) -> int:
 
 @contextmanager
 def _warned(console: Console) -> Iterator[None]:
-    """What is worth knowing of a piece that another version made comes as a line of this program's."""
+    """Print warnings about results of another version as lines of this program."""
     from ..engine.versions import OtherVersion
 
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
@@ -110,15 +112,15 @@ def _warned(console: Console) -> Iterator[None]:
     with warnings.catch_warnings():
         before = warnings.showwarning
         warnings.simplefilter("always", OtherVersion)
-        warnings.showwarning = show  # type: ignore[assignment]  # the rest of its arguments goes through
+        warnings.showwarning = show  # type: ignore[assignment]  # its further arguments pass through ``place``
         yield
 
 
 @contextmanager
 def stoppable(console: Console | None) -> Iterator[None]:
-    """Ctrl-C stops the work as in any Python program; Blender by itself would only take note of it, and end at the second.
+    """Let Ctrl-C stop the work as in any Python program; Blender alone would ignore the first and quit at the second.
 
-    console : where work that keeps what it has found reports; the first Ctrl-C ends it there in good order, the second at once
+    console : for commands that keep what they have so far: the first Ctrl-C ends the work in good order, the second at once
     """
 
     def pressed(number: int, frame: FrameType | None) -> None:
@@ -129,7 +131,7 @@ def stoppable(console: Console | None) -> Iterator[None]:
 
     try:
         before = signal.signal(signal.SIGINT, pressed)
-    except ValueError:  # another thread than the main one
+    except ValueError:  # not the main thread: signals cannot be handled here
         yield
         return
     try:
@@ -139,9 +141,9 @@ def stoppable(console: Console | None) -> Iterator[None]:
 
 
 class Console:
-    """Progress to standard error: a line that rewrites itself in a terminal, elsewhere a line every other second."""
+    """Print progress to standard error: one line that is rewritten in a terminal, elsewhere a new line every two seconds."""
 
-    EVERY = 2.0  # seconds between lines that stay
+    EVERY = 2.0  # seconds between two lines where they stay; smaller prints more
 
     def __init__(self) -> None:
         self.stopping = False
@@ -153,7 +155,7 @@ class Console:
         if self.stopping:
             from ..engine.errors import Cancelled
 
-            self.stopping = False  # once: what was found is still to be judged and written
+            self.stopping = False  # raise once: what was reached must still be judged and written
             raise Cancelled("Stopped")
         now = time.monotonic()
         self._remaining.report(now - self._began, fraction)

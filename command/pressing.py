@@ -1,4 +1,4 @@
-"""``flexmaps next``: *Next* pressed on the objects of a .blend file, as often as there is something to press."""
+"""``flexmaps next``: press *Next* on the objects of a .blend file until nothing is left to press."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..engine.errors import FlexMapsError
 
 
 def add(commands: Any) -> None:
-    """The command and its arguments."""
+    """Add the command and its arguments."""
     said = "press Next on an object of a .blend file until its files are written, and save it"
     made = commands.add_parser("next", help=said, description=said[0].upper() + said[1:] + ".")
     made.epilog = "Exit status: 0 the files are written, nothing against it; 3 they are, with things to look at; 2 only a person can go on."
@@ -27,7 +27,7 @@ def add(commands: Any) -> None:
 
 
 def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
-    """Press and save; ``undone`` where something speaks against cutting, ``stuck`` where only a person can go on."""
+    """Press and save; ``undone`` lists objects with open findings, ``stuck`` objects that only a person can finish."""
     import bpy
 
     from ..bridge.store.objects import CONVERTIBLE
@@ -54,34 +54,34 @@ def _run(args: argparse.Namespace, console: Any) -> dict[str, Any]:
     args.lines, args.json = (
         args.json,
         False,
-    )  # a line a press, told at the end: until then Blender's own output is kept away
-    presses = [told for obj in objects for told in _pressed(obj, args.cure)]
-    ended = {told["object"]: told for told in presses}
-    last = [told for told in presses if told["last"]]
-    stuck = [told for told in last if told["figures"]["sheets"] is None]
-    reasons = [(told["findings"] or [{"text": told["status"]["text"]}])[0]["text"] for told in stuck]
-    stopped = [f"'{told['object']}': {why}" for told, why in zip(stuck, reasons, strict=True)]
-    undone = [name for name, told in ended.items() if told["last"] and told["status"]["sign"] != "tick"]
+    )  # printed by ``_tell`` at the end, one line a press: until then Blender's own output is suppressed
+    presses = [report for obj in objects for report in _press_until_done(obj, args.cure)]
+    ended = {report["object"]: report for report in presses}
+    last = [report for report in presses if report["last"]]
+    stuck = [report for report in last if report["figures"]["sheets"] is None]
+    reasons = [(report["findings"] or [{"text": report["status"]["text"]}])[0]["text"] for report in stuck]
+    stopped = [f"'{report['object']}': {why}" for report, why in zip(stuck, reasons, strict=True)]
+    undone = [name for name, report in ended.items() if report["last"] and report["status"]["sign"] != "tick"]
     return {"presses": presses, "stuck": stopped, "undone": undone}
 
 
-def _pressed(obj: Any, cures: list[str]) -> list[dict[str, Any]]:
-    """Press *Next* on one object until nothing is left, and save; every press as it is told, the last one marked."""
+def _press_until_done(obj: Any, cures: list[str]) -> list[dict[str, Any]]:
+    """Press *Next* on one object until nothing is left, save the file, and return all presses, the last one marked."""
     import bpy
 
     bpy.context.view_layer.objects.active = obj
     named = [name for name in cures if name != "first"]
-    found = list(pressing.presses(obj, cures=len(cures) - len(named), named=named))
-    found = found or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.told(obj)]
+    reports = list(pressing.presses(obj, cures=len(cures) - len(named), named=named))
+    reports = reports or [{"pressed": "", "call": "", "error": "", "seconds": 0.0} | pressing.told(obj)]
     bpy.ops.wm.save_mainfile()
-    return [told | {"last": told is found[-1]} for told in found]
+    return [report | {"last": report is reports[-1]} for report in reports]
 
 
 def _tell(described: dict[str, Any], args: argparse.Namespace) -> None:
-    for told in described["presses"]:
+    for report in described["presses"]:
         if args.lines:
-            print(json.dumps(told))
+            print(json.dumps(report))
         else:
-            print(f"{told['pressed']}: {told['error'] or told['status']['text']}")
+            print(f"{report['pressed']}: {report['error'] or report['status']['text']}")
     for text in described["stuck"]:
         print(f"flexmaps: {text}", file=sys.stderr)

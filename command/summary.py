@@ -1,4 +1,4 @@
-"""A run in a few lines, for the person at the terminal."""
+"""A summary of a run in a few lines for the terminal."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 from ..engine.surface.checking.finding import counted
 
-FAULTS = 5  # kinds of faults that are told, so that the rest stays in sight; by eye
+FAULTS = 5  # kinds of faults printed at most, so that the candidates stay in sight; chosen by eye
 
 
 def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """What every stage that ran has made, and where it is."""
+    """Print the result of every stage that ran, and where the files are."""
     if "input" in described:
         given = described["input"]
         print(f"{given['file']}: {counted(given['quads'], 'quad', 'quads')}, edge {given['edge_mm']:.1f} mm, "
@@ -74,7 +74,7 @@ def _structure(block: dict[str, Any]) -> None:
 
 
 def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """The candidates of the front, a line each, and what was found."""
+    """Print the candidates of the Pareto front, one a line, then faults and conclusion."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
     print(
         counted(len(rows), "candidate", "candidates")
@@ -91,14 +91,14 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def together(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """Which pieces were laid on common sheets, and the files."""
+    """Print which pieces were nested on common sheets, and the files."""
     for piece in described["pieces"]:
         print(f"  {piece['copies']} x {piece['name']}")
     print(f"  {', '.join(described['files'])} in {args.out}")
 
 
 def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
-    """One line a setting: name, default, bounds or choices, and what it is."""
+    """Print one line a setting: name, default, bounds or choices, and help."""
     for name, row in described["settings"].items():
         low, high = row["bounds"]
         span = "|".join(row["choices"]) or ("" if low is None and high is None else f"{low:g} to {high:g}")
@@ -107,7 +107,7 @@ def settings(described: dict[str, Any], args: argparse.Namespace) -> None:
 
 
 def _held(base: dict[str, Any]) -> str:
-    """What the piece stands on, or hangs by, in one sentence."""
+    """Describe in one sentence what the piece stands on or hangs by."""
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
         bears = "" if most is None else f"; they bear up to {most:.3g} N"

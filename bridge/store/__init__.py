@@ -1,1 +1,1 @@
-"""What Blender's data holds of a piece: the mesh, its attributes and notes, settings, and how far every stage is."""
+"""A piece's data in Blender: the mesh, its attributes and notes, the settings, and the state of every stage."""

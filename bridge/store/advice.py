@@ -1,4 +1,4 @@
-"""What is advised for an object, and what following it has brought; both in its notes, beside what limits the match."""
+"""The advice for an object and the effect of following it, kept in the mesh's notes beside what limits the match."""
 
 from __future__ import annotations
 
@@ -12,35 +12,39 @@ from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
 from . import notes
 from .i18n import translate
 
-BROUGHT = "brought"  # in the block "reach"
-NEARER = 0.98  # share of the distance that may be left if it shall count as nearer; not measured
-FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # of the block "equilibrium", before and after
+BROUGHT = "brought"  # key in the block "reach" of the effect of the last advice
+NEARER = 0.98  # share of the distance at most that counts as nearer; not measured. Larger calls smaller gains a success
+FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # of the block "equilibrium", compared before and after
 
 
 def of(mesh: bpy.types.Mesh) -> Amounts:
-    """What a button can do of the last advice, and how much of it; empty where there is none."""
+    """Return the amount of each remedy of the last advice that a button can apply; empty without advice."""
     block = notes.read(mesh).get("reach")
     return {} if block is None else remedies.of_block(block)
 
 
 def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
-    """Why a remedy is not to be pressed, as a sentence; None where it is advised."""
+    """Return why a remedy may not be pressed, as a sentence; None where it is advised."""
     if "reach" not in notes.read(mesh):
         return translate("It is not known yet what limits the match; press Simulate first")
     return None if remedy in of(mesh) else translate("The advice under Optimise is another one")
 
 
 def compared(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
-    """The note of what a remedy has brought.
+    """Return the note of a remedy's effect.
 
-    was, now : what was changed, in the unit of its amount; before, after : blocks of the simulated shapes
+    Parameters
+    ----------
+    remedy : the remedy that was applied
+    was, now : the changed quantity before and after, in the unit of its amount
+    before, after : blocks "equilibrium" of the notes
     """
     pairs = {name: [before.get(name), after.get(name)] for name in FIGURES}
     return {"remedy": remedy, "was": was, "now": now, **pairs}
 
 
 def helped(brought: dict[str, Any]) -> bool:
-    """Whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
+    """Return whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > STRAINED and eased < strain
@@ -49,13 +53,13 @@ def helped(brought: dict[str, Any]) -> bool:
 
 
 def _closed(brought: dict[str, Any]) -> tuple[int, int]:
-    """How many slots closed before and after; 0 and 0 where notes do not tell, as older ones."""
+    """Return how many slots closed before and after; 0 and 0 where older notes lack the counts."""
     before, after = brought.get("slots_closed") or (None, None)
     return (0, 0) if before is None or after is None else (before, after)
 
 
 def said(brought: dict[str, Any]) -> str:
-    """The same as a line for people, as far as it is known."""
+    """Describe a remedy's effect as a line for people, as far as it is known."""
     was, now = brought["was"], brought["now"]
     done = {
         LARGER: translate("{:.4g} times as large", now / was),

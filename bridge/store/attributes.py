@@ -1,7 +1,7 @@
-"""Reading and writing named values on a Blender mesh, in object mode and in edit mode alike.
+"""Read and write named values on a Blender mesh, in object mode and in edit mode.
 
-In edit mode Blender keeps the mesh in a BMesh of its own: reading goes through a temporary copy of it, writing goes into
-it, so that edit mode is never left and its undo holds every change.
+In edit mode Blender keeps the mesh in a separate BMesh. Reading goes through a temporary copy of it and writing goes
+into it, so that edit mode is never left and its undo covers every change.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...engine.arrays import Bool, Float, Int, Shaped
 from ...engine.errors import FlexMapsError
 
 PREFIX = "flexmaps_"
-LARGEST = 1e30  # single precision goes to 3e38; needed, as the distance from a square of a folded quad has no bound
+LARGEST = 1e30  # clip limit; single precision ends at 3e38, and a folded quad's distance from a square has no bound
 
 # attribute type -> (property of its data, numbers per element, numpy type, name of the BMesh layers). No stage writes
 # BOOLEAN, whose layers no script reaches in edit mode before Blender 4.5
@@ -32,10 +32,10 @@ KINDS: dict[str, tuple[str, int, type, str]] = {
 }
 
 
-# what we write: name without prefix -> domain, kind, least and largest value; numbers of patches and seams also lie below the
-# number of quads or edges
+# attributes that FlexMaps writes: name without prefix -> domain, kind, least and largest value; patch and seam numbers are
+# also below the number of quads or edges
 OURS: dict[str, tuple[str, str, float, float]] = {
-    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, for "seam"
+    "cut": ("EDGE", "BOOLEAN", 0, 1),  # in older files, instead of "seam"
     "seam": ("EDGE", "INT", -1, np.inf),
     "choices": ("EDGE", "INT", 0, 255),  # bit k: cut in proposal k
     "flat": ("CORNER", "FLOAT2", -LARGEST, LARGEST),
@@ -63,13 +63,13 @@ OURS: dict[str, tuple[str, str, float, float]] = {
     "wish": ("FACE", "FLOAT_VECTOR", -LARGEST, LARGEST),
     "colour": ("CORNER", "FLOAT_COLOR", -LARGEST, LARGEST),
 }
-# what older files have on faces: one width a spiral
+# widths that older files store once a face, not once a corner
 ONCE_ON_FACES = ("width", "last_width")
 
 
 @contextmanager
 def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """The object's mesh with the state that the user edits, edit mode included; of shape keys, the basis."""
+    """Yield the object's mesh as the user sees it in edit mode or outside; with shape keys, the basis."""
     if not obj.data.is_editmode:
         yield obj.data
         return
@@ -77,7 +77,7 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     try:
         bm = bmesh.from_edit_mesh(obj.data)
         bm.to_mesh(copy)
-        if obj.active_shape_key_index > 0:  # another key than the basis is being edited
+        if obj.active_shape_key_index > 0:  # the user edits another key than the basis
             layer = bm.verts.layers.shape[obj.data.shape_keys.reference_key.name]
             copy.vertices.foreach_set("co", np.array([v[layer] for v in bm.verts], np.float32).ravel())
         yield copy
@@ -86,27 +86,28 @@ def readable(obj: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
 
 
 def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """The values of an attribute, (N,) or (N, 2 to 4); ``None`` where there is none of a kind we write.
+    """Return the values of an attribute, (N,) or (N, 2 to 4).
 
-    ``None`` too where one of our names holds what we never write: any program or script can write there.
+    Widths that an older file stores once a face come once a corner. Return None where the attribute is missing, has a kind
+    that FlexMaps never writes, or holds values out of its bounds: any program or script can write there.
     """
     values = stored(mesh, name)
     return _on_corners(mesh, name, values)
 
 
 def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """As ``get``, but widths of older files as they lie there: one a face."""
+    """Return the values as ``get`` does, but leave widths of older files as they are stored, one a face."""
     values = _raw(mesh, name)
     return None if values is None or (_is_ours(name) and not fits(name, values)) else values
 
 
 def on_faces(values: Shaped[np.ndarray, " corners"]) -> Float[np.ndarray, "quads 4"]:
-    """Values of the corners of a mesh of quads, four a face."""
+    """Reshape values of the corners of a mesh of quads to four a face."""
     return values.reshape(-1, 4).astype(float)
 
 
 def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> np.ndarray | None:
-    """What an older file has once a face, for all corners of the face."""
+    """Repeat values that an older file stores once a face for all corners of the face."""
     attribute = mesh.attributes.get(name)
     if values is None or attribute is None or not _older(name, attribute):
         return values
@@ -120,7 +121,7 @@ def _older(name: str, attribute: bpy.types.Attribute) -> bool:
 
 
 def _raw(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """The values, unchecked; ``None`` where the attribute is missing, or of another domain or kind than we write."""
+    """Return the values unchecked; None where the attribute is missing or of another domain or kind than FlexMaps writes."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type not in KINDS:
         return None
@@ -138,7 +139,7 @@ def _is_ours(name: str) -> bool:
 
 
 def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
-    """Whether all values of an attribute of ours are finite and within its bounds."""
+    """Return whether all values of one of FlexMaps' attributes are finite and within its bounds."""
     return bool(_within(name, values).all())
 
 
@@ -150,9 +151,9 @@ def _within(name: str, values: Shaped[np.ndarray, "#elements ..."]) -> Bool[np.n
 
 
 def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """All attributes of ours that a mesh has, by name without the prefix: the sound ones, and the damaged ones.
+    """Return the attributes of FlexMaps on a mesh by name without the prefix: the sound ones, and the damaged ones.
 
-    Sound ones come with their values, damaged ones with the indices of the elements that hold what we never write.
+    Sound ones map to their values, damaged ones to the indices of the elements whose values are out of bounds.
     """
     sound: dict[str, np.ndarray] = {}
     unsound: dict[str, np.ndarray] = {}
@@ -165,18 +166,31 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
             else:
                 sound[name] = values
     if "cut" in sound and PREFIX + "seam" not in mesh.attributes:
-        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # cuts whose numbers nobody noted
+        sound["seam"] = np.where(sound["cut"], 0, -1).astype(np.int32)  # older files number no seams
     return sound, unsound
 
 
 def has(obj: bpy.types.Object, name: str) -> bool:
-    """Whether there is an attribute of that name, edit mode included."""
+    """Return whether the object's mesh has an attribute of that name, in edit mode too."""
     return name in obj.data.attributes
 
 
 def put(obj: bpy.types.Object, name: str, domain: str, kind: str, values: np.ndarray) -> None:
-    """Set an attribute, made anew where it is missing or of another kind; ``FLOAT2`` on ``CORNER`` is a UV map."""
-    if KINDS[kind][2] is np.float32:  # a larger value would become infinite, and the mesh not valid
+    """Set an attribute; create it anew where it is missing or of another kind.
+
+    Parameters
+    ----------
+    obj : a mesh object, in edit mode or not
+    name : name with prefix
+    domain : "POINT", "EDGE", "FACE" or "CORNER"
+    kind : a key of ``KINDS``; "FLOAT2" on "CORNER" makes a UV map
+    values : (N,) or (N, 2 to 4), in Blender's order of elements
+
+    Raises
+    ------
+    FlexMapsError where the mesh has no room for another UV map.
+    """
+    if KINDS[kind][2] is np.float32:  # larger values would overflow to infinity and make the mesh invalid
         values = np.clip(values, -LARGEST, LARGEST)
     if obj.data.is_editmode:
         _put_bmesh(obj.data, name, domain, kind, values)
@@ -209,7 +223,7 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
     layers = getattr(_sequence(bm, domain).layers, KINDS[kind][3])
     layer = layers.get(name)
     if layer is None:
-        if name in mesh.attributes:  # of another kind or domain
+        if name in mesh.attributes:  # exists with another kind or domain
             mesh.attributes.remove(mesh.attributes[name])
         layer = layers.new(name)
     rows = np.asarray(values, dtype=KINDS[kind][2]).tolist()
@@ -228,7 +242,7 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
 
 
 def remove(obj: bpy.types.Object, name: str) -> None:
-    """Remove an attribute where there is one, edit mode included."""
+    """Remove an attribute if it exists, in edit mode too."""
     if name in obj.data.attributes:
         obj.data.attributes.remove(obj.data.attributes[name])
         if obj.data.is_editmode:
@@ -236,7 +250,7 @@ def remove(obj: bpy.types.Object, name: str) -> None:
 
 
 def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
-    """Mark the UV seams, in the order of Blender's edges."""
+    """Mark the UV seams, one flag an edge in Blender's order."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
         for edge, seam in zip(bm.edges, seams.tolist(), strict=True):
@@ -248,7 +262,7 @@ def put_seams(obj: bpy.types.Object, seams: Bool[np.ndarray, " edges"]) -> None:
 
 
 def put_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 3"]) -> None:
-    """Move the vertices, in the object's own frame."""
+    """Move the vertices to positions in the object's own frame."""
     if obj.data.is_editmode:
         bm = bmesh.from_edit_mesh(obj.data)
         for vertex, position in zip(bm.verts, positions.tolist(), strict=True):
@@ -261,7 +275,7 @@ def put_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 
 
 
 def select(obj: bpy.types.Object, faces: Int[np.ndarray, " faces"], edges: Int[np.ndarray, " edges"]) -> None:
-    """Select these faces and edges of Blender's mesh and nothing else."""
+    """Select exactly these faces and edges of Blender's mesh."""
     mesh = obj.data
     if mesh.is_editmode:
         bm = bmesh.from_edit_mesh(mesh)

@@ -1,4 +1,4 @@
-"""A file of translations as the table that Blender takes."""
+"""Convert a file of translations to the table that Blender takes."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from pathlib import Path
 from ...engine.params import SHOWN, ObjectSettings
 from .i18n import CONTEXT
 
-CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's names, of what stands anywhere and of buttons, and our own
+CONTEXTS = ("*", "Operator", CONTEXT)  # Blender's default context, its context of buttons, and our own
 
 
 def table(file: Path) -> dict[tuple[str, str], str]:
-    """What Blender wants of a language: (context, English text) -> translation; only what is translated and sure.
+    """Return (context, English text) -> translation for a language, of the entries that are translated and not fuzzy.
 
-    A message stands for the other context too where that has none of its own, names of settings also with their units.
+    A message also stands for every context in which it has no entry of its own; names of settings also with their units.
     """
     import polib
 
@@ -25,6 +25,6 @@ def table(file: Path) -> dict[tuple[str, str], str]:
             label, unit = f.metadata["label"], SHOWN[f.metadata["unit"]][1]
             if unit and (CONTEXTS[0], label) in known:
                 known[CONTEXTS[0], f"{label} ({unit})"] = f"{known[CONTEXTS[0], label]} ({unit})"
-    # where the contexts differ, what stands anywhere is ours too
+    # where contexts differ, the default context wins for ours too
     ordered = sorted(known.items(), key=lambda entry: entry[0][0] == CONTEXTS[0])
     return {(context, text): words for context in CONTEXTS for (_, text), words in ordered} | known

@@ -1,6 +1,6 @@
-"""Checksums of what stages are made from, part by part: the shape, the seams, the spirals, a section of the settings.
+"""Checksums of the inputs of stages, by part: the shape, the seams, the spirals, a section of the settings.
 
-They are asked for at every redraw, so they are quick: in edit mode a large mesh counts as edit mode found it.
+Every redraw computes them, so they must be quick: of a large mesh in edit mode they cover the mesh as edit mode found it.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ...engine.arrays import Float
 from ...engine.runs import stages
 from . import attributes, handles, pose, seen, settings
 
-MANY = 20_000  # edges, up to which a mesh in edit mode is read edge by edge at a redraw (some milliseconds)
+MANY = 20_000  # edges up to which a mesh in edit mode is read edge by edge at a redraw; larger slows redraws (some ms here)
 
 
 class Checksums:
-    """Checksums of an object as it is now, by part; each is computed on demand, unless it is ``known``."""
+    """Checksums of an object's present state, by part; each is computed on demand unless ``known`` has it."""
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, str] | None = None):
         self._obj, self._scene = obj, scene
@@ -41,7 +41,7 @@ class Checksums:
         return self._known[part]
 
     def _shape(self) -> bytes:
-        """Vertices, faces and size; position and rotation do not matter."""
+        """Return vertices, faces and size as bytes; position and rotation do not matter."""
         mesh = self._obj.data
         bm = self._edited()
         if bm is not None:
@@ -59,9 +59,9 @@ class Checksums:
         return positions.tobytes() + corners.tobytes() + rest.encode() + seen.state(self._obj)
 
     def _edited(self) -> bmesh.types.BMesh | None:
-        """The mesh that is being edited, which is ahead of the object's; None outside edit mode, or where reading takes too long.
+        """Return the BMesh of edit mode, newer than the object's mesh; None outside edit mode or where it is too large.
 
-        Of shape keys only the basis is what stages read; while another one is edited, the mesh is as edit mode found it.
+        Stages read only the basis. While another shape key is edited, the mesh as edit mode found it counts.
         """
         mesh = self._obj.data
         if not mesh.is_editmode or len(mesh.edges) > MANY or self._obj.active_shape_key_index > 0:
@@ -79,12 +79,12 @@ class Checksums:
         return seams.tobytes()
 
     def _values(self, *names: str) -> bytes:
-        """Attributes of ours on the faces and their corners, as they are stored."""
+        """Return the named attributes of faces and corners as bytes, as they are stored."""
         mesh = self._obj.data
         if not mesh.is_editmode:
-            found = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
-            return b"".join(b"" if values is None else values.tobytes() for values in found)
-        bm = bmesh.from_edit_mesh(mesh)  # while it is edited, the mesh itself has none
+            stored = (attributes.stored(mesh, attributes.PREFIX + name) for name in names)
+            return b"".join(b"" if values is None else values.tobytes() for values in stored)
+        bm = bmesh.from_edit_mesh(mesh)  # in edit mode the mesh itself has no attribute data
         faces = bm.faces
         data = b""
         for name in names:
@@ -101,22 +101,20 @@ class Checksums:
         return data
 
     def _down(self) -> bytes:
-        """The direction of weight and forces in the object's frame; empty where there are none."""
-        given = getattr(self._obj, "flexmaps", None)
-        if given is None or not (
-            given.simulate.gravity or given.loads.force_x or given.loads.force_y or given.loads.force_z
-        ):
+        """Return the direction of weight and forces in the object's frame as bytes; empty without weight and forces."""
+        own = getattr(self._obj, "flexmaps", None)
+        if own is None or not (own.simulate.gravity or own.loads.force_x or own.loads.force_y or own.loads.force_z):
             return b""
         return _rounded(self._frame).encode()
 
     def _settings(self, name: str) -> bytes:
-        given = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
+        own = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
         section, but = stages.section_of(name)
-        found = b"" if given is None else settings.changed(getattr(given, section), but).encode()
-        return found + self._values(handles.HELD, handles.PULL) if section == "loads" else found
+        text = b"" if own is None else settings.changed(getattr(own, section), but).encode()
+        return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text
 
 
 def _rounded(matrix: Float[np.ndarray, "rows columns"]) -> str:
-    """A matrix without the noise of its last digits."""
+    """Return a matrix as text, rounded to 4 digits of its largest entry."""
     size = max(float(np.abs(matrix).max()), 1e-30)
     return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"

@@ -1,4 +1,4 @@
-"""The layouts that were compared, on the edges of the mesh, so that another one can be taken later."""
+"""Compared layouts, kept on the edges of the mesh, so that another one can be taken later."""
 
 from __future__ import annotations
 
@@ -16,7 +16,14 @@ NAME = attributes.PREFIX + "choices"
 
 
 def write(obj: bpy.types.Object, surface: Surface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
-    """Note where every layout cuts, in the engine's order of edges: bit k of an edge's number stands for layout k."""
+    """Store where every layout cuts: bit k of an edge's number stands for layout k.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    cuts : for each layout a flag an edge, in the engine's order
+    """
     bits = np.zeros(len(surface.pairs), dtype=np.int64)
     for k, cut in enumerate(cuts):
         bits[surface.edge_of] |= cut.astype(np.int64) << k
@@ -24,7 +31,17 @@ def write(obj: bpy.types.Object, surface: Surface, cuts: Sequence[Bool[np.ndarra
 
 
 def cuts_of(surface: Surface, number: int) -> Bool[np.ndarray, " edges"]:
-    """Where a layout cuts, in the engine's order of edges; raises ``FlexMapsError`` where there are none."""
+    """Return where a layout cuts, in the engine's order of edges.
+
+    Parameters
+    ----------
+    surface : the surface with its attributes
+    number : number of the layout, from 0 on
+
+    Raises
+    ------
+    FlexMapsError where the mesh holds no layouts.
+    """
     bits = surface.values.get(NAME.removeprefix(attributes.PREFIX))
     if bits is None:
         raise FlexMapsError("The layouts that were compared are not on this mesh any more; press Choose again")

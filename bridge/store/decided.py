@@ -1,4 +1,4 @@
-"""What a maker decides at once and Blender or the settings keep in several places: the size of a piece, and how it rests."""
+"""Decisions that Blender or the settings keep in several places: the size of a piece, how it rests, its border arms."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ...engine.params import SpiralParams
 from . import objects
 from .i18n import CONTEXT
 
-MILLIMETRES = 1e3  # in a metre
+MILLIMETRES = 1e3  # millimetres in a metre
 RESTS = (
     ("FREE", "Free", "Nothing holds the piece"),
     ("STANDS", "Stands", "It stands on the quads that are held, at first the lowest"),
     ("HANGS", "Hangs", "It hangs by holes in the hubs of the quads that are held, at first the highest"),
 )
 BORDERS = SpiralParams.__dataclass_fields__["border"].metadata["choices"]
-LEVEL = 0.25  # edges: vertices at most so far from the lowest one are held too, at first; by eye
+LEVEL = 0.25  # edge lengths above the lowest vertex within which vertices are held at first; larger holds more; by eye
 
 
 def _size(obj: Any) -> tuple[float, float, float]:
-    """Millimetres along the object's own axes, as its mesh is without modifiers and shapes at rest."""
+    """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
     unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, obj.dimensions
     if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
         points = np.empty(3 * len(mesh.vertices), np.float32)
@@ -34,7 +34,7 @@ def _size(obj: Any) -> tuple[float, float, float]:
 
 
 def _set_size(obj: Any, wanted: Any) -> None:
-    """Scale the object by the length that was changed; the wanted edge of quads goes with it, so that the size holds."""
+    """Scale the object by the length that was changed most, and the wanted quad edge too, so that remeshing keeps the size."""
     factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
     if factor == 1.0 or any(obj.lock_scale):
@@ -47,7 +47,7 @@ def _set_size(obj: Any, wanted: Any) -> None:
 
 
 def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Metres: about the edge of its quads, or of those that Quad remesh will make of it."""
+    """Return about the quad edge in metres: of the object's quads, or of those that Quad remesh will make."""
     mesh = obj.data
     if len(mesh.loops) == 4 * len(mesh.polygons):
         return objects.quad_edge(obj, scene)
@@ -58,18 +58,18 @@ def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def has_border(mesh: bpy.types.Mesh) -> bool:
-    """Whether some edge bounds one face alone, by counts; for every redraw."""
+    """Return whether some edge bounds one face only, judged by counts, quick enough for every redraw."""
     return 2 * len(mesh.edges) > len(mesh.loops)
 
 
 def border_of(obj: bpy.types.Object) -> str:
-    """What becomes of the arms at an open border: left out, as they would end in the air, where nobody has chosen and nothing is cut yet."""
+    """Return the treatment of border arms: "left_out" as long as the user has chosen nothing and nothing is cut."""
     spiral, cut = obj.flexmaps.spiral, "flexmaps_flat" in obj.data.attributes
     return "left_out" if has_border(obj.data) and not cut and not spiral.is_property_set("border") else spiral.border
 
 
 def settle_border(obj: bpy.types.Object) -> None:
-    """Keep what becomes of the arms at an open border with all objects that share the mesh, as they share its panels."""
+    """Store the treatment of border arms in all objects that share the mesh, because they share its panels."""
     if not has_border(obj.data):
         return
     for other in bpy.data.objects:
@@ -104,7 +104,7 @@ def _set_rests(obj: Any, number: int) -> None:
 
 
 def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
-    """The lowest or highest vertices in the world."""
+    """Return the lowest or highest vertices in world coordinates."""
     if not len(obj.data.vertices):
         return []
     points = np.empty(3 * len(obj.data.vertices), np.float32)
@@ -116,7 +116,7 @@ def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
 
 
 def border(obj: bpy.types.Object) -> list[int]:
-    """The vertices of edges of one face."""
+    """Return the vertices on edges of one face."""
     mesh = obj.data
     edges, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
     mesh.loops.foreach_get("edge_index", edges)
@@ -126,7 +126,7 @@ def border(obj: bpy.types.Object) -> list[int]:
 
 
 def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
-    """Let the piece be held at these vertices; those that were held before are let go."""
+    """Hold the piece at these vertices only."""
     from . import supports  # scipy comes with it
 
     group = obj.vertex_groups.get(supports.GROUP) or obj.vertex_groups.new(name=supports.GROUP)

@@ -1,16 +1,14 @@
-"""The simulated shape on a Blender mesh, as shape keys and face attributes, and whether it is out of date.
+"""The simulated shape on a Blender mesh, as shape keys and face attributes.
 
-What is written:
-
-    FlexMaps equilibrium     shape key   where the assembled piece comes to rest; the basis stays the target
-    FlexMaps other shape 1   shape key   where it can rest as well, if that was looked for; the next one is 2, ...
-    flexmaps_distance        face        how far the hub is from the target, millimetres
-    flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
-    flexmaps_strain          face        largest strain, as a share of what the material bears; not of every model
-    flexmaps_slot            face        narrowest slot beside its arms in that shape, millimetres; negative where arms overlap
-    flexmaps_reach           face        what limits the match with the target, a number into ``engine/optimisation/reach.py``'s kinds
-    flexmaps_utilisation     face        the most that arms carry under the load cases, as a share of what they bear, see ``operators/structure.py``
-    flexmaps_hub             face        where the hubs are, see ``pose``
+FlexMaps equilibrium     shape key   shape of the assembled piece at rest; the basis stays the target
+FlexMaps other shape 1   shape key   another shape at rest, if one was found; then 2, ...
+flexmaps_distance        face        distance of the hub from the target, millimetres
+flexmaps_strain_energy   face        elastic energy of the spiral, millijoules
+flexmaps_strain          face        largest strain as a share of the material's limit, if the arm model yields strains
+flexmaps_slot            face        narrowest slot beside its arms, millimetres; negative where arms overlap
+flexmaps_reach           face        what limits the match, an index into the kinds of ``engine/optimisation/reach.py``
+flexmaps_utilisation     face        largest utilisation of the arms over all load cases, see ``operators/structure.py``
+flexmaps_hub             face        position of the hub, see ``pose``
 """
 
 from __future__ import annotations
@@ -44,7 +42,7 @@ NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "re
 
 
 def forget(obj: bpy.types.Object) -> None:
-    """Remove everything that a simulation wrote: an earlier stage made it out of date."""
+    """Remove everything that a simulation wrote, because an earlier stage made it out of date."""
     for name in (*NAMES, REACH, UTILISATION):
         attributes.remove(obj, attributes.PREFIX + name)
     pose.forget(obj)
@@ -53,11 +51,11 @@ def forget(obj: bpy.types.Object) -> None:
 
 
 def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
-    """Remove shape keys, and a basis that they leave by itself."""
+    """Remove shape keys, and the basis if no other key is left."""
     mesh = obj.data
     if not keys:
         return
-    if mesh.is_editmode:  # the BMesh would bring the keys back; a basis by itself does no harm there
+    if mesh.is_editmode:  # else the BMesh would restore the keys; a lone basis does no harm there
         import bmesh
 
         shapes = bmesh.from_edit_mesh(mesh).verts.layers.shape
@@ -76,9 +74,15 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
 def write(
     obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach | None
 ) -> None:
-    """Shape keys and face attributes of a simulation, and what limits its match with the target, where that is known.
+    """Store a simulation as shape keys and face attributes; leave edit mode, which shows no shape keys.
 
-    Edit mode is left: shape keys are seen outside it.
+    Parameters
+    ----------
+    obj : the mesh object
+    scene : its scene
+    surface : the surface that was simulated
+    simulation : the result
+    limits : what limits the match with the target, or None if unknown
     """
     from ...engine.simulation.simulate import carried
 
@@ -95,7 +99,7 @@ def write(
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
         obj.shape_key_remove(obj.data.shape_keys.key_blocks[name])
     if not obj.show_only_shape_key:
-        obj.active_shape_key_index = 0  # edit mode goes on showing and editing the target
+        obj.active_shape_key_index = 0  # so that edit mode shows and edits the target
     slots = simulation.slots()
     room = None if slots is None else 1e3 * slots.of_quads
     values_of = simulation.distance * 1e3, simulation.energy * 1e3, simulation.strain, room
@@ -116,12 +120,12 @@ def write(
 def _put_key(
     obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, name: str, vertices: Float[np.ndarray, "used 3"]
 ) -> None:
-    """The shape key of that name at the engine's vertices, metres in world axes; those of no quad stay."""
+    """Set a shape key to the engine's vertices, (used, 3) in metres and world axes; vertices without a quad stay."""
     inverse = np.linalg.inv(surface.to_metres)
     positions = surface.positions.astype(float).copy()
-    used = np.unique(surface.polygons.corners)  # the engine knows no others
+    used = np.unique(surface.polygons.corners)  # the engine knows only vertices of faces
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
-    positions[used] += there - surface.seen[used]  # the user's keys and modifiers go on moving it
+    positions[used] += there - surface.seen[used]  # the user's keys and modifiers still apply on top
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
 
@@ -137,45 +141,45 @@ def _put_key(
     put(positions)
 
 
-# -- whether it is good, and still true ------------------------------------------------------------------------------------------
+# -- findings and validity -----------------------------------------------------------------------------------------------
 
 
 def sound(block: dict[str, Any]) -> bool:
-    """Whether a simulation found an equilibrium that can be relied on; otherwise its ``status`` says what is wrong."""
+    """Return whether a simulation found a reliable equilibrium; otherwise its ``status`` says what is wrong."""
     return bool(block.get("converged")) and not block.get("locked")
 
 
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
-    """What a simulation found, for people, and whether that is a warning."""
+    """Describe a simulation's result for people; return the text, and whether it is a warning."""
     away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
     said, band = remarks(block), block.get("band", {}).get("text")
-    return " ".join(map(_ended, [block["status"], away, *([band] if band else []), *said])), bool(said) or not sound(
-        block
-    )
+    return " ".join(map(_with_full_stop, [block["status"], away, *([band] if band else []), *said])), bool(
+        said
+    ) or not sound(block)
 
 
-def _ended(text: str) -> str:
-    """With a full stop, which findings that stand in lists do without."""
+def _with_full_stop(text: str) -> str:
+    """Add a full stop, which findings shown in lists lack."""
     return text if text.endswith((".", "!", "?")) else f"{text}."
 
 
 def strained(block: dict[str, Any]) -> bool:
-    """Return whether the largest strain lies beyond what the material bears for sure."""
+    """Return whether the largest strain is beyond the material's limit with its margin."""
     return block.get("strain_share_max", 0.0) > STRAINED
 
 
 def warnings(block: dict[str, Any]) -> list[str]:
-    """What speaks against making a piece that was simulated; nothing of one that was not."""
+    """Return what speaks against making a simulated piece; nothing for a piece without a simulation."""
     return ([] if not block or sound(block) else [block["status"]]) + remarks(block)
 
 
 def remarks(block: dict[str, Any]) -> list[str]:
-    """What else a simulation warns of; that it found no equilibrium stands in its ``status``."""
+    """Return the other warnings of a simulation; a missing equilibrium is in its ``status``."""
     return [sentence(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
 
 
 def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
-    """A finding of a simulation as a sentence."""
+    """Return a finding of a simulation as a sentence."""
     if finding["code"] != "strained":
         return finding["message"]
     broken = (
@@ -188,7 +192,7 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
 
 
 def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the findings of a simulation with one for every code: where several bodies have it, their messages are its lines."""
+    """Merge the findings of a simulation by code; the messages of several bodies become lines of one message."""
     found: dict[str, dict[str, Any]] = {}
     for row in findings:
         first = found.setdefault(row["code"], row)
@@ -199,7 +203,13 @@ def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:
-    """The pose of a simulation that is sound and up to date; else ``None``."""
+    """Return the pose of a simulation that is sound and up to date; else None.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    surface : the object's surface, for its frame
+    """
     block = notes.read(obj.data).get("equilibrium")
     if block is None or not sound(block) or out_of_date(obj, scene):
         return None
@@ -207,7 +217,7 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> 
 
 
 def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"] | None) -> None:
-    """The most that the arms of every spiral carry under any load, as a share of what they bear; None where no model tells."""
+    """Store the largest utilisation of every spiral's arms over all loads; None removes it, where the arm model yields none."""
     if values is None:
         attributes.remove(obj, attributes.PREFIX + UTILISATION)
     else:
@@ -215,5 +225,5 @@ def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]
 
 
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
-    """Whether there is a simulation of an earlier mesh or of earlier settings."""
+    """Return whether a stage's stored result belongs to an earlier mesh or earlier settings."""
     return states.is_old(obj, scene, stage)

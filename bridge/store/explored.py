@@ -1,4 +1,4 @@
-"""The candidates that an object keeps: those worth choosing among, with what was varied and what came of it."""
+"""The candidates of an exploration that an object keeps: the Pareto front, with what was varied and measured."""
 
 from __future__ import annotations
 
@@ -19,27 +19,37 @@ NAME = "flexmaps_explored"
 
 
 def write(obj: bpy.types.Object, report: Mapping[str, Any]) -> None:
-    """Keep the front of an exploration's report, the best first."""
+    """Keep the front of an exploration's report, the best candidate first."""
     numbers = dict.fromkeys([*([] if report["best"] is None else [report["best"]]), *report["front"]])
     rows = [{key: report["candidates"][k][key] for key in ("values", "measures")} for k in numbers]
     obj[NAME] = json.dumps({"note": report["note"], "tried": len(report["candidates"]), "rows": rows})
 
 
 def read(obj: bpy.types.Object) -> dict[str, Any] | None:
-    """What is kept; None where nothing is, or something else."""
+    """Return the kept candidates; None where there are none, or the data is damaged."""
     text = obj.get(NAME)
     with suppress(ValueError, TypeError, KeyError, AttributeError):
-        found = json.loads(text)
-        sound = isinstance(found["note"], str) and isinstance(found["tried"], int)
-        for row in found["rows"]:
+        kept = json.loads(text)
+        sound = isinstance(kept["note"], str) and isinstance(kept["tried"], int)
+        for row in kept["rows"]:
             sound &= isinstance(row["values"], dict) and row["measures"].keys() <= MEASURES.keys()
             sound &= all(isinstance(value, int | float) for value in row["measures"].values())
-        return found if sound else None
+        return kept if sound else None
     return None
 
 
 def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]) -> None:
-    """Give the object the settings and the size of a candidate. Raises ``FlexMapsError`` for what cannot be set."""
+    """Give the object the settings and the size of a candidate.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    values : "section.name", "edge" or "height" -> value
+
+    Raises
+    ------
+    FlexMapsError for a value that cannot be set.
+    """
     wanted = changed(
         settings.read(obj.flexmaps, ObjectSettings),
         {name: value for name, value in values.items() if name not in SIZES},
@@ -50,20 +60,20 @@ def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]
 
 
 def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Median edge of the object's quads, millimetres."""
+    """Return the median edge of the object's quads in millimetres."""
     from ...engine.runs import job
     from . import mesh
 
-    bpy.context.view_layer.update()  # a scale that was set a moment ago counts
+    bpy.context.view_layer.update()  # so that a scale set a moment ago counts
     return 1e3 * float(job.begin(mesh.read_surface(obj, scene).polygons).mesh.median_edge)
 
 
 def said(name: str, found: Any) -> str:
-    """A value with its unit, in the words of the place where it is set."""
+    """Return a value with its unit, in the words of its setting."""
     section, _, short = ("remesh.edge" if name == "edge" else name).partition(".")
     block = {f.name: f.default_factory for f in fields(ObjectSettings)}.get(section)
     known = [f for f in fields(block) if f.name == short] if block is not None else []  # type: ignore[arg-type]
-    if not known:  # of another version
+    if not known:  # a setting of another version
         return f"{name} {found}"
     meta = known[0].metadata
     for key, label, _ in meta["choices"]:

@@ -1,4 +1,4 @@
-"""Stages that failed, kept on the mesh with what they were given, so that *Next* never offers the same act with the same input."""
+"""Failed stages, kept on the mesh with their inputs, so that *Next* never offers the same action with the same input."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from . import notes
 from .checksums import Checksums
 from .states import OF_SETTINGS, PARTS
 
-NAME = "flexmaps_failed"  # operator's idname -> what it was given, and what it said
-LET_GO = "flexmaps_let_go"  # key of a notice -> the sentence that somebody has let go
+NAME = "flexmaps_failed"  # operator's idname -> its inputs and its message
+LET_GO = "flexmaps_let_go"  # key of a notice -> the sentence that the user dismissed
 TRIED = "flexmaps_tried"  # call of a cure that *Next* pressed -> how often
-# operator -> block of the notes whose parts it depends on; of all others every part counts
+# operator -> block of the notes on whose parts it depends; every other operator depends on all parts
 WRITES = {
     "flexmaps.flatten": "layout", "flexmaps.merge": "layout", "flexmaps.trace": "layout", "flexmaps.update_from_seams": "layout",
     "flexmaps.spirals": "spirals", "flexmaps.simulate": "equilibrium", "flexmaps.optimise": "optimise",
@@ -23,60 +23,71 @@ WRITES = {
 
 
 def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: FlexMapsError) -> None:
-    """Note that an operator failed, with its culprits and what it was given."""
+    """Store that an operator failed, with the culprits and checksums of its inputs.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    idname : the operator
+    error : its error
+    """
     said: dict[str, Any] = {
         "message": str(error),
         "faces": error.faces,
         "edges": error.edges,
-        "given": _given(obj, scene, idname),
+        "given": _input_checksums(obj, scene, idname),
     }
     said |= {} if error.quads is None else {"quads": error.quads}
     notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: said})
 
 
 def clear(obj: bpy.types.Object, idname: str) -> None:
-    """Forget the failure of an operator, which has succeeded since."""
+    """Forget the failure of an operator that has succeeded since."""
     failed = notes.get_text(obj.data, NAME)
     if idname in failed:
         notes.put_text(obj.data, NAME, {name: said for name, said in failed.items() if name != idname})
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, Any]]:
-    """The operators that would fail again, being given what they failed with; each with ``message``, ``faces``, ``edges`` and,
-    where so many quads mend it, ``quads``."""
+    """Return the operators that would fail again, because their inputs are unchanged.
+
+    Returns
+    -------
+    idname -> ``message``, ``faces``, ``edges`` and, where remeshing to so many quads would help, ``quads``.
+    """
     failed = notes.get_text(obj.data, NAME)
-    return {name: said for name, said in failed.items() if said["given"] == _given(obj, scene, name)}
+    return {name: said for name, said in failed.items() if said["given"] == _input_checksums(obj, scene, name)}
 
 
-def _given(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str) -> dict[str, str]:
+def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str) -> dict[str, str]:
     now = Checksums(obj, scene)
     parts = PARTS[WRITES[idname]] if idname in WRITES else ("shape", *sorted(OF_SETTINGS))
     return {part: now[part] for part in parts}
 
 
 def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
-    """Note that somebody goes on in spite of a notice, as long as it says the same."""
+    """Store that the user dismissed a notice, as long as its sentence stays the same."""
     notes.put_text(mesh, LET_GO, notes.get_text(mesh, LET_GO) | {key: sentence})
 
 
 def is_let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
-    """Whether somebody has seen a notice with this sentence and went on."""
+    """Return whether the user dismissed a notice with this sentence."""
     return notes.get_text(mesh, LET_GO).get(key) == sentence
 
 
 def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
-    """Note that *Next* pressed a cure, so that it offers another one if that was not enough."""
+    """Count that *Next* pressed a cure, so that it offers another one if that was not enough."""
     tried = notes.get_text(mesh, TRIED)
     notes.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
 
 
 def tried(mesh: bpy.types.Mesh) -> set[str]:
-    """The calls of the cures that *Next* has pressed."""
+    """Return the calls of the cures that *Next* has pressed."""
     return set(notes.get_text(mesh, TRIED))
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
-    """What was tried and let go holds for the mesh that takes the place of another one, too."""
+    """Copy pressed cures and dismissed notices to the mesh that replaces another one."""
     for name in (TRIED, LET_GO):
         kept = notes.get_text(old, name)
         if kept:

@@ -1,4 +1,4 @@
-"""Numbers that a user has put on an object with Blender's own tools, as one a quad: weights, colours, marks."""
+"""Values that a user has put on an object with Blender's own tools, as one number a quad: weights, colours, marks."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from . import attributes, objects
 if TYPE_CHECKING:
     from .surface import Surface
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear red, green and blue (ITU-R BT.709)
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear red, green and blue (ITU-R BT.709)
 PROTECT = attributes.PREFIX + "protect"
 
 
 def names(obj: bpy.types.Object) -> list[str]:
-    """What ``of`` can read: vertex groups, then colours, then other numbers on the mesh that are not ours or Blender's own."""
+    """Return the names that ``of`` can read: vertex groups, colours, and numbers that are neither FlexMaps' nor Blender's own."""
     groups = [group.name for group in obj.vertex_groups]
     usable = [
         a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
@@ -28,9 +28,21 @@ def names(obj: bpy.types.Object) -> list[str]:
 
 
 def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, " quads"]:
-    """A vertex group's weights, a colour's brightness, or any numbers of that name, from 0 to 1 as they are; a mean over each quad.
+    """Return a vertex group's weights, a colour's brightness or other numbers as means over the quads, clipped to 0 to 1.
 
-    Raises ``FlexMapsError`` where there is nothing of that name, or nothing that can be read.
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    name : name of the group, colour or attribute
+
+    Returns
+    -------
+    (F,) from 0 to 1.
+
+    Raises
+    ------
+    FlexMapsError where nothing has that name, or it holds no finite numbers.
     """
     with attributes.readable(obj) as data:
         group = obj.vertex_groups.get(name)
@@ -45,15 +57,15 @@ def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, 
         kind = bool if attribute.data_type == "BOOLEAN" else np.int32 if attribute.data_type == "INT" else np.float32
         values: np.ndarray = np.empty(width * len(attribute.data), kind)
         attribute.data.foreach_get(prop, values)
-        seen = values.reshape(-1, width).astype(float)
-        found = _over_quads(surface, seen[:, :3] @ LUMINANCE if width > 1 else seen[:, 0], attribute.domain)
-    if not np.isfinite(found).all():
+        rows = values.reshape(-1, width).astype(float)
+        means = _over_quads(surface, rows[:, :3] @ LUMINANCE if width > 1 else rows[:, 0], attribute.domain)
+    if not np.isfinite(means).all():
         raise FlexMapsError(f"'{name}' of '{obj.name}' holds something that is no number; mend it, or take another one")
-    return found
+    return means
 
 
 def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
-    """The same of an object that was read earlier."""
+    """Return the field of that name, as ``of`` does, of an object that was read earlier."""
     from . import mesh
 
     obj = objects.find(uid)
@@ -61,7 +73,7 @@ def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
 
 
 def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
-    """Mark the spirals that Optimise has to leave as they are, and no others; takes the marks away where there are none."""
+    """Mark exactly these spirals as protected from Optimise; None or an empty array removes the marks."""
     if quads is None or not len(quads):
         attributes.remove(obj, PROTECT)
         return
@@ -71,23 +83,23 @@ def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> No
 
 
 def protected(obj: bpy.types.Object) -> int:
-    """How many spirals are marked so; cheap enough for a panel. 0 in edit mode, where nothing is painted."""
-    found = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
-    return 0 if found is None else int(found.sum())
+    """Return how many spirals are protected, quick enough for a panel; 0 in edit mode, where nothing is painted."""
+    marks = None if obj.data.is_editmode else attributes.get(obj.data, PROTECT)
+    return 0 if marks is None else int(marks.sum())
 
 
 def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) -> None:
-    """How stiff every spiral is, N mm/rad; any other design drops it."""
+    """Store the stiffness of every spiral in N mm/rad; any change of the design removes it."""
     attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
 
 
 def _weights(data: bpy.types.Mesh, index: int) -> Float[np.ndarray, " vertices"]:
-    """Of a vertex group; 0 for vertices outside it."""
+    """Return the weights of a vertex group, 0 for vertices outside it."""
     return np.array([next((g.weight for g in v.groups if g.group == index), 0.0) for v in data.vertices])
 
 
 def _over_quads(surface: Surface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
-    """Values of vertices, faces or corners, in Blender's order, as means over the faces, from 0 to 1."""
+    """Average values of vertices, faces or corners, in Blender's order, over each face, and clip to 0 to 1."""
     sizes = surface.polygons.sizes
     if domain != "FACE":
         at = surface.loops if domain == "CORNER" else surface.polygons.corners
@@ -100,7 +112,7 @@ def _own(name: str) -> bool:
     return name.startswith((attributes.PREFIX, ".")) or name in {"sharp_face", "sharp_edge", "material_index"}
 
 
-# kinds of attributes that are read: the property of their data, and numbers an element
+# attribute types that can be read -> property of their data, numbers per element
 _KINDS = {
     "FLOAT": ("value", 1),
     "INT": ("value", 1),

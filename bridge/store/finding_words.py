@@ -1,10 +1,10 @@
-"""The words of findings: two or three for a row of the sidebar, and how bad each is."""
+"""Short labels of findings for the rows of the sidebar, and their severity."""
 
 from __future__ import annotations
 
 ORDER = STOPS, BREAKS, WORSE, INFORMATION = "stops", "breaks", "worse", "information"
 
-# findings by code: two or three words with their count, and how bad it is (of a check's error that does not count)
+# finding's code -> label, with its count, and severity (the severity does not apply to errors of the check, which all stop)
 WORDS = {
     "no-faces": ("No faces", STOPS),
     "bad-index": ("Damaged mesh", STOPS),
@@ -59,13 +59,13 @@ WORDS = {
     "overstrained": ("{} too loaded", BREAKS),
     "joints-overloaded": ("Weak joints: {}", BREAKS),
 }
-# block of the results -> its sentences that warn, and the words of one and of several
+# block of the results -> its list of warnings, label for one warning, label for several
 SAID = {
     "layout": ("remarks", "Panels at a limit", "Panels at a limit: {}"),
     "assembly": ("warnings", "Hard to assemble", "Hard to assemble: {}"),
     "sheets": ("warnings", "On the sheets", "On the sheets: {}"),
 }
-# operator that failed -> its words
+# operator that failed -> label
 FAILED = {
     "flexmaps.quad_remesh": "No quads found",
     "flexmaps.merge": "No layout found",

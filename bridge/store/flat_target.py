@@ -6,11 +6,11 @@ import bpy
 
 from . import notes
 
-NOTE = "flat_target"  # in the layout's block
+NOTE = "flat_target"  # key in the layout's block
 
 
 def passed_over(obj: bpy.types.Object) -> bool:
-    """Whether there is nothing to simulate or search for: the target is flat, and nothing pulls at it."""
-    given = obj.flexmaps
-    pulled = given.simulate.gravity or any((given.loads.force_x, given.loads.force_y, given.loads.force_z))
-    return bool(notes.read(obj.data).get("layout", {}).get(NOTE)) and not pulled
+    """Return whether simulation and optimisation can be skipped: the target is flat, and no weight or force acts."""
+    own = obj.flexmaps
+    loaded = own.simulate.gravity or any((own.loads.force_x, own.loads.force_y, own.loads.force_z))
+    return bool(notes.read(obj.data).get("layout", {}).get(NOTE)) and not loaded

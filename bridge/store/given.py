@@ -1,4 +1,4 @@
-"""What a live piece is given, read from an object in whatever mode it is: a few milliseconds, however many spirals."""
+"""The input of a live piece, read from an object in any mode within a few milliseconds, however many spirals it has."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from .objects import changed_by_modifiers
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> Given:
-    """Everything that the shape of a piece depends on. Raises FlexMapsError where there are no spirals, or no supports of that name."""
+    """Return everything that the shape of a piece depends on.
+
+    Raises
+    ------
+    FlexMapsError where the object has no spirals, modifiers change its faces, or no vertex group has the supports' name.
+    """
     problem = changed_by_modifiers(obj)
     if problem:
         raise FlexMapsError(problem)

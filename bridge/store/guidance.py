@@ -1,11 +1,11 @@
-"""What the head of the sidebar says of an object: what *Next* does, one status line, and what there is to look at.
+"""The head of the sidebar for an object: what *Next* does, one status line, and the notices.
 
     seen = guidance.of(obj, scene)
     seen.act.label      # "Next: Lay out the panels"
     seen.status.text    # "484 quads, spirals of 15 mm", at most 34 letters
     seen.notices        # worst first, each with its cures
 
-The report and the command line tell the same.
+The report and the command line use it too.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .i18n import interface, panels
 from .next_button import Act
 from .notices import Notice
 
-LETTERS = 34  # of the status line at most, in every language
+LETTERS = 34  # letters of the status line at most, in every language; more would not fit the sidebar
 NEUTRAL, TICK, LOOK, STOPPED, REDO = "neutral", "tick", "look", "stopped", "redo"  # signs of the status line
 CHANGED = {"seams": "Seams changed", "shape": "Mesh changed", "design": "Spirals changed"}
 SETTING = "Settings changed"
-# by the first stage that is out of date, where an earlier one was made anew
+# reason by the first stage that is out of date, where an earlier stage ran again
 ANEW = {
     "layout": "New quads",
     "spirals": "New panels",
@@ -35,7 +35,7 @@ ANEW = {
     "optimise": "New spirals",
     "sheets": "New shape",
 }
-STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # what *Next* makes, in its order
+STEPS = ("layout", "spirals", "equilibrium", "optimise", "sheets")  # stages that *Next* runs, in order
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Guidance:
-    """What the head says; ``act`` is None where only a person can go on."""
+    """Content of the head; ``act`` is None where only a person can go on."""
 
     act: Act | None
     status: Status
@@ -56,7 +56,7 @@ class Guidance:
 
     @property
     def open(self) -> tuple[Notice, ...]:
-        """The notices above information: those that speak against cutting."""
+        """Return the notices that speak against cutting: all above information."""
         return tuple(notice for notice in self.notices if notice.kind != INFORMATION)
 
     def findings(self) -> list[dict[str, Any]]:
@@ -65,7 +65,7 @@ class Guidance:
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:
-    """What the head says of a usable object; ``known``: its ``states``, where they have been computed."""
+    """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed."""
     known = states.of(obj, scene) if known is None else known
     found = notices.of(obj, scene, known)
     act = next_button.act(obj, scene, known, found)
@@ -77,11 +77,11 @@ def _status(
 ) -> Status:
     stopped = next((notice for notice in found if notice.kind == STOPS), None)
     if stopped is not None:
-        return Status(_short(stopped.words), STOPPED)
+        return Status(_truncate(stopped.words), STOPPED)
     skipped = {"equilibrium", "optimise"} if passed_over(obj) else set()
     old = sum(known[name].kind == states.OLD for name in STEPS if name not in skipped)
     if old:
-        return Status(_short(_changed(known, old)), REDO)
+        return Status(_truncate(_describe_change(known, old)), REDO)
     serious = [notice for notice in found if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
     if known["sheets"].kind == states.DONE:
         if not serious:  # nothing above information
@@ -89,24 +89,24 @@ def _status(
         many = interface("Files written. {} things to look at", len(serious))
         return Status(interface("Files written. 1 thing to look at") if len(serious) == 1 else many, LOOK)
     if known["equilibrium"].kind == states.DONE:
-        return _ready(obj, serious)
-    return Status(_short(_made(obj, scene, known)), NEUTRAL)
+        return _status_of_simulated(obj, serious)
+    return Status(_truncate(_describe_progress(obj, scene, known)), NEUTRAL)
 
 
-def _ready(obj: bpy.types.Object, serious: list[Notice]) -> Status:
-    """Of a piece whose shape is known."""
+def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status:
+    """Return the status of a piece whose shape is known."""
     block = notes.read(obj.data)["equilibrium"]
     if any(notice.key == "equilibrium/strained" for notice in serious):
         share = 100 * STRAIN_MARGIN * block.get("strain_share_max", 0.0)
-        return Status(_short(interface("Too strained: up to {:.0f} % of limit", share)), LOOK)
-    if serious:  # their words stand in the rows below
+        return Status(_truncate(interface("Too strained: up to {:.0f} % of limit", share)), LOOK)
+    if serious:  # the rows below describe them
         many = interface("{} things to look at", len(serious))
         return Status(interface("1 thing to look at") if len(serious) == 1 else many, LOOK)
     return Status(interface("Ready to cut: it fits and holds"), TICK)
 
 
-def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> str:
-    """How far a piece is that nothing speaks against."""
+def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> str:
+    """Describe how far a piece without findings has come."""
     mesh = obj.data
     if known["spirals"].kind == states.DONE:
         return (
@@ -127,12 +127,12 @@ def _made(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states
     return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
 
 
-def _changed(known: dict[str, states.State], old: int) -> str:
+def _describe_change(known: dict[str, states.State], old: int) -> str:
     part = next((known[name].part for name in STEPS if known[name].part), None)
     first = next(name for name in STEPS if known[name].kind == states.OLD)
     what = CHANGED.get(part, SETTING) if part else ANEW[first]
     return interface("{}: {} to redo", interface(what), interface("1 step") if old == 1 else interface("{} steps", old))
 
 
-def _short(text: str) -> str:
+def _truncate(text: str) -> str:
     return text if len(text) <= LETTERS else text[: LETTERS - 1].rstrip() + "\N{HORIZONTAL ELLIPSIS}"

@@ -1,4 +1,4 @@
-"""What was decided of a mesh holds for the quads that take its place: vertex groups, quads held, pulled or protected, seams marked by hand."""
+"""Transfer a mesh's decisions to the quads that replace it: vertex groups, held, pulled or protected quads, seams."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from mathutils.bvhtree import BVHTree
 from ...engine.arrays import Float, Int
 from . import attributes, handles, notes
 
-LEAST = 0.5  # weight in a group from which on a vertex of the new quads belongs to it: the middle of an edge between one in it and one not
+LEAST = 0.5  # weight from which a new vertex belongs to a group; larger shrinks groups
 
 
 def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Give new quads what the object that they take the place of was told; both stand in one place, the new one not scaled yet."""
+    """Transfer the decisions from an object to the one that replaces it; both coincide, and the new one is not scaled yet."""
     if not len(old.data.polygons) or not len(made.data.polygons):
         return
     vertices = [vertex.co for vertex in old.data.vertices]
@@ -24,7 +24,7 @@ def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
     for group in old.vertex_groups:
         _group(old, made, group, tree)
     _of_faces(old, made, tree)
-    if "layout" not in notes.read(old.data):  # seams of ours are made anew
+    if "layout" not in notes.read(old.data):  # only seams marked by hand; those of a layout are made anew
         _seams(old, made)
 
 
@@ -35,7 +35,7 @@ def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.Verte
     new = made.vertex_groups.get(group.name) or made.vertex_groups.new(name=group.name)
     got = np.array([_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
     inside = np.flatnonzero(got >= LEAST)
-    if len(inside) < 2 and weights.any():  # smaller than a quad: the quad that is nearest to it
+    if len(inside) < 2 and weights.any():  # the group is smaller than a quad: take the nearest quad
         middle = Vector(_positions(old.data)[weights > 0].mean(axis=0))
         centres = [(face.center - middle).length for face in made.data.polygons]
         inside = np.array(made.data.polygons[int(np.argmin(centres))].vertices)
@@ -43,7 +43,7 @@ def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.Verte
 
 
 def _weight(mesh: bpy.types.Mesh, place: Vector, weights: Float[np.ndarray, " vertices"], tree: BVHTree) -> float:
-    """The weight at a place, between those of the corners of the nearest face."""
+    """Interpolate the weight at a place between the corners of the nearest face."""
     spot, _, face, _ = tree.find_nearest(place)
     if face is None:
         return 0.0
@@ -62,7 +62,7 @@ def _of_faces(old: bpy.types.Object, made: bpy.types.Object, tree: BVHTree) -> N
 
 
 def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Seams along the edges of the new quads that are nearest to those that were marked."""
+    """Mark seams along the edges of the new quads that are nearest to the old seams."""
     marked = [edge for edge in old.data.edges if edge.use_seam]
     if not marked:
         return
@@ -90,6 +90,6 @@ def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
 
 
 def _positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    found = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", found)
-    return found.reshape(-1, 3).astype(float)
+    positions = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    return positions.reshape(-1, 3).astype(float)

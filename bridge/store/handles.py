@@ -1,8 +1,8 @@
-"""What a hand holds, pulls and wishes of single spirals, on the mesh's faces; vertex groups cannot tell one quad from its neighbours.
+"""Holds, forces and drag targets of single spirals, on the mesh's faces; a vertex group cannot separate neighbouring quads.
 
-flexmaps_held    face   1 where a spiral is held, beside those of the supports' vertex group
-flexmaps_pull    face   newtons in world axes that pull at a spiral, beside the group's force
-flexmaps_wish    face   where Optimise shall bring its middle: from that of its quad in the target, in the object's own frame; 0 is no wish
+flexmaps_held    face   1 where a spiral is held, in addition to the supports' vertex group
+flexmaps_pull    face   force on a spiral in newtons and world axes, in addition to the group's force
+flexmaps_wish    face   offset of the drag target from the quad's centre in the target, in the object's frame; 0 is none
 """
 
 from __future__ import annotations
@@ -24,32 +24,32 @@ PREFIXED = {name: attributes.PREFIX + name for name in NAMES}
 
 
 def held(surface: Surface) -> Int[np.ndarray, " held"]:
-    """The quads that are held."""
+    """Return the quads that are held."""
     return np.flatnonzero(surface.values.get(HELD, np.zeros(0)) > 0.5)
 
 
 def pulls(surface: Surface) -> Float[np.ndarray, "quads 3"] | None:
-    """Newtons on every quad; None without any."""
-    found = surface.values.get(PULL)
-    return None if found is None or not found.any() else found.astype(float)
+    """Return the force on every quad in newtons; None without any."""
+    forces = surface.values.get(PULL)
+    return None if forces is None or not forces.any() else forces.astype(float)
 
 
 def wishes(surface: Surface) -> Float[np.ndarray, "quads 3"]:
-    """Metres in world axes from every quad's middle to where it is wished; 0 where nothing is."""
-    found = surface.values.get(WISH, np.zeros((len(surface.polygons.sizes), 3)))
-    return found.astype(float) @ surface.to_metres[:3, :3].T
+    """Return the offset from every quad's centre to its drag target, metres in world axes; 0 where there is none."""
+    offsets = surface.values.get(WISH, np.zeros((len(surface.polygons.sizes), 3)))
+    return offsets.astype(float) @ surface.to_metres[:3, :3].T
 
 
 def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
-    """The values as they are stored; zeros where there are none."""
+    """Return the values of an attribute of ``NAMES`` as they are stored; zeros where there are none."""
     with attributes.readable(obj) as mesh:
-        found, count = attributes.get(mesh, attributes.PREFIX + name), len(mesh.polygons)
+        values, count = attributes.get(mesh, attributes.PREFIX + name), len(mesh.polygons)
     shape = (count,) if name == HELD else (count, 3)
-    return np.zeros(shape) if found is None or found.shape != shape else found.astype(float)
+    return np.zeros(shape) if values is None or values.shape != shape else values.astype(float)
 
 
 def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ..."]) -> None:
-    """Store them; where all are 0, nothing is left of them."""
+    """Store the values of an attribute of ``NAMES``; all zeros remove it."""
     if not values.any():
         attributes.remove(obj, attributes.PREFIX + name)
     else:
@@ -60,5 +60,5 @@ def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ...
 def from_metres(
     obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], offsets: Float[np.ndarray, "quads 3"]
 ) -> None:
-    """Store wishes that are given in metres and world axes."""
+    """Store drag targets whose offsets are in metres and world axes."""
     write(obj, WISH, offsets @ np.linalg.inv(to_metres[:3, :3]).T)

@@ -1,4 +1,4 @@
-"""The shape keys of a simulation among those of a mesh."""
+"""A simulation's shape keys among the keys of a mesh."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 
 
 def key_of(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
-    """The shape key of the equilibrium, if it is there."""
+    """Return the shape key of the equilibrium, if it exists."""
     keys = mesh.shape_keys
     return None if keys is None else keys.key_blocks.get(KEY)
 
 
 def keys_of(mesh: bpy.types.Mesh) -> list[bpy.types.ShapeKey]:
-    """The shape keys that a simulation wrote: the equilibrium, then other shapes."""
+    """Return the shape keys that a simulation wrote: the equilibrium, then other shapes."""
     keys = mesh.shape_keys
     return [] if keys is None else [k for k in keys.key_blocks if k.name == KEY or k.name.startswith(OTHER)]
 
 
 def foreign_keys(mesh: bpy.types.Mesh) -> bool:
-    """Whether the user has shape keys beside the basis and ours."""
+    """Return whether the user has shape keys besides the basis and FlexMaps' own."""
     keys = mesh.shape_keys
     return keys is not None and len(keys.key_blocks) - len(keys_of(mesh)) > 1
 
 
 def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """The vertices, moved by our shape keys alone, in the object's own frame."""
+    """Return the vertices moved by FlexMaps' shape keys alone, in the object's own frame."""
     basis = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertices.foreach_get("co", basis)
     positions, moved = basis.copy(), np.empty_like(basis)
@@ -45,7 +45,7 @@ def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
 
 @contextmanager
 def shown_at(obj: bpy.types.Object, share: float) -> Iterator[None]:
-    """Show the object meanwhile at the target (0) or at its equilibrium (1)."""
+    """Show the object at the target (0) or at its equilibrium (1) within the context."""
     before = [(key.name, key.value, key.mute) for key in keys_of(obj.data)]
     for key in keys_of(obj.data):
         key.value, key.mute = (share if key.name == KEY else 0.0), False

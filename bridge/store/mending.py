@@ -1,4 +1,4 @@
-"""What the check calls wrong put right in the mesh itself, by Blender's own tools, so that seams, groups and maps stay."""
+"""Repair faults that the check finds, in the mesh itself with Blender's own tools, so that seams, groups and maps stay."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
     from .surface import Surface
 
-SHORT = 1e-6  # of the median edge: what counts as no length, as in the check
-TOUCHING = 2.0  # times that: how near vertices are merged, so that all edges go that the check names
+SHORT = 1e-6  # of the median edge: shorter counts as no length, as in the check
+TOUCHING = 2.0  # merge distance, times SHORT; above 1 so that all edges vanish that the check names
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A mesh that is mended: its faces, edges and vertices as the check found them, and the finding that it is about."""
+    """A mesh under repair: its faces, edges and vertices as the check found them, and the findings to repair."""
 
     bm: bmesh.types.BMesh
     surface: Surface
@@ -36,21 +36,28 @@ class _Place:
 
     @property
     def faces(self) -> list[bmesh.types.BMFace]:
-        """The culprits."""
+        """Return the faces that the findings name."""
         numbers = sorted({face for finding in self.found for face in finding.faces})
         return [self.bm.faces[number] for number in numbers]
 
     @property
     def edges(self) -> list[bmesh.types.BMEdge]:
-        """The culprits."""
+        """Return the edges that the findings name."""
         numbers = sorted({edge for finding in self.found for edge in finding.edges})
         return [self.bm.edges[number] for number in self.surface.edge_of[numbers]] if numbers else []
 
 
 def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
-    """Mend one kind of fault, check the mesh anew, and return what was done as a sentence.
+    """Repair one kind of fault, check the mesh again, and return a sentence about the result.
 
-    Raises ``FlexMapsError``, with the mesh as it was, where there is nothing of that kind or it did not become less.
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    what : kind of fault, a key of ``_KINDS``
+
+    Raises
+    ------
+    FlexMapsError, with the mesh unchanged, where there is no fault of that kind or the repair did not reduce it.
     """
     codes, work = _KINDS[what]
     surface = mesh.read_surface(obj, scene)
@@ -72,7 +79,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     shared, old = objects.shared(obj), obj.data
     obj.data = made
     after = check.everything(mesh.read_surface(obj, scene).polygons) if len(made.polygons) else []
-    if not len(made.polygons) or _weight(after, codes) >= _weight(before, codes):
+    if not len(made.polygons) or _count_faults(after, codes) >= _count_faults(before, codes):
         obj.data = old
         bpy.data.meshes.remove(made)
         raise FlexMapsError(f"This could not be mended: {before[0].message}", faces=before[0].faces)
@@ -91,22 +98,22 @@ def _median_edge(bm: bmesh.types.BMesh) -> float:
     return float(np.median(lengths)) if lengths else 0.0
 
 
-def _weight(found: list[Finding], codes: tuple[str, ...]) -> int:
-    """How much of some kinds of faults there is."""
+def _count_faults(found: list[Finding], codes: tuple[str, ...]) -> int:
+    """Count the findings of some codes, and the faces and edges that they name."""
     return sum(1 + len(finding.faces) + len(finding.edges) for finding in found if finding.code in codes)
 
 
-# -- one kind each -----------------------------------------------------------------------------------------------------
+# -- one function for each kind ------------------------------------------------------------------------------------------
 
 
-def _short_edges(place: _Place) -> None:
+def _merge_short_edges(place: _Place) -> None:
     verts = {v for edge in place.edges for v in edge.verts} | {v for face in place.faces for v in face.verts}
     bmesh.ops.remove_doubles(place.bm, verts=list(verts), dist=TOUCHING * SHORT * place.edge)
     bmesh.ops.dissolve_degenerate(place.bm, dist=TOUCHING * SHORT * place.edge, edges=place.bm.edges)
 
 
-def _doubles(place: _Place) -> None:
-    """Weld the border's vertices that the check calls doubled, and no others."""
+def _weld_doubles(place: _Place) -> None:
+    """Weld only the border vertices that the check calls doubled."""
     label = doubled(place.surface.polygons, sides_of(place.surface.polygons))
     first = np.unique(label, return_index=True)[1]
     at = first[np.unique(label, return_inverse=True)[1]]
@@ -115,8 +122,8 @@ def _doubles(place: _Place) -> None:
     bmesh.ops.weld_verts(place.bm, targetmap=pairs)
 
 
-def _double_shells(place: _Place) -> None:
-    """Of faces in one place the first stays."""
+def _delete_double_shells(place: _Place) -> None:
+    """Keep the first of several faces in one place, and delete the others."""
     kept: set[tuple[int, ...]] = set()
     doubles = []
     for face in place.faces:
@@ -125,7 +132,7 @@ def _double_shells(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
-def _thin_faces(place: _Place) -> None:
+def _dissolve_thin_faces(place: _Place) -> None:
     bmesh.ops.dissolve_degenerate(
         place.bm, dist=TOUCHING * SHORT * place.edge, edges=[edge for face in place.faces for edge in face.edges]
     )
@@ -133,11 +140,11 @@ def _thin_faces(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=thin, context="FACES")
 
 
-def _deleted(place: _Place) -> None:
+def _delete_faces(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=place.faces, context="FACES")
 
 
-def _double_faces(place: _Place) -> None:
+def _delete_double_faces(place: _Place) -> None:
     kept: set[frozenset[bmesh.types.BMVert]] = set()
     doubles = []
     for face in place.bm.faces:
@@ -146,8 +153,8 @@ def _double_faces(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
-def _folds(place: _Place) -> None:
-    """Of every two faces that lie on each other the one with fewer neighbours goes."""
+def _delete_folds(place: _Place) -> None:
+    """Delete the face with fewer neighbours of every two faces that lie on each other."""
     gone: set[bmesh.types.BMFace] = set()
     for edge in place.edges:
         pair = [face for face in edge.link_faces if face not in gone]
@@ -156,31 +163,31 @@ def _folds(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=list(gone), context="FACES")
 
 
-def _normals(place: _Place) -> None:
+def _align_normals(place: _Place) -> None:
     bmesh.ops.recalc_face_normals(place.bm, faces=place.bm.faces)
 
 
-def _outside(place: _Place) -> None:
+def _flip_outwards(place: _Place) -> None:
     bmesh.ops.reverse_faces(place.bm, faces=place.faces)
 
 
-def _loose(place: _Place) -> None:
+def _delete_loose(place: _Place) -> None:
     edges = [edge for edge in place.bm.edges if not edge.link_faces]
     bmesh.ops.delete(place.bm, geom=edges, context="EDGES")
     bmesh.ops.delete(place.bm, geom=[v for v in place.bm.verts if not v.link_faces], context="VERTS")
 
 
-def _fans(place: _Place) -> None:
+def _separate_fans(place: _Place) -> None:
     for v in [v for v in place.bm.verts if v.link_faces and not v.is_manifold]:
         bmesh.utils.vert_separate(v, [edge for edge in v.link_edges if edge.is_boundary])
 
 
-def _cut(place: _Place) -> None:
+def _split_edges(place: _Place) -> None:
     bmesh.ops.split_edges(place.bm, edges=place.edges)
 
 
-def _rounded(place: _Place) -> None:
-    """In the object's own frame, as the vertices are."""
+def _round_folds(place: _Place) -> None:
+    """Round the folds, in the object's own frame."""
     from ...engine.surface.checking.folds import rounded
     from ...engine.surface.mesh import PolygonMesh
 
@@ -191,21 +198,21 @@ def _rounded(place: _Place) -> None:
         v.co = to
 
 
-# what the operator calls it -> codes of the findings, and what mends them
+# the operator's name of a kind -> codes of its findings, and the function that repairs them
 _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
-    "short-edges": (("zero-edge", "repeated-vertex"), _short_edges),
-    "doubles": (("doubled-vertices",), _doubles),
-    "double-shells": (("doubled-faces",), _double_shells),
-    "thin-faces": (("zero-area",), _thin_faces),
-    "double-faces": (("duplicate-faces",), _double_faces),
-    "folds": (("folded",), _folds),
-    "normals": (("inconsistent-orientation",), _normals),
-    "outside": (("inside-out",), _outside),
-    "loose": (("loose-vertices",), _loose),
-    "far": (("far-vertices",), _deleted),
-    "not-finite": (("not-finite",), _deleted),
-    "fans": (("non-manifold-vertex",), _fans),
-    "walls": (("non-manifold-edge",), _cut),
-    "one-sided": (("non-orientable",), _cut),
-    "round": (("sharp-folds",), _rounded),
+    "short-edges": (("zero-edge", "repeated-vertex"), _merge_short_edges),
+    "doubles": (("doubled-vertices",), _weld_doubles),
+    "double-shells": (("doubled-faces",), _delete_double_shells),
+    "thin-faces": (("zero-area",), _dissolve_thin_faces),
+    "double-faces": (("duplicate-faces",), _delete_double_faces),
+    "folds": (("folded",), _delete_folds),
+    "normals": (("inconsistent-orientation",), _align_normals),
+    "outside": (("inside-out",), _flip_outwards),
+    "loose": (("loose-vertices",), _delete_loose),
+    "far": (("far-vertices",), _delete_faces),
+    "not-finite": (("not-finite",), _delete_faces),
+    "fans": (("non-manifold-vertex",), _separate_fans),
+    "walls": (("non-manifold-edge",), _split_edges),
+    "one-sided": (("non-orientable",), _split_edges),
+    "round": (("sharp-folds",), _round_folds),
 }

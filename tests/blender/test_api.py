@@ -319,5 +319,5 @@ def test_a_file_name_that_is_no_text(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("size", ["20", True, [20], 1j])
 def test_lengths_that_are_none(size: Any) -> None:
-    with pytest.raises(FlexMapsError, match="is no length"):
+    with pytest.raises(FlexMapsError, match="is not a length"):
         api.load("shape:strip", edge=size)
