@@ -1,1 +1,1 @@
-"""What runs the engine: the background job, the main job in a folder, a second Blender."""
+"""Processes and threads that run the engine: the background job, live mode, a second Blender; and the main job's folder."""

@@ -1,6 +1,6 @@
 """The one background job: a worker thread runs engine code, the main thread polls, draws and writes.
 
-The worker never touches Blender's data. ``Job`` is the thread with its progress and its stop; ``run_here`` is the same
+The worker never touches Blender's data. ``Job`` is the thread with its progress and its cancelling; ``run_here`` runs the
 work without a thread, for scripts and for Blender without a window.
 """
 
@@ -19,29 +19,29 @@ from ...engine.remaining import Remaining, told
 
 Work = Callable[[Progress], Any]
 
-# seconds until a thread that waits for Python's lock gets it while the worker computes in Python. To draw a sidebar the main
-# thread asks for it a hundred times, which with Python's own 5 ms is seen as a window that does not answer
+# seconds until a waiting thread gets Python's lock while the worker computes. Drawing a sidebar takes the lock about a
+# hundred times: with Python's own 5 ms the window seems to hang. Smaller keeps the window quicker and slows the worker
 SWITCH = 0.0003
 
 _running: list[Job] = []
 
 
 def current() -> Job | None:
-    """The job that runs now, if any; panels read it to draw the progress line."""
+    """Return the job that runs now, if any; panels read it to draw the progress line."""
     return _running[0] if _running else None
 
 
 def shown() -> Any:
-    """What the job that runs now shows of its work, if anything, such as a shape that is still moving."""
+    """Return the intermediate result that the current job shows, if any, such as a shape that is still moving."""
     return _running[0].shown if _running else None
 
 
 class Job:
-    """Engine work in a thread: ``start``, then ask ``finished`` until it is, then take ``result`` or ``error``."""
+    """Engine work in a thread: ``start`` it, poll ``finished``, then take ``result`` or ``error``."""
 
     def __init__(self, title: str, work: Work, on_stop: str = "nothing is changed then"):
         self.title = title
-        self.on_stop = on_stop  # what becomes of the work when it is stopped, for the sidebar
+        self.on_stop = on_stop  # sentence for the sidebar: what happens to the work when it is stopped
         self.fraction = 0.0
         self.text = ""
         self.shown: Any = None  # the latest intermediate result, such as a shape that is still moving
@@ -54,7 +54,7 @@ class Job:
         self._thread = threading.Thread(target=self._run, name=f"FlexMaps {title}", daemon=True)
 
     def start(self) -> None:
-        """Become the current job; raises ``RuntimeError`` while another one runs."""
+        """Become the current job; raise ``RuntimeError`` while another one runs."""
         if _running:
             raise RuntimeError(f"{_running[0].title} is still running")
         _running.append(self)
@@ -76,7 +76,7 @@ class Job:
         self._stop.set()
 
     def end(self) -> None:
-        """Stop if it still runs, wait for the thread, and make room for the next job."""
+        """Stop the work if it still runs, wait for the thread, and make room for the next job."""
         self.stop()
         if self._thread.ident is not None:
             self._thread.join()
@@ -87,12 +87,12 @@ class Job:
     def _run(self) -> None:
         try:
             self.result = self._work(Progress(self._report, self._stop.is_set, shown=self._show))
-        except BaseException as error:  # carried to the main thread, which knows what to do with it
-            self.error = _explained(error)
+        except BaseException as error:  # handed to the main thread, which reports it
+            self.error = _explain(error)
 
     @property
     def left(self) -> str:
-        """How long it still takes, as a person says it; "" while nobody can know."""
+        """Return the remaining time in words; "" while it is unknown."""
         seconds = self._remaining.seconds(time.monotonic() - self._began)
         return "" if seconds is None or self.stopping else told(seconds)
 
@@ -105,9 +105,9 @@ class Job:
 
 
 class Ticks:
-    """Prints progress for people who watch a console: a line when a step comes up first, and one a second in between.
+    """Print progress on a console: a line when a step first appears, then one a second at most.
 
-    What follows a colon in the text is a detail of the same step.
+    Text after a colon is a detail of the same step.
     """
 
     def __init__(self, title: str):
@@ -136,14 +136,14 @@ def run_here(title: str, work: Work) -> Any:
     except KeyboardInterrupt:
         raise Cancelled(title) from None
     except Exception as error:
-        explained = _explained(error)
+        explained = _explain(error)
         if explained is error:
             raise
         raise explained from error
 
 
-def _explained(error: BaseException) -> BaseException:
-    """A fault for which another extension's packages are to blame as a sentence; else the error itself."""
+def _explain(error: BaseException) -> BaseException:
+    """Turn a fault that another extension's packages caused into a sentence; return other errors as they are."""
     if isinstance(error, FlexMapsError | Cancelled):
         return error
     return packages.blamed(error) or error

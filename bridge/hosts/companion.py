@@ -1,4 +1,4 @@
-"""A process beside Blender that brings one piece to rest after another, always the newest: nothing queues up, no window waits."""
+"""A process beside Blender that brings the newest state of one piece to rest; nothing queues up, and no window waits."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ...engine.live.session import Call, step
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
-TRIES = 2  # how often a piece is sent as a whole to a process that does not know it, before it is given up
+TRIES = 2  # attempts to send the whole piece to a process that has lost it; more delays the error
 
 
 class Companion:
-    """Tell it what to follow; ``latest`` is what it has come to.
+    """Call ``follow`` with each new state; ``latest`` is the newest shape and what is drawn of it.
 
-    prepared : makes of a shape what is drawn, beside the window's thread
+    prepared : makes what is drawn from a shape, outside the window's thread
     """
 
     def __init__(self, prepared: Callable[[Shape], Any]):
         self.latest: tuple[Shape, Any] | None = None
-        self.answers = 0  # how many there were
+        self.answers = 0  # number of shapes so far
         self.error = ""
         self._prepared = prepared
         self._workers = Workers(1)
@@ -38,18 +38,18 @@ class Companion:
 
     @property
     def resting(self) -> bool:
-        """Whether the newest that it was told is done."""
+        """Return whether the newest state has come to rest."""
         with self._change:
             return self._resting and self._wanted is self._sent
 
     def follow(self, given: Given, start: Pose | None = None) -> None:
-        """Go on with this from now on; start : where a piece rests that is new."""
+        """Follow this state from now on; ``start`` is the pose of a new piece at rest."""
         with self._change:
             self._wanted, self._start = given, start
             self._change.notify()
 
     def close(self) -> None:
-        """End it, at once."""
+        """End the process at once."""
         with self._change:
             self._closed = True
             self._change.notify()
@@ -64,31 +64,31 @@ class Companion:
             pass
         except Exception as error:
             with self._change:
-                # of others than the user's faults, what they are helps whoever looks for them
+                # name the type of any error that is not the user's, to help whoever debugs it
                 self.error = str(error) if isinstance(error, FlexMapsError) else f"{type(error).__name__}: {error}"
                 self._resting, self._sent = True, self._wanted
 
     def _next(self) -> bool:
-        """One call, or what ends it all."""
+        """Compute one shape; return whether to go on."""
         with self._change:
             self._change.wait_for(lambda: self._closed or not self._resting or self._wanted is not self._sent)
             if self._closed:
                 return False
             given, start = self._wanted, self._start
         assert given is not None
-        shape = self._called(given, start)
+        shape = self._compute_shape(given, start)
         drawn = self._prepared(shape)
         with self._change:
             self._sent, self._resting = given, shape.resting
             self.latest, self.answers = (shape, drawn), self.answers + 1
         return not self._closed
 
-    def _called(self, given: Given, start: Pose | None) -> Shape:
+    def _compute_shape(self, given: Given, start: Pose | None) -> Shape:
         for _ in range(TRIES):
             whole = self._sent is None
             changes = None if given is self._sent else given.changes(self._sent)
             shape: Shape | None = self._workers.submit(step, Call("piece", changes, whole, start)).result()
             if shape is not None:
                 return shape
-            self._sent = None  # the process that knew it has ended
+            self._sent = None  # the process that held the piece has ended
         raise FlexMapsError("The process beside Blender does not keep the piece; switch Live off and on again")

@@ -1,4 +1,4 @@
-"""What the main job leaves in its folder: sheets, a .blend, pictures, the report as a page and as ``report.json``."""
+"""The folder of the main job: sheets, a .blend, pictures, the report as a page and as ``report.json``."""
 
 from __future__ import annotations
 
@@ -31,18 +31,27 @@ PICTURES = {
     "shape.png": "The shape that the assembled panels take",
     "together.png": "The surface, the assembled piece and its panels",
 }
-TITLE = "together.png"  # of the report
+TITLE = "together.png"  # picture at the top of the report
 
 
 @contextmanager
 def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> Iterator[files.NewFile]:
-    """Gives the function that ``write`` takes. All its files appear at the end, or the earlier ones stay as they were.
+    """Yield the function ``new`` that ``write`` takes; all files appear at the end, or the earlier ones stay.
 
-    Raises ``FlexMapsError`` where another run is writing into the folder, or where ``guard`` keeps what would be replaced.
+    Parameters
+    ----------
+    out : the folder
+    guard : the files that must not be replaced
+    formats : file formats of the sheets; none without sheets
+    pictures : whether pictures will be written
+
+    Raises
+    ------
+    FlexMapsError where another run is writing into the folder, or ``guard`` forbids to replace a file.
     """
     refuse(out, guard, formats, pictures)
     with files.replacing_many(_stale(out), out, guard) as new:
-        new(out / REPORT)  # raises before the work where the folder cannot be written to
+        new(out / REPORT)  # fails before the work where the folder cannot be written to
         yield new
 
 
@@ -56,7 +65,17 @@ def write(
     pictures: bool,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Write everything that the stages have made; returns the report. The file that is open in Blender is closed."""
+    """Write everything that the stages have made, and return the report; Blender's open file is closed.
+
+    Parameters
+    ----------
+    result, settings, name : the piece
+    out : the folder
+    new : from ``folder``
+    formats : file formats of the sheets
+    pictures : also render pictures
+    progress : called with a fraction and a text
+    """
     from ..view import picture, scene
     from . import letters
 
@@ -95,7 +114,7 @@ def write(
 
 
 def _findings(model: bpy.types.Object) -> dict[str, Any]:
-    """Return the block of the report with what there is to look at, each with its cures; none where the extension is not registered."""
+    """Return the notices with their cures as a block of the report; {} where the extension is not registered."""
     import bpy
 
     from ..store import guidance
@@ -114,9 +133,20 @@ def write_sheets(
     guide: Path | None,
     progress: Progress = SILENT,
 ) -> list[Path]:
-    """Write the sheets as base-01.svg, ..., base-parts.csv, and the assembly sheet as ``guide``, if that is a file.
+    """Write the sheets as base-01.svg, ..., base-parts.csv, and the assembly sheet.
 
-    Returns the files.
+    Parameters
+    ----------
+    result, title : the piece with its sheets, and its title
+    base : folder and start of the file names
+    formats : file formats
+    new : gives the path to write a file at, see ``files.replacing_many``
+    guide : file of the assembly sheet, or None
+    progress : called with a fraction and a text
+
+    Returns
+    -------
+    The paths of the files.
     """
     made, figures = result.sheets, result.estimates
     assert made is not None
@@ -136,7 +166,12 @@ def write_sheets(
 def write_batch(
     made: Batch, base: Path, formats: tuple[str, ...], new: files.NewFile, guides: bool, progress: Progress = SILENT
 ) -> list[Path]:
-    """Write the common sheets of several pieces, one parts list, and an assembly sheet for every piece; returns the files."""
+    """Write the common sheets of several pieces, one parts list, and with ``guides`` an assembly sheet for every piece.
+
+    Returns
+    -------
+    The paths of the files.
+    """
     written = export.write(made.sheets, base, formats, new, progress.part(0.0, 0.7))
     written.append(base.with_name(f"{base.name}-parts.csv"))
     parts.write(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
@@ -155,23 +190,23 @@ def write_batch(
 
 
 def guide_of(base: Path) -> Path:
-    """Where the assembly sheet lies that belongs to the sheets base-01.svg, ..."""
+    """Return the file of the assembly sheet that belongs to the sheets base-01.svg, ..."""
     return base.with_name(f"{base.name}-assembly.pdf")
 
 
 def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
-    """Raise ``FlexMapsError`` where ``write`` would replace what ``guard`` keeps."""
+    """Raise ``FlexMapsError`` where ``write`` would replace a file that ``guard`` protects."""
     guard.check(_present(out, formats, pictures), out)
 
 
 def _present(out: Path, formats: tuple[str, ...], pictures: bool) -> list[Path]:
-    """The files that ``write`` may replace, sheets only where there are any."""
+    """Return the files that ``write`` may replace."""
     names = [out / name for name in (MODEL, REPORT, *(PICTURES if pictures else ()))]
     return [*export.present(out / SHEET, formats), *names, *report_page.stale(out)]
 
 
 def _stale(out: Path) -> list[Path]:
-    """What an earlier run may have left in the folder; what of it is ours goes when the new files come."""
+    """Return the files that an earlier run may have left; those of FlexMaps are removed when the new ones appear."""
     return [
         *export.present(out / SHEET, export.FORMATS),
         *map(out.joinpath, PICTURES),
@@ -183,7 +218,7 @@ def _stale(out: Path) -> list[Path]:
 
 @contextmanager
 def quiet_blender() -> Iterator[None]:
-    """Without Blender's own output, a line for every step of a render, which it writes past Python."""
+    """Suppress Blender's own output, such as a line for every step of a render, which it writes past Python."""
     sys.stdout.flush()
     kept = os.dup(1)
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
@@ -198,6 +233,6 @@ def quiet_blender() -> Iterator[None]:
 
 
 def _flush() -> None:
-    """Empty the C library's buffer, or what Blender has written would come out later."""
+    """Empty the C library's buffer, or Blender's output would appear later."""
     with suppress(OSError, AttributeError, TypeError):
         (ctypes.cdll.ucrtbase if sys.platform == "win32" else ctypes.CDLL(None)).fflush(None)

@@ -9,15 +9,15 @@ import numpy as np
 
 from ...engine.fabrication.writers.glyphs import Outlines, known, plain, runs
 
-END = "|"  # marks where a run ends: its left edge is measured
+END = "|"  # appended to a run: its left edge marks where the run ends
 
 
 def learn(*texts: str) -> None:
-    """Make the outlines of all runs that the PDFs' font lacks."""
+    """Make the outlines of all runs that the PDFs' own font lacks."""
     for run in {run for text in texts for run in runs(text) if not plain(run) and run not in known}:
         shown = run
         if all(unicodedata.bidirectional(letter) in ("R", "AL", "NSM") for letter in run):
-            shown = run[::-1]  # Blender lays letters from left to right, whatever the script
+            shown = run[::-1]  # Blender sets letters from left to right, whatever the script
         known[run] = _outlines(shown)
 
 
@@ -30,7 +30,7 @@ def _outlines(run: str) -> Outlines:
 
 
 def _splines(text: str) -> list[np.ndarray]:
-    """Closed splines of a text of size 1: of every node the handle before it, itself, and the handle after it."""
+    """Return the closed splines of a text of size 1, (nodes, 3, 2) each: left handle, node, right handle."""
     data = bpy.data.curves.new("FlexMaps letters", "FONT")
     obj = bpy.data.objects.new("FlexMaps letters", data)
     try:

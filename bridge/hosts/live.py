@@ -1,6 +1,6 @@
-"""Live mode: looks whether something of the piece has changed, and shows the shape that it takes then.
+"""Live mode: watch a piece for changes, and show the shape that it takes.
 
-Nothing of the file is written, so that undo, saving and modes have nothing to do with it: what is shown lies over the 3D view.
+Live mode writes nothing to the file, so undo, saving and modes are unaffected: the shape is drawn over the 3D view.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ if TYPE_CHECKING:
     from ..view.followed import Followed
     from .companion import Companion
 
-TICK = 0.02  # seconds between two looks, as of jobs
-SELDOM = 0.2  # seconds until the piece is read again though Blender tells of no change: scripts can change things without a word
-SHARE = 0.2  # of the window's time at most is spent on reading; a drag tells of a change at every tick
+TICK = 0.02  # seconds between two looks, as for jobs; smaller follows sooner and takes more of the window's time
+SELDOM = 0.2  # seconds between two looks without a reported change, because scripts change data silently
+SHARE = 0.2  # largest share of the window's time spent on reading; a drag reports a change at every tick
 
 _running: list[Follower] = []
 
 
 def current() -> Follower | None:
-    """Who follows, while Live is on."""
+    """Return the running follower; None while Live is off."""
     return _running[0] if _running else None
 
 
 def shape_of(obj: bpy.types.Object) -> Any:
-    """The live shape of an object, where one is drawn."""
+    """Return the live shape of an object, if one is drawn."""
     following = current()
     return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
 def shown() -> Any:
-    """What is drawn over the 3D view, if anything."""
+    """Return the shape drawn over the 3D view, if any."""
     return _running[0].shown if _running else None
 
 
@@ -52,14 +52,14 @@ def start(obj: bpy.types.Object) -> Follower:
 
 @bpy.app.handlers.persistent
 def stop(*_: object) -> None:
-    """Switch it off: before another file is loaded, and when the extension is disabled."""
+    """Switch Live off: before another file is loaded, and when the extension is disabled."""
     while _running:
         _running.pop().close()
 
 
 @bpy.app.handlers.persistent
 def changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
-    """Blender tells that something was changed."""
+    """Note that Blender reports a change."""
     if _running and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)
         for update in depsgraph.updates
@@ -69,16 +69,19 @@ def changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
 
 @bpy.app.handlers.persistent
 def stepped(*_: object) -> None:
-    """Undo or redo: Blender's data are others now."""
+    """Note that undo or redo has replaced Blender's data."""
     if _running:
         _running[0].touched = True
 
 
 class Follower:
-    """Follows one object.
+    """Watches one object.
 
-    uid : Blender's id of it; touched : Blender has told of a change; shown : what is drawn
-    final : whether the piece itself shows what was simulated of it as it is now; slowest : seconds of this thread's processor, of all ticks
+    uid : Blender's id of the object
+    touched : Blender has reported a change
+    shown : what is drawn
+    final : whether the object itself shows an up-to-date simulation
+    slowest : processor seconds of the slowest tick on this thread
     """
 
     def __init__(self, uid: int):
@@ -90,24 +93,24 @@ class Follower:
         self._given: Given | None = None
         self._next, self._look = 0.0, 0.0
         self._gone = False
-        self._refused = ""  # why the object cannot be read
+        self._refused = ""  # reason why the object cannot be read
 
     @property
     def problem(self) -> str:
-        """Why the last change is not followed; "" where it is."""
+        """Return why the last change is not followed; "" where it is."""
         if self._refused or self._companion is None:
             return self._refused
         return self._companion.error or (self.shape.problem if self.shape is not None else "")
 
     @property
     def shape(self) -> Shape | None:
-        """The latest, if there is one."""
+        """Return the latest shape, if there is one."""
         latest = None if self._companion is None else self._companion.latest
         return None if latest is None else latest[0]
 
     @property
     def resting(self) -> bool:
-        """Whether nothing is on its way any more."""
+        """Return whether the newest state has come to rest."""
         return self._companion is None or self._companion.resting
 
     def close(self) -> None:
@@ -116,7 +119,7 @@ class Follower:
         self._companion = self.shown = None
 
     def tick(self) -> bool:
-        """Look what is new; whether there is something else to draw."""
+        """Look for changes; return whether there is something new to draw."""
         began, before = time.thread_time(), (self.shown, self.problem)
         try:
             self._tick(time.perf_counter())
@@ -127,11 +130,11 @@ class Follower:
     def _tick(self, now: float) -> None:
         from ..store.objects import find
 
-        if background.current() is not None:  # it has the processor, and its result is a change
+        if background.current() is not None:  # the job needs the processor, and its result will be a change
             self.touched = True
             return
         self._gone = not any(obj.session_uid == self.uid for obj in bpy.context.scene.objects)
-        # what is gone is told at once, what changes as often as there is time for
+        # report a deleted object at once, and changes as often as time allows
         if (self._gone and not self._refused) or (now >= self._next and (self.touched or now >= self._look)):
             self.touched = False
             try:
@@ -167,7 +170,7 @@ class Follower:
         return self._companion
 
     def _take(self) -> None:
-        """What the process has come to since the last look; nothing where the object is gone or shows its own result."""
+        """Take the companion's latest shape; none where the object is gone or shows its own result."""
         companion = self._companion
         hidden = companion is None or companion.error or self._gone or (self.final and companion.resting)
         latest = None if hidden or companion is None else companion.latest

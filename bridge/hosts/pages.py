@@ -1,4 +1,4 @@
-"""The report's page and the page to share, written of a piece or of an object in Blender."""
+"""The report's page and the page to share, written for a piece or for an object in Blender."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..view import report as held
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What there is to tell: the report, its plots, and what the view shows, if there are spirals; ``lost`` : why not."""
+    """Content of the pages: report, plots, and the 3D view if there are spirals; ``lost`` says why there are none."""
 
     described: dict[str, Any]
     drawn: dict[str, Drawing]
@@ -31,21 +31,29 @@ class Told:
     lost: FlexMapsError | None = None
 
     def piece(self, progress: Progress = SILENT) -> str | None:
-        """What the view reads, if the page is to hold it."""
+        """Return the data of the 3D view, if the page is to hold it."""
         if self.shown is None or not self.settings.page.viewer:
             return None
         return page_data.text(self.shown, self.settings, report_page.title_of(self.described), progress)
 
 
 def described(piece: Any) -> dict[str, Any]:
-    """The report of a piece or an object."""
+    """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
         return report.build(piece.result, source=piece.name, settings=piece.settings)
     return _told(piece).described
 
 
 def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
-    """Write the page of a piece or an object with its plots, and report.json, into a folder; returns the report."""
+    """Write the page of a piece or an object with plots and report.json into a folder, and return the report.
+
+    Parameters
+    ----------
+    piece : a piece or an object
+    out : the folder
+    guard : the files that must not be replaced
+    progress : called with a fraction and a text
+    """
     guard.check([*report_page.stale(out), out / "report.json"], out)
     told = _told(piece)
     view = told.piece(progress.part(0.0, 0.9))
@@ -56,12 +64,12 @@ def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> d
 
 
 def share(piece: Any, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """Write the page to share; returns its path. Raises ``FlexMapsError`` where there are no spirals."""
+    """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals."""
     return save(_told(piece), path, guard, progress)
 
 
 def save(told: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """The same of what was read before; touches no Blender data."""
+    """Write the page to share from content that was read before; touches no Blender data."""
     if told.shown is None:
         raise told.lost or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(told.described)
@@ -82,6 +90,6 @@ def _told(piece: Any) -> Told:
 
 
 def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
-    """Of what was read from an object; touches no Blender data."""
+    """Build the content from what was read of an object; touches no Blender data."""
     found, drawn = held.drawn(result, read, progress)
     return Told(found, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))

@@ -1,4 +1,4 @@
-"""Import of the numerics in a thread when the sidebar is first drawn, so that the first button answers at once."""
+"""Import the numerics in a thread when the sidebar is first drawn, so that the first button answers at once."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 
 import bpy
 
-# what the first buttons need, with scipy behind it; names below the package
+# modules behind the first buttons, which import scipy; names within the package
 MODULES = (
     "engine.surface.checking.check",
     "engine.patches.flattening.flatten",
@@ -17,20 +17,20 @@ MODULES = (
     "bridge.store.mesh",
     "bridge.view.flat_panels",
 )
-_begun: list[threading.Thread] = []
+_threads: list[threading.Thread] = []
 
 
 def start() -> None:
-    """Begin, once, and only with a window. Not a daemon thread, which could crash Blender when it quits during an import."""
-    if _begun or bpy.app.background:
+    """Start the import once, and only with a window. A daemon thread could crash Blender when it quits during an import."""
+    if _threads or bpy.app.background:
         return
-    _begun.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
-    _begun[0].start()
+    _threads.append(threading.Thread(target=_import, name="FlexMaps warm-up", daemon=False))
+    _threads[0].start()
 
 
 def wait() -> None:
-    """Wait until it is done: two threads that import the same libraries at once can disturb each other."""
-    for thread in _begun:
+    """Wait for the import: two threads that import the same libraries at once can disturb each other."""
+    for thread in _threads:
         thread.join()
 
 

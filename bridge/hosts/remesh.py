@@ -1,4 +1,4 @@
-"""Quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.remeshing.requad``."""
+"""Make quads from any mesh: Blender's tools in a second Blender, judged and mended by ``engine.surface.remeshing.requad``."""
 
 from __future__ import annotations
 
@@ -19,9 +19,13 @@ from .second_blender import SecondBlender
 
 
 def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
-    """The polygons that are seen of an object, without its simulated shape, metres; raises ``FlexMapsError`` where there are none.
+    """Return the visible polygons of an object in metres, without its simulated shape.
 
-    Of quads that nobody has changed since the remesh, what they were made from, where the quads are.
+    If the object holds unchanged quads of a remesh, return the source of the remesh, moved to where the quads are.
+
+    Raises
+    ------
+    FlexMapsError where there are no polygons, or a scale is 0.
     """
     source = origin.source_of(obj, context.scene)
     for one in {obj, source}:
@@ -39,18 +43,30 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
 def quads_of(
     polygons: PolygonMesh, count: int, settings: ObjectSettings, progress: Progress = SILENT
 ) -> requad.Requadded:
-    """About ``count`` quads in the shape of polygons; callable from any thread. Raises ``FlexMapsError`` where nothing works."""
+    """Make about ``count`` quads in the shape of polygons; callable from any thread.
+
+    Parameters
+    ----------
+    polygons : the polygons, metres
+    count : number of quads
+    settings : the remesh's and the layout's
+    progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError where no tool finds quads.
+    """
     with SecondBlender(settings.remesh.smooth) as tool:
         return requad.requad(polygons, count, tool, progress, settings.remesh.crumbs, settings.layout.symmetric)
 
 
 def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """A new object of the quads (metres, world axes) in the frame and the collections of another one."""
+    """Make a new object of quads (metres, world axes) in the frame and the collections of another object."""
     frame = to_metres(obj, scene)
     corners = quads.corners.reshape(-1, 4)
     if (
         np.linalg.det(frame[:3, :3]) < 0
-    ):  # a mirrored object is seen from the other side; the first corner stays the first
+    ):  # a mirrored object shows the other side: reverse the corners, but keep the first
         corners = corners[:, [0, 3, 2, 1]]
     local = (quads.vertices - frame[:3, 3]) @ np.linalg.inv(frame[:3, :3]).T
     mesh = meshes.polygons(f"{obj.name} quads", local, corners.ravel(), quads.sizes)

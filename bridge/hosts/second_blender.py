@@ -1,7 +1,7 @@
-"""A second Blender without a window, which does what the first one must not: QuadriFlow and the voxel remesh.
+"""A second Blender without a window for tools that the first one must not run: QuadriFlow and the voxel remesh.
 
-QuadriFlow blocks the Blender that it runs in, after one ESC there it takes itself for cancelled for the rest of the session,
-and on some surfaces it never comes back. A process of its own can be watched and ended.
+QuadriFlow blocks the Blender that it runs in; after one ESC it believes itself cancelled for the rest of the session; and on
+some surfaces it never returns. A separate process can be watched and ended.
 """
 
 from __future__ import annotations
@@ -23,15 +23,21 @@ from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 
 SCRIPT = Path(__file__).with_name("second_blender_script.py")
-# seconds after which an answer is given up: the longest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of the processor
+# seconds until a request is given up: the slowest of 60 QuadriFlow runs on 500 to 70,000 faces took 3 s of processor time
 LIMIT = 30.0
-START = 120.0  # seconds more where Blender has to start; generous, not measured on slow machines
-USER_FILES = ("RESOURCES", "CONFIG", "SCRIPTS", "EXTENSIONS", "DATAFILES")  # what Blender takes from the environment
-LOOK = 0.02  # seconds between two looks for the answer
+START = 120.0  # further seconds if Blender has to start; generous, not measured on slow machines
+USER_FILES = (
+    "RESOURCES",
+    "CONFIG",
+    "SCRIPTS",
+    "EXTENSIONS",
+    "DATAFILES",
+)  # folders that Blender takes from the environment
+LOOK = 0.02  # seconds between two looks for the answer; smaller answers sooner and polls more
 
 
 class SecondBlender:
-    """The tool of ``engine.surface.remeshing.requad``; use it in a ``with``, so that its process ends.
+    """The tools of ``engine.surface.remeshing.requad``; use it in a ``with``, so that its process ends.
 
     smooth : whether QuadriFlow smooths the normals first
     """
@@ -92,7 +98,7 @@ class SecondBlender:
     def _ask(
         self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
     ) -> dict[str, np.ndarray] | None:
-        """The answer as arrays; {} where Blender refuses, ``None`` where it crashed or took too long."""
+        """Send a request and return the answer's arrays; {} where Blender refuses, None where it crashed or timed out."""
         progress(0.0, tool)
         self._asked += 1
         base = Path(self._folder.name) / str(self._asked)
@@ -113,10 +119,10 @@ class SecondBlender:
                     return None
                 time.sleep(LOOK)
                 progress(0.0, tool)
-        except OSError:  # it ended before it could be asked
+        except OSError:  # the process ended before the request arrived
             self._end()
             return None
-        except BaseException:  # stopped
+        except BaseException:  # cancelled
             self._end()
             raise
         with np.load(answer) as found:
@@ -134,9 +140,20 @@ class SecondBlender:
 def started(
     folder: Path, script: Path, words: Sequence[str] = (), out: IO[bytes] | int = subprocess.DEVNULL
 ) -> subprocess.Popen[str]:
-    """A Blender that runs a script with some words, and may work on its standard input; with user files of its own in a folder.
+    """Start a Blender that runs a script and listens on standard input, with its own user files in a folder.
 
-    out : where what it prints goes. With the user's it would clear away the Python packages of all extensions, of which none is enabled in it.
+    With the user's files it would delete the Python packages of all extensions, because none is enabled in it.
+
+    Parameters
+    ----------
+    folder : for its user files
+    script : the script
+    words : arguments of the script
+    out : where its output goes
+
+    Raises
+    ------
+    FlexMapsError where Blender cannot be started.
     """
     import bpy
 

@@ -1,7 +1,7 @@
-"""Runs in a Blender of its own, as a script: makes triangles, voxels and quads of the meshes that ``second_blender`` sends it.
+"""Script of the second Blender: make triangles, voxels and quads of the meshes that ``second_blender`` sends.
 
-A line of JSON comes for every mesh; it names the file with the mesh, the file for the answer, and what is to be done. By
-itself, without the package around it: it must start soon.
+Each request is a line of JSON with the file of the mesh, the file for the answer and the tool. The script does not import
+the package, so that it starts quickly.
 """
 
 import json
@@ -15,12 +15,12 @@ from mathutils.bvhtree import BVHTree
 
 
 def triangles(obj, near):
-    """Merge vertices closer than ``near``, triangulate, and remove what has no area."""
+    """Merge vertices closer than ``near``, triangulate, and remove faces without area."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.remove_doubles(bm, verts=bm.verts, dist=near)
     bmesh.ops.dissolve_degenerate(bm, edges=bm.edges, dist=near)
-    # two quads that share two sides could get the same diagonal, an edge of four triangles
+    # remove vertices of two quads only: these quads could get the same diagonal, an edge of four triangles
     doublets = [v for v in bm.verts if len(v.link_edges) == 2 and [len(f.verts) for f in v.link_faces] == [4, 4]]
     bmesh.ops.dissolve_verts(bm, verts=doublets)
     bmesh.ops.triangulate(bm, faces=bm.faces)
@@ -35,7 +35,7 @@ def voxels(obj, size):
 
 
 def cells(obj, size):
-    """Join coplanar faces, then cut them along planes across the three axes, about ``size`` apart."""
+    """Join coplanar faces, then cut them by planes normal to the three axes, about ``size`` apart."""
     bm = bmesh.new()
     bm.from_mesh(obj.data)
     bmesh.ops.dissolve_limit(bm, angle_limit=1e-3, verts=[], edges=bm.edges)
@@ -46,7 +46,7 @@ def cells(obj, size):
         for k in range(1, count):
             middle = low + np.eye(3)[axis] * (high - low)[axis] * k / count
             every = [*bm.verts, *bm.edges, *bm.faces]
-            # corners near to a plane count as on it, or slivers would be cut off beside them
+            # count corners near a plane as on it, or slivers would be cut off beside them
             bmesh.ops.bisect_plane(bm, geom=every, dist=0.2 * size, plane_co=middle, plane_no=np.eye(3)[axis])
     bm.to_mesh(obj.data)
     bm.free()
@@ -65,7 +65,7 @@ def quads(obj, count, seed, sharp, smooth):
 
 
 def touching(vertices, corners, body):
-    """(n, 2) pairs of bodies whose triangles cut each other."""
+    """Return (n, 2) pairs of bodies whose triangles intersect."""
     trees = []
     for k in range(int(body.max()) + 1):
         trees.append(BVHTree.FromPolygons(vertices.tolist(), corners.reshape(-1, 3)[body == k].tolist()))
@@ -108,14 +108,14 @@ TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads"
 
 
 def answer(wanted, given):
-    """The arrays that are asked for; {} where Blender refuses."""
+    """Run the requested tool and return its arrays; {} where Blender refuses."""
     if wanted["tool"] == "touching":
         return {"pairs": touching(given["vertices"], given["corners"], given["body"])}
     obj = as_object(given["vertices"], given["corners"], given["sizes"])
     mesh = obj.data
     try:
         return as_arrays(mesh) if TOOLS[wanted["tool"]](obj, **wanted["options"]) is not False else {}
-    except RuntimeError:  # an operator says no
+    except RuntimeError:  # the operator refuses
         return {}
     finally:
         bpy.data.objects.remove(obj)
@@ -124,7 +124,7 @@ def answer(wanted, given):
 
 def main():
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    for line in sys.stdin:  # ends with the Blender that started this one
+    for line in sys.stdin:  # ends when the first Blender ends
         wanted = json.loads(line)
         with np.load(wanted["given"]) as given:
             found = answer(wanted, given)

@@ -1,4 +1,4 @@
-"""Pictures and films rendered by a second Blender, while the first one goes on: a render blocks the Blender that it runs in."""
+"""Render pictures and films in a second Blender while the first one goes on, because a render blocks its Blender."""
 
 from __future__ import annotations
 
@@ -12,13 +12,22 @@ from .second_blender import LOOK, started
 
 SCRIPT = Path(__file__).with_name("second_render_script.py")
 SAMPLE = re.compile(rb"Sample (\d+)/(\d+)")
-TAIL = 4000  # bytes of what it prints in which the last line of its progress is looked for; a line has some 150
+TAIL = 4000  # bytes at the end of its output searched for the last line of progress; a line has about 150
 
 
 def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path]:
-    """Render the scene of a file; returns the files that it wrote into the folder ``made``.
+    """Render the scene of a file, and return the files written into the folder ``made``.
 
-    frames : of a film; 0 for a picture. Raises ``FlexMapsError`` where it fails, and whatever ``progress`` raises, which ends it.
+    Parameters
+    ----------
+    pack : the .blend file
+    made : the folder
+    frames : number of frames of a film; 0 for a picture
+    progress : called with a fraction and a text; if it raises, the render ends
+
+    Raises
+    ------
+    FlexMapsError where the render fails.
     """
     made.mkdir(exist_ok=True)
     log = pack.with_suffix(".txt")
@@ -26,22 +35,22 @@ def render(pack: Path, made: Path, frames: int, progress: Progress) -> list[Path
         process = started(pack.parent, SCRIPT, (str(pack), "film" if frames else "picture"), stream)
         try:
             while process.poll() is None:
-                progress(*_told(log, made, frames))
+                progress(*_progress_of(log, made, frames))
                 time.sleep(LOOK)
         finally:
             process.kill()
             process.wait()
             if process.stdin is not None:
                 process.stdin.close()
-    found = sorted(one for one in made.iterdir() if one.is_file())
-    if process.returncode or not found:
-        said = log.read_text(errors="replace").strip().splitlines()
-        raise FlexMapsError(f"The picture could not be made: {said[-1] if said else 'the second Blender broke off'}")
-    return found
+    pictures = sorted(one for one in made.iterdir() if one.is_file())
+    if process.returncode or not pictures:
+        lines = log.read_text(errors="replace").strip().splitlines()
+        raise FlexMapsError(f"The picture could not be made: {lines[-1] if lines else 'the second Blender broke off'}")
+    return pictures
 
 
-def _told(log: Path, made: Path, frames: int) -> tuple[float, str]:
-    """How far it is, by what it prints and has written."""
+def _progress_of(log: Path, made: Path, frames: int) -> tuple[float, str]:
+    """Return the fraction done and a text, from the render's output and the frames written."""
     if frames:
         done = sum(1 for _ in made.iterdir())
         return min(done / frames, 1.0), f"frame {min(done + 1, frames)} of {frames}"

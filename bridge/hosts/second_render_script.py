@@ -1,6 +1,6 @@
-"""Runs in a Blender of its own, as a script: renders the scene of a file, as that says. ``second_render`` starts it.
+"""Script of a second Blender: render the scene of a file with its own settings. ``second_render`` starts it.
 
-The last two words are the file, and "film" or "picture".
+The last two arguments are the file, and "film" or "picture".
 """
 
 import os

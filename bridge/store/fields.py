@@ -19,7 +19,7 @@ PROTECT = attributes.PREFIX + "protect"
 
 
 def names(obj: bpy.types.Object) -> list[str]:
-    """Return the names that ``of`` can read: vertex groups, colours, and numbers that are neither FlexMaps' nor Blender's own."""
+    """Return the names that ``of`` can read: vertex groups, then the user's other attributes."""
     groups = [group.name for group in obj.vertex_groups]
     usable = [
         a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)

@@ -1,30 +1,29 @@
-"""Between a Blender mesh and the engine's types: the only conversions there are.
+"""Convert between a Blender mesh and the engine's types: the only place that does.
 
-Blender's mesh is the store between two buttons: UV seams are the cuts of the layout, a UV map holds the flat patches, face
-and corner attributes hold what belongs to a quad:
+Blender's mesh stores a piece between two buttons. UV seams are the cuts of the layout, a UV map holds the flat patches,
+face and corner attributes hold values of quads:
 
-    seams             edge    where the surface is cut, to be edited by hand
-    flexmaps_seam     edge    the number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
-    flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
-    flexmaps_patch    face    number of the patch
-    flexmaps_energy   face    distortion E
-    flexmaps_square   face    distance from a square, Esq
-    flexmaps_width    corner  width of the arm that ends at the side from this corner to the face's next one, millimetres;
-                              older files have one a face, which is that of all four
-    flexmaps_twist    face    twist of the spiral, degrees
-    flexmaps_stiffness face   stiffness of the spiral, N mm/rad, where it was asked for; any other design drops it
-    flexmaps_protect  face    1 where Optimise has to leave the spiral as it is
-    flexmaps_last_width, flexmaps_last_twist    the same of spirals whose patches were cut anew: a start for the next ones
-    flexmaps_colour   corner  colours of the overlay, for renders
+ seams             edge    where the surface is cut, editable by hand
+ flexmaps_seam     edge    number of the seam that a cut of the flat patches belongs to, -1 elsewhere; its colour
+ flexmaps_flat     corner  UV map: the flat patches beside each other, millimetres
+ flexmaps_patch    face    number of the patch
+ flexmaps_energy   face    distortion E
+ flexmaps_square   face    distance from a square, Esq
+ flexmaps_width    corner  width of the arm that ends at the side from this corner to the face's next corner, millimetres;
+                           older files store one width a face, for all four arms
+ flexmaps_twist    face    twist of the spiral, degrees
+ flexmaps_stiffness face   stiffness of the spiral, N mm/rad, if it was computed; any change of the design removes it
+ flexmaps_protect  face    1 where Optimise has to leave the spiral as it is
+ flexmaps_last_width, flexmaps_last_twist    width and twist before the patches were cut anew: a start for new spirals
+ flexmaps_colour   corner  colours of the overlay, for renders
 
-What a simulation adds is told in ``equilibrium``.
+``equilibrium`` lists what a simulation adds.
 
-Sides follow one another counter-clockwise seen from outside, as the corners of the engine do: of a mirrored object the other
-way round than Blender's own. So widths keep to their sides when a mirroring is applied and the normals are turned outwards again;
-after *Flip Normals* alone the piece is another one, whose spirals are made anew.
+The engine's corners follow one another counter-clockwise seen from outside; for a mirrored object that is the reverse of
+Blender's order. So widths keep to their sides when a mirroring is applied and the normals are turned outwards again. After
+*Flip Normals* alone the piece is a different one, whose spirals must be made anew.
 
-Engine coordinates are world coordinates in metres. Nothing here computes more than
-a change of frame.
+Engine coordinates are world coordinates in metres. This module only changes frames.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ from .surface import Surface
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
-# metres between an object and the world's origin from which on it is computed about its own: there Blender, which draws in single
-# precision, has steps of 8 mm, and searches for a rest lose their last digits
+# metres from the world's origin beyond which an object's coordinates are relative to its own origin: at this distance
+# Blender's single precision has steps of 8 mm, and the search for an equilibrium loses its last digits
 FAR = 1e5
-NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # what stages make; what people mark stays
+NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # attributes that stages make; marks by people stay
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
 UNSOUND_NOTES = "The notes of earlier stages are damaged and are left out: run the stages again"
@@ -66,7 +65,12 @@ UNSEALED_NOTES = (
 
 
 def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
-    """Everything the engine needs from an object; raises ``FlexMapsError`` where the object cannot be used."""
+    """Read an object's mesh for the engine.
+
+    Raises
+    ------
+    FlexMapsError where the object is no usable mesh, or modifiers change its faces.
+    """
     problem = unusable(obj) or changed_by_modifiers(obj)
     if problem:
         raise FlexMapsError(problem)
@@ -76,14 +80,14 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
 
 
 def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
-    """The same in whatever mode, while a hand paints or sculpts."""
+    """Read an object's mesh in any mode, also while the user paints or sculpts."""
     seen = None if obj.data.is_editmode else seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
-    """The polygons that are seen, modifiers applied, but no simulated shape, metres and world axes."""
+    """Return the visible polygons, modifiers applied but without a simulated shape, in metres and world axes."""
     with equilibrium.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
@@ -93,7 +97,7 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
 
 
 def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """From the object's frame to world axes in metres, about the object's own origin where that lies beyond ``FAR``."""
+    """Return the matrix from the object's frame to metres in world axes, about its origin if that is beyond ``FAR``."""
     matrix = seeing.world(obj, scene)
     matrix[:3] *= scene.unit_settings.scale_length
     if np.abs(matrix[:3, 3]).max() > FAR:
@@ -121,7 +125,7 @@ def _surface(
     mesh.polygons.foreach_get("loop_total", sizes)
     positions = positions.reshape(-1, 3)
     loops = np.arange(len(corners))
-    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object is seen from the other side
+    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object shows the other side: reverse the corners
         starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
         count = np.repeat(sizes, sizes)
         loops = starts + (count - (loops - starts)) % count
@@ -140,12 +144,23 @@ def _surface(
 
 
 def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, mesh: QuadMesh) -> None:
-    """Move the object's vertices to those of the engine's mesh; vertices of no quad stay."""
+    """Move the object's vertices to those of the engine's mesh; vertices without a quad stay.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    surface : the surface as it was read
+    mesh : the same quads with new vertices, metres
+
+    Raises
+    ------
+    FlexMapsError where the user's shape keys fix the vertices.
+    """
     if equilibrium.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
     equilibrium.forget(obj)
     if obj.data.shape_keys is not None and not obj.data.is_editmode:
-        obj.shape_key_clear()  # a basis by itself would hold the vertices where they are
+        obj.shape_key_clear()  # a lone basis would keep the old positions
     inverse = np.linalg.inv(surface.to_metres)
     there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
     positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
@@ -163,14 +178,16 @@ def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surfa
 
 
 def layout_of(surface: Surface, mesh: QuadMesh) -> PatchLayout:
-    """The layout that the seams tell."""
+    """Return the layout that cuts the mesh at the object's seams."""
     return PatchLayout(mesh, surface.seams[surface.edge_of] & ~mesh.border)
 
 
 def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
-    """The flat patches as they were last written, with the cuts of that time; ``None`` where there are none.
+    """Return the flat patches as they were last stored, with the cuts of that time; None where there are none.
 
-    Raises ``FlexMapsError`` where the UV map or the surface was changed since.
+    Raises
+    ------
+    FlexMapsError where the UV map or the surface was changed since.
     """
     if any(name not in surface.values for name in FLAT_NAMES):
         return None
@@ -182,7 +199,7 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
     torn = np.flatnonzero(~(away <= 1e-5 * np.abs(corners).max()))
     if len(torn):
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
-    with np.errstate(all="ignore"):  # a map without size has no energy; NaN then differs from what was stored
+    with np.errstate(all="ignore"):  # a map of zero size yields NaN, which differs from the stored energy
         points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
         flat = measured(layout, points)
     stored = surface.values["energy"].astype(float)
@@ -193,7 +210,7 @@ def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
 
 
 def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "patches 2"]:
-    """The centre of every patch, metres, as ``flatten.in_frame`` has it; points as in ``FlatPatches``."""
+    """Return the centre of every patch in metres, as ``flatten.in_frame`` defines it; points as in ``FlatPatches``."""
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
@@ -203,7 +220,12 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
 
 
 def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
-    """The flat patches; raises ``FlexMapsError`` where the seams were edited since."""
+    """Return the flat patches of the present seams.
+
+    Raises
+    ------
+    FlexMapsError where there are none, or the seams were edited since.
+    """
     flat = flat_of(surface, mesh)
     if flat is None:
         raise FlexMapsError("There are no flat panels yet; press Merge or Flatten first")
@@ -216,13 +238,20 @@ def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
 def design_of(
     surface: Surface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
 ) -> SpiralDesign | None:
-    """The spirals as they were last written; ``None`` where there are none. ``LAST_NAMES``: those of earlier patches."""
-    found = _spirals(surface, names)
-    return None if found is None else SpiralDesign(flat, params, *found)
+    """Return the stored spirals; None where there are none.
+
+    Parameters
+    ----------
+    surface, flat : the surface and its flat patches
+    params : settings of the spirals
+    names : attributes to read; ``LAST_NAMES`` are the spirals before the patches were cut anew
+    """
+    values = _spirals(surface, names)
+    return None if values is None else SpiralDesign(flat, params, *values)
 
 
 def last_spirals(surface: Surface) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
-    """Widths in metres and twists in radians that are a start for those of new patches; None where there are none."""
+    """Return widths in metres and twists in radians from before the patches were cut anew; None where there are none."""
     return _spirals(surface, LAST_NAMES)
 
 
@@ -236,10 +265,17 @@ def _spirals(
 
 
 def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
-    """The spirals to go on from, fitted to settings and patches that were changed since they were made.
+    """Return the spirals to start from, adjusted to settings and patches that changed since they were made.
 
-    made : the note of the stage that wrote them. Raises ``FlexMapsError`` where there are no spirals, or where somebody
-    else wrote some that cannot be cut.
+    Parameters
+    ----------
+    surface, flat : the surface and its flat patches
+    params : settings of the spirals
+    made : the note of the stage that stored them
+
+    Raises
+    ------
+    FlexMapsError where there are no spirals, or spirals changed by hand cannot be cut.
     """
     if len(surface.spoilt):
         raise cannot_be_cut(surface.spoilt)
@@ -259,24 +295,32 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
 
 
 def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
-    """What is said of spirals that somebody else wrote."""
+    """Return the error for spirals that were changed by hand and cannot be cut."""
     text = f"{len(faces)} spirals were changed by hand into some that cannot be cut; press Spirals to make them anew"
     return FlexMapsError(text, faces=faces)
 
 
 def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
-    """Whether widths and twists are those that the note describes."""
-    found = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
+    """Return whether widths and twists have the least, mean and largest values that the note states."""
+    own = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(
         np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
-        for name, values in found.items()
+        for name, values in own.items()
     )
 
 
 def write_flat(
     obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
 ) -> None:
-    """Seams, UV map and face attributes of the flat patches; centres, metres, say where the patches lie."""
+    """Store seams, UV map and face attributes of the flat patches.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : the surface as it was read
+    flat : the flat patches
+    centres : where each patch lies in the UV map, metres
+    """
     cut = np.zeros(len(surface.pairs), bool)
     cut[surface.edge_of] = flat.layout.cut
     uv = np.empty((len(surface.loops), 2))
@@ -292,7 +336,7 @@ def write_flat(
 
 
 def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) -> None:
-    """The attributes of the spirals; a simulation of others is dropped, and so is how stiff others were."""
+    """Store the spirals, and drop a simulation and the stiffness of earlier ones."""
     forget(obj, (*LAST_NAMES, "stiffness"))
     _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
 
@@ -303,7 +347,7 @@ def write_start(
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
 ) -> None:
-    """Keep widths in metres and twists in radians as a start for the spirals of new patches."""
+    """Store widths in metres and twists in radians as a start for the spirals of new patches."""
     _put_spirals(obj, surface, LAST_NAMES, width, twist)
 
 
@@ -317,7 +361,7 @@ def _put_spirals(
 
 
 def shelve_design(obj: bpy.types.Object) -> None:
-    """Keep the spirals of earlier patches under ``LAST_NAMES``, as a start for those of the new patches."""
+    """Move the spirals to ``LAST_NAMES`` before the patches are cut anew."""
     with attributes.readable(obj) as mesh:
         kept = [attributes.get(mesh, attributes.PREFIX + name) for name in DESIGN_NAMES]
     for name, values in zip(LAST_NAMES, kept, strict=True):
@@ -328,7 +372,7 @@ def shelve_design(obj: bpy.types.Object) -> None:
 
 
 def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
-    """Remove attributes that an earlier stage made out of date, and what a simulation made of them."""
+    """Remove attributes that an earlier stage made out of date, and the simulation."""
     for name in names:
         attributes.remove(obj, attributes.PREFIX + name)
     equilibrium.forget(obj)

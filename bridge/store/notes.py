@@ -1,6 +1,6 @@
-"""What a stage found out, kept on the mesh as text, so that the sidebar shows it without computing.
+"""Results of stages, kept on the mesh as text, so that the sidebar shows them without computing.
 
-The blocks are those of report.json, see ``engine/runs/stages.py``, and "checks"; a stage that has not run is absent.
+The blocks are those of report.json, see ``engine/runs/stages.py``, and "checks"; a stage that has not run has no block.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
 
 NAME = "flexmaps_report"
-MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum: what every stage was made from, see ``states``
-SUM = "_sum"  # behind the name of a text: where its own checksum stands
-PROGRAM = "program"  # beside the checksums of a stage: the version that made it
-TRACED = "traced"  # in the layout's block: Trace made these patches, and Merge has not run yet
+MADE_FROM = "flexmaps_made_from"  # stage -> part -> checksum of the stage's inputs, see ``states``
+SUM = "_sum"  # suffix of a text's name under which the text's checksum is stored
+PROGRAM = "program"  # key beside the checksums of a stage: the version that made it
+TRACED = "traced"  # key in the layout's block: Trace made these patches, and Merge has not run yet
 OF_REMESH = {
     "surface-missed",
     "bodies-left-out",
     "bodies-joined",
     "bodies-cut",
-}  # findings about what quads were made from
-FRESH = "flexmaps_fresh"  # on the mesh while a stage writes: which blocks it wrote
+}  # codes of findings about the mesh before the remesh
+FRESH = "flexmaps_fresh"  # names of the blocks written since the last stamp
 
 
-# -- texts on the mesh: only what this program wrote is read --------------------------------------------------------------
+# -- texts on the mesh: read only if their checksum is right -------------------------------------------------------------
 
 
 def _checksum(text: str) -> str:
@@ -46,7 +46,7 @@ def _parsed(text: str, checksum: str) -> dict[str, Any] | None:
 
 
 def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
-    """What ``_put`` wrote; empty where there is nothing, or what has no checksum yet, None where it is something else."""
+    """Return what ``_put`` wrote; {} where there is nothing or no checksum yet, None where it is damaged."""
     text, checksum = mesh.get(name), mesh.get(name + SUM)
     if text is None or checksum is None:
         return {}
@@ -59,72 +59,74 @@ def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
 
 
 def get_text(mesh: bpy.types.Mesh, name: str) -> dict[str, Any]:
-    """What ``put_text`` keeps under a name; empty where there is nothing, or what something else wrote."""
+    """Return the dictionary that ``put_text`` stored under a name; {} where there is none or it is damaged."""
     return _get(mesh, name) or {}
 
 
 def put_text(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:
-    """Keep a dictionary on the mesh as text."""
+    """Store a dictionary on the mesh as text with a checksum."""
     _put(mesh, name, value)
 
 
 def unsound(mesh: bpy.types.Mesh) -> bool:
-    """Whether what is kept is damaged, or written by something else; then it counts as nothing."""
+    """Return whether the stored texts are damaged; they are then ignored."""
     return _get(mesh, NAME) is None or _get(mesh, MADE_FROM) is None
 
 
 def unsealed(mesh: bpy.types.Mesh) -> bool:
-    """Whether a version made the notes that knew no checksums; they cannot be told from damaged ones, and count as nothing too."""
+    """Return whether an early version without checksums wrote the notes; they may be damaged, and are ignored too."""
     return any(name in mesh and name + SUM not in mesh for name in (NAME, MADE_FROM))
 
 
 def _begin(mesh: bpy.types.Mesh) -> None:
-    """Call before writing: removes notes that count as nothing."""
+    """Remove notes that are ignored, before new ones are written."""
     if unsound(mesh) or unsealed(mesh):
         for name in (NAME, NAME + SUM, MADE_FROM, MADE_FROM + SUM, FRESH):
             if name in mesh:
                 del mesh[name]
 
 
-# -- what stages found out -----------------------------------------------------------------------------------------------
+# -- blocks of stages ---------------------------------------------------------------------------------------------------
 
 
 def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
-    """The blocks that are there; do not change the returned dict."""
-    found = _get(mesh, NAME)
-    return {} if not found or _get(mesh, MADE_FROM) is None else found
+    """Return the stored blocks; do not change the returned dict."""
+    blocks = _get(mesh, NAME)
+    return {} if not blocks or _get(mesh, MADE_FROM) is None else blocks
 
 
 def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
-    """Why a member of the engine's ``Result`` is not there, as a sentence; ``None`` where a stage has told of it."""
+    """Return why a member of the engine's ``Result`` is missing, as a sentence; None where its stage has run."""
     return None if stages.blocks_of((member,)) & read(mesh).keys() else stages.MISSING[member]
 
 
 def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
-    """Of every stage and part the checksum of what it was made from; do not change the returned dict."""
+    """Return stage -> part -> checksum of the stage's inputs; do not change the returned dict."""
     return {} if unsound(mesh) else _get(mesh, MADE_FROM) or {}
 
 
 def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> None:
-    """Note what some stages were made from, and by which version; of the others the notes stay."""
+    """Store the input checksums of some stages with this version; other stages keep theirs."""
     _begin(mesh)
     _put(mesh, MADE_FROM, made_from(mesh) | {name: parts | {PROGRAM: VERSION} for name, parts in made.items()})
 
 
 def made_with(mesh: bpy.types.Mesh) -> str:
-    """The version of the program that made what is noted: the newest, if that is newer than this one, else the oldest."""
+    """Return the version that made the notes: the newest if it is newer than this program, else the oldest."""
     if unsealed(mesh):
         return versions.UNSTAMPED
     made = made_from(mesh)
-    found = [str(made.get(name, {}).get(PROGRAM, versions.UNSTAMPED)) for name in read(mesh).keys() - {"checks"}]
-    newest = max(found, key=versions.order, default=VERSION)
+    made_by = [str(made.get(name, {}).get(PROGRAM, versions.UNSTAMPED)) for name in read(mesh).keys() - {"checks"}]
+    newest = max(made_by, key=versions.order, default=VERSION)
     return (
-        newest if versions.order(newest) > versions.order(VERSION) else min(found, key=versions.order, default=VERSION)
+        newest
+        if versions.order(newest) > versions.order(VERSION)
+        else min(made_by, key=versions.order, default=VERSION)
     )
 
 
 def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
-    """Put the block of a stage, and drop those of the stages after it, which it made out of date."""
+    """Store the block of a stage, and drop the blocks of later stages, which are now out of date."""
     _begin(mesh)
     gone = stages.blocks_after(stage)
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
@@ -132,22 +134,22 @@ def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
 
 
 def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
-    """Keep the blocks of several stages, in the order of the stages."""
+    """Store the blocks of several stages, in the order of the stages."""
     for stage, block in blocks.items():
         write(mesh, stage, block)
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
-    """Drop the block of a stage and those after it."""
+    """Drop the block of a stage and of all later ones."""
     _begin(mesh)
     gone = stages.blocks_after(stage) | {stage}
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
 
 
 def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
-    """Put the findings of the check, with their edges; they make nothing out of date.
+    """Store the findings of the check with their edges; no stage becomes out of date.
 
-    What the remesh has said of as many quads stays: no check of the quads alone can find it.
+    Findings of the remesh stay while the number of quads is the same, because a check of the quads cannot find them.
     """
     count = len(mesh.polygons)
     blocks = [
@@ -168,7 +170,7 @@ def _note_fresh(mesh: bpy.types.Mesh, stage: str) -> None:
 
 
 def take_fresh(mesh: bpy.types.Mesh) -> set[str]:
-    """The blocks that were written since the last call and are still there."""
+    """Return the blocks that were written since the last call and still exist."""
     fresh = set(str(mesh.get(FRESH, "")).split())
     if FRESH in mesh:
         del mesh[FRESH]

@@ -1,4 +1,4 @@
-"""Which objects FlexMaps can work on; cheap enough to be asked at every redraw, and without numerics."""
+"""Objects that FlexMaps can work on; without numerics, and quick enough for every redraw."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 from ...engine.errors import FlexMapsError
 from .i18n import translate
 
-# modifiers that leave the surface where it is
+# modifiers that do not change the surface
 HARMLESS = {
     "DATA_TRANSFER",
     "NORMAL_EDIT",
@@ -21,10 +21,10 @@ HARMLESS = {
     "WEIGHTED_NORMAL",
 }
 
-SAMPLED = 64  # edges, evenly picked, which tell whether the size of the quads is wrong by a factor of 2
-CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects of which Blender makes meshes
+SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
+CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
 
-# modifiers that move points and leave the faces what they are
+# modifiers that move points without changing the faces
 DEFORMING = {
     "ARMATURE",
     "CAST",
@@ -48,7 +48,7 @@ DEFORMING = {
 
 
 def unusable(obj: bpy.types.Object | None) -> str | None:
-    """Why FlexMaps cannot work on this object, as a sentence; ``None`` if it can. Cheap enough for a panel."""
+    """Return why FlexMaps cannot work on this object, as a sentence; None if it can. Quick enough for a panel."""
     if obj is None:
         return "Select a mesh object"
     if obj.type != "MESH":
@@ -66,19 +66,19 @@ def linked(obj: bpy.types.Object) -> bool:
 
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
-    """Why the mesh is not what is seen, as a sentence; ``None`` where modifiers leave the faces what they are."""
+    """Return which modifier changes the faces, as a sentence; None if no modifier does."""
     for name in changing(obj):
         return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", name)
     return None
 
 
 def changing(obj: bpy.types.Object) -> list[str]:
-    """The names of the modifiers that make other faces of a mesh's own."""
+    """Return the names of the modifiers that change the faces."""
     return [m.name for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS | DEFORMING]
 
 
 def shared(obj: bpy.types.Object) -> str:
-    """The names of the other objects that use the same mesh, as a short text; "" where there are none."""
+    """Return the names of the other objects that use the same mesh, as a short text; "" where there are none."""
     if obj.data.users < 2:
         return ""
     others = [f"'{o.name}'" for o in bpy.data.objects if o.data == obj.data and o != obj]
@@ -86,13 +86,13 @@ def shared(obj: bpy.types.Object) -> str:
 
 
 def files_read() -> tuple[Path, ...]:
-    """The open .blend file, if it was ever saved, and the files that it links."""
+    """Return the open .blend file, if it was ever saved, and the files that it links."""
     linked = (bpy.path.abspath(library.filepath) for library in bpy.data.libraries)
     return tuple(Path(path) for path in (bpy.data.filepath, *linked) if path)
 
 
 def find(uid: int) -> bpy.types.Object:
-    """The object read earlier, whatever its name is now; raises ``FlexMapsError`` where it was deleted."""
+    """Return the object that was read earlier, even if it was renamed; raise ``FlexMapsError`` where it was deleted."""
     for obj in bpy.data.objects:
         if obj.session_uid == uid and obj.users:
             return obj
@@ -100,7 +100,7 @@ def find(uid: int) -> bpy.types.Object:
 
 
 def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """About the median edge length in metres, from a few edges."""
+    """Return about the median edge length in metres, from a sample of edges."""
     mesh, matrix = obj.data, obj.matrix_world.to_3x3()
     lengths = []
     for k in range(0, len(mesh.edges), max(1, len(mesh.edges) // SAMPLED)):

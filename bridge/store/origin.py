@@ -1,6 +1,6 @@
-"""The object that quads were made from, which Quad remesh takes again as long as nobody has changed the quads.
+"""The object that quads were made from; Quad remesh starts from it again as long as the user has not changed the quads.
 
-What coarse quads have missed of a shape, finer ones made from them would miss too.
+Finer quads made from coarse ones would lack the details that the coarse ones missed.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ import numpy as np
 
 from ...engine.arrays import Float
 
-SOURCE = "flexmaps_source"  # on an object of quads: what they were made from
+SOURCE = "flexmaps_source"  # on an object of quads: the object that they were made from
 MADE = "flexmaps_made"  # on its mesh: a checksum of the quads as they were made
 
 
 def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
-    """Note what an object of quads was made from."""
+    """Store which object the quads were made from."""
     made[SOURCE], made.data[MADE] = source, _checksum(made.data)
 
 
 def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """What the quads of an object were made from; the object itself where that is gone, or where somebody has changed the quads."""
+    """Return the source of the quads; the object itself where the source is gone or the user changed the quads."""
     source = obj.get(SOURCE)
     if not isinstance(source, bpy.types.Object) or scene.objects.get(source.name) != source:
         return obj
@@ -30,7 +30,13 @@ def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object
 
 
 def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """From where a source stands to where the quads stand that were made from it, metres: these may have been moved and scaled since."""
+    """Return the matrix, in metres, from a source to the quads made from it, which may have been moved and scaled since.
+
+    Parameters
+    ----------
+    source, obj : the source and the object of quads
+    scene : their scene
+    """
     from .mesh import to_metres  # scipy comes with it
 
     return to_metres(obj, scene) @ np.linalg.inv(to_metres(source, scene))

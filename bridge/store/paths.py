@@ -1,4 +1,4 @@
-"""Where the files of an object go, and what they are called."""
+"""Folders and names of an object's files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .settings import unsaved
 
 
 def folder_of(text: str) -> Path:
-    """The folder that a setting names; raises ``FlexMapsError`` where there is none."""
+    """Return the folder that a setting names; raise ``FlexMapsError`` where there is none or the .blend is unsaved."""
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a folder that does not begin with //")
     if not text.strip():
@@ -24,10 +24,10 @@ def folder_of(text: str) -> Path:
 
 
 def file_name(name: str) -> str:
-    """What an object's files are called, unlike those of all other meshes of this .blend file.
+    """Return a file name for an object that differs from those of all other meshes of this .blend file.
 
-    Two names may come to the same, as a.b and a_b do, and on Windows and macOS so may names that differ in case or in how an accent
-    is written alone: the later of them in the order of the names get a number.
+    Two object names can yield the same file name, as a.b and a_b do; on Windows and macOS also names that differ only in case
+    or in how an accent is encoded. All but the first of them, in the order of the names, get a number.
     """
     taken = set[str]()
     for other in sorted({name} | {o.name for o in bpy.data.objects if o.type == "MESH"}):
@@ -40,7 +40,7 @@ def file_name(name: str) -> str:
 
 
 def _on_disk(name: str) -> str:
-    """By what those systems tell names apart that look at neither case nor the way in which an accent is written."""
+    """Fold case and accents, which Windows and macOS ignore in file names."""
     return unicodedata.normalize("NFC", name).casefold()
 
 
@@ -49,7 +49,7 @@ def _plain(name: str) -> str:
 
 
 def picture_file(text: str, film: bool = False) -> Path:
-    """The PNG file, or the film, that a setting names. Raises ``FlexMapsError`` where it names none."""
+    """Return the PNG file, or with ``film`` also an MP4 file, that a setting names; raise ``FlexMapsError`` without a name."""
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
     if not text.strip():
@@ -61,5 +61,5 @@ def picture_file(text: str, film: bool = False) -> Path:
 
 
 def picture_files(path: Path) -> list[Path]:
-    """The picture or film, and the frames of an earlier one."""
+    """Return the picture or film, and the frames of an earlier film."""
     return [path, *(path.parent.glob(f"{escape(path.stem)}-[0-9]*.png") if path.parent.is_dir() else ())]

@@ -1,9 +1,9 @@
-"""The simulated pose of the hubs, stored on the mesh: the assembled preview is built from it.
+"""The simulated pose of the hubs, stored on the mesh; the assembled preview is built from it.
 
-    flexmaps_hub                     face   the hub's centre, in the object's own frame
-    flexmaps_hub_x, flexmaps_hub_y   face   the axes of its flat patch there, as ways in the object's own frame
+ flexmaps_hub                     face   the hub's centre, in the object's own frame
+ flexmaps_hub_x, flexmaps_hub_y   face   the axes of its flat patch, as directions in the object's own frame
 
-So the pose moves and turns with the object.
+Being in the object's frame, the pose moves and turns with the object.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NAMES = ("hub", "hub_x", "hub_y")
 
 
 def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose) -> None:
-    """Keep a pose; to_metres leads from the object's frame to the pose's."""
+    """Store a pose; ``to_metres`` is the matrix from the object's frame to the pose's."""
     inverse = np.linalg.inv(to_metres)
     linear = inverse[:3, :3].T
     ways = (pose.centres @ linear + inverse[:3, 3], pose.rotations[:, :, 0] @ linear, pose.rotations[:, :, 1] @ linear)
@@ -32,7 +32,7 @@ def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose
 
 
 def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | None:
-    """The pose that was kept, where the object stands now; ``None`` where there is none."""
+    """Return the stored pose in metres and world axes at the object's present place; None if missing or damaged."""
     from ...engine.mechanics.assembly import Pose
 
     with attributes.readable(obj) as mesh:
@@ -44,13 +44,13 @@ def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | N
     normal = np.cross(x, y)
     squares = np.linalg.norm(normal, axis=1) > 0.1 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)
     if not squares.all() or (count > 1 and not np.ptp(centre, axis=0).any()):
-        return None  # not what we wrote
-    # single precision: the nearest rotation
+        return None  # damaged
+    # take the nearest rotation, because single precision has rounded the axes
     u, _, vt = np.linalg.svd(np.stack([x, y, normal / np.linalg.norm(normal, axis=1, keepdims=True)], axis=2))
     return Pose(centre + to_metres[:3, 3], u @ vt)
 
 
 def forget(obj: bpy.types.Object) -> None:
-    """Remove the pose: an earlier stage made it out of date."""
+    """Remove the pose, because an earlier stage made it out of date."""
     for name in NAMES:
         attributes.remove(obj, attributes.PREFIX + name)

@@ -1,8 +1,8 @@
-"""What a comparison with a scan left on an object: a face attribute, the block "scan" of the notes, and an object of points.
+"""A comparison with a scan, kept on an object: a face attribute, the block "scan" of the notes, and an object of points.
 
-    flexmaps_scan            face        how far the spiral's centre is from the scan, millimetres; -1 where the scan does not show it
+ flexmaps_scan            face        distance of the spiral's centre from the scan, millimetres; -1 where the scan has a gap
 
-A simulation that is written makes all of it out of date.
+Writing a new simulation removes all of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ...engine.scanning.compare import Comparison
 
 NAME, BLOCK = attributes.PREFIX + "scan", "scan"
-POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"  # on the object and on its points, each names the other
+POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"  # on the object and on its points; each names the other
 
 
 def forget(obj: bpy.types.Object) -> None:
@@ -36,7 +36,14 @@ def forget(obj: bpy.types.Object) -> None:
 
 
 def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) -> None:
-    """The distances and the points of a comparison; the note is written with those of the other stages."""
+    """Store the distances and the points of a comparison; the caller writes the note with those of the other stages.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    found : the comparison
+    points : the object of points, already in the scene
+    """
     forget(obj)
     attributes.put(obj, NAME, "FACE", "FLOAT", found.shown_mm)
     points[OWNER] = obj.name
@@ -44,7 +51,7 @@ def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) ->
 
 
 def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Whether there is a comparison, and the shape that the scan was compared with is the object's still."""
+    """Return whether there is a comparison, and the shape that the scan was compared with is still the object's."""
     block = notes.read(obj.data).get(BLOCK)
     if block is None or states.is_old(obj, scene, BLOCK):
         return False
@@ -52,7 +59,7 @@ def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
 
 
 def sentence(block: dict[str, Any]) -> str:
-    """What a comparison found, for people."""
+    """Describe a comparison's result for people."""
     from .i18n import translate
 
     text = "The built piece is RMS {:.2f} mm, {:.2f} % from the {}, at most {:.2f} mm, {:.2f} %; the scan shows {:.0f} % of its spirals."

@@ -1,7 +1,7 @@
-"""Which surface a stage works on: what is seen of an object, whether it is hidden or not, without what FlexMaps shows itself.
+"""The surface that a stage works on: an object as the user sees it, hidden or not, without the shapes that FlexMaps shows.
 
-Where what is seen has the mesh's own faces (shape keys, armatures, lattices and the like), stages work on the points that are
-seen. Where it has others (Subdivision, Mirror, Boolean), ``objects.changed_by_modifiers`` says so, and no stage begins.
+If the seen surface has the mesh's own faces (shape keys, armatures, lattices and the like), stages work on the seen points.
+If it has other faces (Subdivision, Mirror, Boolean), ``objects.changed_by_modifiers`` reports it, and no stage starts.
 """
 
 from __future__ import annotations
@@ -18,28 +18,30 @@ from ...engine.errors import FlexMapsError
 from . import keys
 from .objects import DEFORMING
 
-_STEPS = 12  # of Newton's method; armatures need one, lattices and curves three
-_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625)  # of a step; shorter ones where modifiers follow the box of all points
-_CLOSE = 1e-6  # of the object's size: Blender stores single precision
-_SLOPE = 1e-3  # of the object's size: difference quotients lose least between rounding and curvature there
-_SINGULAR = 1e-3  # ways along which modifiers move points by a smaller share than along others are left
+_STEPS = 12  # Newton steps at most; armatures need one, lattices and curves three
+_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625)  # step lengths tried; short ones help where modifiers follow the bounding box
+_CLOSE = 1e-6  # tolerance in the object's size: Blender stores single precision
+_SLOPE = 1e-3  # step of difference quotients in the object's size: balances rounding and curvature
+_SINGULAR = 1e-3  # relative cut-off of the pseudo-inverse: ignores directions in which modifiers hardly move points
 
 
 def deforming(obj: bpy.types.Object) -> bool:
-    """Return whether modifiers, or a parent that bends it, move the object's points."""
+    """Return whether modifiers, or an armature or lattice as parent, move the object's points."""
     bent = obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}
     return bent or any(modifier.show_viewport and modifier.type in DEFORMING for modifier in obj.modifiers)
 
 
 def keyed(obj: bpy.types.Object) -> bool:
-    """Return whether shape keys of the user's may move the object's points."""
+    """Return whether the user's shape keys may move the object's points."""
     return keys.foreign_keys(obj.data)
 
 
 def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "vertices 3"] | None:
-    """The points that are seen, in the object's own frame; None where they are the mesh's own.
+    """Return the seen points in the object's own frame; None where they are the mesh's own.
 
-    Raises ``FlexMapsError`` where the seen points cannot be told.
+    Raises
+    ------
+    FlexMapsError in edit mode, or where modifiers make other faces.
     """
     bent = deforming(obj)
     if not bent and not keyed(obj):
@@ -47,7 +49,7 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
     if obj.data.is_editmode:
         raise FlexMapsError("Leave Edit Mode first (Tab): shape keys or modifiers move what is seen there")
     if not bent and obj.data.shape_keys.use_relative:
-        return _mixed(obj)
+        return _mix_keys(obj)
     with keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
         mesh = there.to_mesh()
         try:
@@ -58,8 +60,8 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
             there.to_mesh_clear()
 
 
-def _mixed(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """Relative shape keys mixed as Blender does, without ours."""
+def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
+    """Mix relative shape keys as Blender does, without FlexMaps' own keys."""
     blocks, count = obj.data.shape_keys.key_blocks, len(obj.data.vertices)
     ours = {key.name for key in keys.keys_of(obj.data)}
     pinned = obj.active_shape_key
@@ -82,12 +84,13 @@ def points_before_bending(
     start: Float[np.ndarray, "vertices 3"],
     wanted: Float[np.ndarray, "vertices 3"],
 ) -> Float[np.ndarray, "vertices 3"]:
-    """Return the points in the mesh's own frame that modifiers bend to the wanted ones, by Newton's method at every vertex.
+    """Return the points of the mesh that modifiers move to the wanted places, by Newton's method at every vertex.
 
-    Points that no modifier can bring there, as behind a Shrinkwrap, stay where the last step took them.
+    Points that no modifier can move there, such as behind a Shrinkwrap, stay where the last step took them.
 
     Parameters
     ----------
+    obj, scene : the mesh object and its scene
     put : stores points in the mesh, or in the shape key that is shown
     start, wanted : in the object's own frame
     """
@@ -130,28 +133,28 @@ def _seen_with(
 
 
 def _positions(items: bpy.types.bpy_prop_collection, count: int) -> Float[np.ndarray, "vertices 3"]:
-    found = np.empty(3 * count, np.float32)
-    items.foreach_get("co", found)
-    return found.reshape(-1, 3)
+    coordinates = np.empty(3 * count, np.float32)
+    items.foreach_get("co", coordinates)
+    return coordinates.reshape(-1, 3)
 
 
 def _weights(obj: bpy.types.Object, group: int) -> Float[np.ndarray, " vertices"]:
-    found = np.zeros(len(obj.data.vertices), np.float32)
+    weights = np.zeros(len(obj.data.vertices), np.float32)
     for vertex in obj.data.vertices:
         for member in vertex.groups:
             if member.group == group:
-                found[vertex.index] = member.weight
-    return found
+                weights[vertex.index] = member.weight
+    return weights
 
 
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """The points as the view shows them, our shapes included, in the object's own frame."""
+    """Return the points as the 3D view shows them, FlexMaps' shapes included, in the object's own frame."""
     mesh = obj.data
     if mesh.is_editmode or not (deforming(obj) or keyed(obj)):
         return keys.shown_positions(mesh)
     if not deforming(obj) and mesh.shape_keys.use_relative:
         own = keys.shown_positions(mesh) - _positions(mesh.vertices, len(mesh.vertices))
-        return _mixed(obj) + own
+        return _mix_keys(obj) + own
     there = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     if len(there.vertices) != len(mesh.vertices):
         return keys.shown_positions(mesh)
@@ -159,32 +162,32 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
 
 
 def state(obj: bpy.types.Object) -> bytes:
-    """What decides the seen points beside the mesh's own; empty where nothing does. Quick enough for a redraw."""
+    """Return all that moves the seen points away from the mesh, as bytes; quick enough for a redraw."""
     data = b""
     if keyed(obj) and not obj.data.is_editmode and obj.data.shape_keys.use_relative:
-        data += _mixed(obj).tobytes()
+        data += _mix_keys(obj).tobytes()
     if deforming(obj):
         for modifier in obj.modifiers:
             if modifier.show_viewport and modifier.type in DEFORMING:
-                data += _described(modifier).encode()
-        data += b"" if obj.parent is None else _placed(obj.parent)
+                data += _describe(modifier).encode()
+        data += b"" if obj.parent is None else _placement(obj.parent)
     return data
 
 
-def _described(modifier: bpy.types.Modifier) -> str:
-    """The values of a modifier's properties, and where the objects are that it follows."""
-    told = [modifier.type]
+def _describe(modifier: bpy.types.Modifier) -> str:
+    """Return the values of a modifier's properties as text, with the places of the objects that it follows."""
+    texts = [modifier.type]
     for prop in modifier.bl_rna.properties:
         value: Any = getattr(modifier, prop.identifier, None)
         if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"} and not prop.identifier.startswith("show_"):
-            told.append(str(list(value) if getattr(prop, "is_array", False) else value))
+            texts.append(str(list(value) if getattr(prop, "is_array", False) else value))
         elif isinstance(value, bpy.types.Object):
-            told.append(_placed(value).hex())
-    return " ".join(told)
+            texts.append(_placement(value).hex())
+    return " ".join(texts)
 
 
-def _placed(obj: bpy.types.Object) -> bytes:
-    """Where an object stands, and how its bones or its lattice's points do."""
+def _placement(obj: bpy.types.Object) -> bytes:
+    """Return an object's matrix as bytes, with those of its bones or the points of its lattice."""
     data = np.round(np.array(obj.matrix_world), 6).tobytes()
     if obj.pose is not None:
         data += b"".join(np.round(np.array(bone.matrix), 6).tobytes() for bone in obj.pose.bones)
@@ -194,14 +197,14 @@ def _placed(obj: bpy.types.Object) -> bytes:
 
 
 def is_evaluated(obj: bpy.types.Object) -> bool:
-    """Return whether Blender keeps the object up to date: hidden ones it leaves as they were."""
+    """Return whether Blender keeps the object's evaluated state up to date, which it does not for hidden objects."""
     layer = bpy.context.view_layer
     return layer is not None and layer.objects.get(obj.name) == obj and obj.visible_get(view_layer=layer)
 
 
 @contextmanager
 def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """The object as it is seen, or would be if it were not hidden."""
+    """Yield the evaluated object, also where it is hidden."""
     if is_evaluated(obj):
         graph = bpy.context.evaluated_depsgraph_get()
         graph.update()
@@ -221,7 +224,7 @@ def evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.typ
 
 
 def world(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """From the object's frame to the world's, of hidden objects too."""
+    """Return the matrix from the object's frame to the world's, also of hidden objects."""
     if is_evaluated(obj) or obj.is_evaluated:
         return np.array(obj.matrix_world, dtype=float)
     with evaluated(obj, scene) as there:

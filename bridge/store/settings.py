@@ -1,8 +1,8 @@
 """Settings of the engine as Blender properties, generated from the dataclasses in ``engine/params``, and back.
 
-They belong to the object: two pieces in one file differ in size and sheet, and appending or copying an object takes its
-settings along. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units,
-because these are dimensions of a cut piece and Blender's own length properties clamp wrongly under a scene scale.
+Settings belong to the object: two pieces in one file differ in size and sheet, and a copied or appended object keeps its
+settings. Lengths are plain numbers in millimetres and angles plain numbers in degrees, whatever the scene's units, because
+they are dimensions of a cut piece and Blender's own length properties clamp wrongly under a scene scale.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ T = TypeVar("T")
 LARGE, FINE = (
     100.0,
     0.05,
-)  # mm: lengths above are shown with one digit behind the point, those below with four, others with two
+)  # mm: lengths from LARGE on show one decimal, below FINE four, between them two
 
 _groups: dict[type, type[bpy.types.PropertyGroup]] = {}
 
 
 def _property(f: Field) -> Any:
-    """The Blender property of one setting."""
+    """Make the Blender property of one setting."""
     meta = f.metadata
     unit = SHOWN[meta["unit"]][1]
     label = f"{meta['label']} ({unit})" if unit else meta["label"]
@@ -39,7 +39,7 @@ def _property(f: Field) -> Any:
         return BoolProperty(default=default, **common)
     if isinstance(default, str):
         if meta["folder"]:
-            # from 4.5 on a path that may begin with // has to say so
+            # Blender 4.5 and later need this option for a path that begins with //
             options = {"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (4, 5, 0) else set()
             return StringProperty(default=default, subtype="DIR_PATH", options=options, **common)
         return StringProperty(default=default, **common)
@@ -48,7 +48,7 @@ def _property(f: Field) -> Any:
     if isinstance(default, int):
         return IntProperty(default=default, **{k: int(v) for k, v in bounds.items()}, **common)
     step = {"mm": 10, "\N{DEGREE SIGN}": 500}.get(unit, 1)
-    # a share of something is drawn as a slider
+    # show a number from 0 to 1 as a slider
     subtype = "FACTOR" if (meta["low"], meta["high"]) == (0.0, 1.0) else "NONE"
     shown = default * factor
     precision = 3 if not unit else 1 if unit != "mm" or shown >= LARGE else 2 if shown >= FINE or not shown else 4
@@ -56,14 +56,14 @@ def _property(f: Field) -> Any:
 
 
 def group(cls: type) -> type[bpy.types.PropertyGroup]:
-    """The PropertyGroup class of a dataclass of settings; dataclasses inside it become groups inside the group."""
+    """Make the PropertyGroup class of a dataclass of settings; nested dataclasses become nested groups."""
     if cls not in _groups:
         hints = get_type_hints(cls)
         annotations: dict[str, Any] = {}
         for f in fields(cls):
             inner: type = hints[f.name]
             annotations[f.name] = PointerProperty(type=group(inner)) if is_dataclass(inner) else _property(f)
-        # kept for files and presets of earlier versions; read() lets what stands for it now, once set, win
+        # keep settings of earlier versions for old files and presets; in read() their successors win once set
         for name in getattr(cls, "WERE", {}):
             annotations[name] = BoolProperty(default=True, options={"HIDDEN"})
         made = type(f"FLEXMAPS_PG_{cls.__name__}", (bpy.types.PropertyGroup,), {"__annotations__": annotations})
@@ -74,17 +74,17 @@ def group(cls: type) -> type[bpy.types.PropertyGroup]:
 
 @cache
 def _hints(cls: Any) -> dict[str, Any]:
-    """The types of a dataclass's settings: made once, for live mode reads them at every change."""
+    """Return the types of a dataclass's settings; cached, because live mode reads them at every change."""
     return get_type_hints(cls)
 
 
 def _exact(value: float) -> float:
-    """The decimal number a float32 stands for: 0.3 mm reads back as 0.30000001192..."""
+    """Return the decimal number that a float32 stands for: 0.3 mm is stored as 0.30000001192."""
     return float(f"{value:.7g}")
 
 
 def read(properties: Any, cls: type[T]) -> T:
-    """The engine's settings from a property group made by ``group(cls)``; raises ``FlexMapsError`` out of bounds."""
+    """Return the engine's settings from a property group made by ``group(cls)``; raise ``FlexMapsError`` out of bounds."""
     hints = _hints(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for f in fields(cls):  # type: ignore[arg-type]
@@ -102,7 +102,7 @@ def read(properties: Any, cls: type[T]) -> T:
 
 
 def write(properties: Any, settings: Any) -> None:
-    """Put the engine's settings into a property group made by ``group(type(settings))``."""
+    """Store the engine's settings in a property group made by ``group(type(settings))``."""
     for f in fields(settings):
         value = getattr(settings, f.name)
         if is_dataclass(value):
@@ -114,22 +114,22 @@ def write(properties: Any, settings: Any) -> None:
 
 
 def changed(properties: Any, but: tuple[str, ...] = ()) -> str:
-    """The settings of a group that are not at their defaults, as a text to compare with; cheap enough for a panel.
+    """Return the settings of a group that differ from their defaults, as a text to compare; quick enough for a panel.
 
-    but : the names of those that are left out
+    but : names to leave out
     """
-    found = []
+    texts = []
     for name, prop in properties.bl_rna.properties.items():
         if name in {"rna_type", "name", *but} or prop.type == "POINTER":
             continue
         value = getattr(properties, name)
         if value != prop.default:
-            found.append(f"{name}={value:.6g}" if prop.type == "FLOAT" else f"{name}={value}")
-    return " ".join(found)
+            texts.append(f"{name}={value:.6g}" if prop.type == "FLOAT" else f"{name}={value}")
+    return " ".join(texts)
 
 
 def unsaved(path: str) -> bool:
-    """Whether a path is beside the .blend file, which was never saved."""
+    """Return whether a path is relative to a .blend file that was never saved."""
     return path.startswith("//") and not bpy.data.filepath
 
 

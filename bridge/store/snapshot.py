@@ -1,4 +1,4 @@
-"""What an object in Blender holds of a job, as the engine's result; ``scene.put`` is the way back."""
+"""The job that an object in Blender holds, read as the engine's result; ``scene.put`` writes it."""
 
 from __future__ import annotations
 
@@ -25,12 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What the stages need of an object, read on Blender's main thread: plain arrays and texts, safe in another thread.
+    """The input of the stages, read on Blender's main thread as plain arrays and texts, safe in another thread.
 
-    name : of the object; note : of the stage that made its spirals, if there is one
-    chosen : whether its layout was chosen, and the spirals of ``mesh.LAST_NAMES`` are those found with it
-    held : quads that are held; force : newtons on the quads; None without
-    groups : quads by the names of the vertex groups that load cases speak of
+    name : name of the object
+    surface, settings : its surface and settings
+    held : quads that are held, or None
+    force : newtons on the quads, or None
+    note : the note of the stage that made its spirals, or None
+    chosen : whether Choose made the layout; the spirals of ``mesh.LAST_NAMES`` then belong to it
+    groups : quads by the names of the vertex groups that load cases use
     """
 
     name: str
@@ -43,9 +46,13 @@ class Snapshot:
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
 
     def result(self) -> Result:
-        """The job's result as far as its stages have run. Raises ``FlexMapsError`` with the first error of the check.
+        """Return the job's result as far as its stages have run.
 
-        Members that are stored but cannot be used any more are in ``Result.lost``.
+        Stored members that cannot be used any more are in ``Result.lost``.
+
+        Raises
+        ------
+        FlexMapsError with the first error of the check.
         """
         begun = job.begin(self.surface.polygons)
         made = replace(begun, supports=self.held, force=self.force, groups=self.groups, protected=self.protected)
@@ -59,42 +66,44 @@ class Snapshot:
         lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
         last = mesh.last_spirals(self.surface) if self.chosen else None
         start = None if flat is None or last is None else (flat, *last)
-        return replace(made, flat=flat, start=start, design=self._marked(design), lost=lost)
+        return replace(made, flat=flat, start=start, design=self._with_painted(design), lost=lost)
 
-    def _marked(self, design: SpiralDesign | None) -> SpiralDesign | None:
-        """Spirals as they are stored, and whether somebody painted them."""
+    def _with_painted(self, design: SpiralDesign | None) -> SpiralDesign | None:
+        """Set whether the stored spirals were painted."""
         return None if design is None else replace(design, painted=bool((self.note or {}).get("painted")))
 
     @property
     def protected(self) -> Int[np.ndarray, " kept"] | None:
-        """The quads whose spirals are protected; None where there are none."""
+        """Return the quads whose spirals are protected; None where there are none."""
         marked = self.surface.values.get("protect")
         return None if marked is None or not marked.any() else np.flatnonzero(marked)
 
     @property
     def has_flat(self) -> bool:
-        """Whether flat patches were ever written."""
+        """Return whether flat patches were ever stored."""
         return self.surface.values.keys() >= set(mesh.FLAT_NAMES)
 
     def seams(self, made: Result) -> Bool[np.ndarray, " edges"]:
-        """Where the object has seams, in the engine's order of edges."""
+        """Return where the object has seams, in the engine's order of edges."""
         return mesh.layout_of(self.surface, made.mesh).cut
 
     def start(self, made: Result) -> Result:
-        """The result with spirals to go on from: fitted to settings and patches that were changed since they were made."""
+        """Return the result with spirals to start from, adjusted to settings and patches that changed since they were made."""
         if made.flat is None:
             return made
         design = mesh.start_of(self.surface, made.flat, self.settings.spiral, self.note)
-        return replace(made, design=self._marked(design))
+        return replace(made, design=self._with_painted(design))
 
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """Of an object: its surface, its settings, and how far the stages have come.
+    """An object's surface, settings and results of stages.
 
-    uid : Blender's id of the object; None where what is seen is not its own mesh, but what modifiers made of it
+    source : its polygons
+    settings : its settings
+    uid : Blender's id of the object; None where modifiers made the polygons
     result : None where the check finds errors
-    seams : the edges, in the engine's order, where the object has seams
+    seams : where the object has seams, in the engine's order of edges
     """
 
     source: PolygonMesh
@@ -105,9 +114,18 @@ class Stored:
 
 
 def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
-    """Read what the stages need of an object, with supports and forces if ``loaded``; takes milliseconds.
+    """Read the input of the stages from an object within milliseconds.
 
-    Raises ``FlexMapsError`` where those are no groups of the object, or hold no quad.
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    used : its settings
+    loaded : also read supports and forces
+
+    Raises
+    ------
+    FlexMapsError where a vertex group of the loads is missing or holds no quad.
     """
     blocks = notes.read(obj.data)
     snapshot = Snapshot(obj.name, surface, used, note=blocks.get("spirals"), chosen="choose" in blocks)
@@ -118,7 +136,7 @@ def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loade
 
 
 def read(obj: bpy.types.Object) -> Stored:
-    """What an object holds; raises ``FlexMapsError`` where it is no mesh that FlexMaps can work on."""
+    """Read the results that an object holds; raise ``FlexMapsError`` where it is no mesh that FlexMaps can work on."""
     scene = bpy.context.scene
     used = settings.read(obj.flexmaps, ObjectSettings) if hasattr(obj, "flexmaps") else ObjectSettings()
     problem = objects.unusable(obj)
@@ -138,6 +156,6 @@ def read(obj: bpy.types.Object) -> Stored:
 
 
 def rest_of(uid: int) -> Pose | None:
-    """The pose of an object's simulation, where that is sound and up to date."""
+    """Return the pose of an object's simulation; None where that is not sound or out of date."""
     obj, scene = objects.find(uid), bpy.context.scene
     return equilibrium.resting(obj, scene, mesh.read_surface(obj, scene))

@@ -1,8 +1,8 @@
-"""How far every stage of an object is; cheap enough to be asked at every redraw.
+"""The state of every stage of an object; quick enough for every redraw.
 
-A stage is done while everything that its result was made from is as it was. ``stamp`` notes that, part by part (the shape,
-the seams, a group of settings), as checksums beside the notes; ``of`` compares them with the present. A stamp outlives the
-note that an earlier stage dropped, and so tells a stage that has to be run again from one that never ran.
+A stage is done while all inputs of its result are unchanged. ``stamp`` stores checksums of the inputs, part by part (the
+shape, the seams, a group of settings), beside the notes; ``of`` compares them with the present. A stamp outlives a note
+that an earlier stage dropped, which tells a stage that has to run again from one that never ran.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from .checksums import Checksums
 
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
 
-# what of a result a hand can change on a Blender mesh, the likeliest first: its edges' seams, its faces' spirals, its vertices
+# members of a result that the user can edit on a Blender mesh, most likely first: seams of edges, spirals of faces, vertices
 BY_HAND = {"flat": "seams", "design": "design", "mesh": "shape"}
 
 
 def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
-    """What something is made from that goes on from some members: what a hand can change of them, then the settings."""
+    """Return the parts that a result depends on: those of its members that the user can edit, then the settings."""
     ingredients = stages.ingredients(members)
     own = tuple(part for member, part in BY_HAND.items() if member in ingredients)
     named = tuple(dict.fromkeys(settings))
@@ -35,10 +35,10 @@ def _parts_of(block: str) -> tuple[str, ...]:
     return _parts((m for s in writers for m in s.needs), (name for s in writers for name in s.settings))
 
 
-# block of the notes -> what it is made from; settings by the name of their section, see ``stages.Stage``
+# block of the notes -> parts that it depends on; settings by the name of their section, see ``stages.Stage``
 PARTS: dict[str, tuple[str, ...]] = {"checks": ("shape",)} | {block: _parts_of(block) for block in stages.BLOCKS}
 PARTS["sheets"] += ("export",)  # the note names the files
-# what has no note, but is made from the same
+# results without a note -> parts that they depend on
 UNNOTED: dict[str, tuple[str, ...]] = {
     "regularise": _parts(stages.STAGES["regularise"].needs, stages.STAGES["regularise"].settings),
     "preview": (*_parts(("design",), ("spiral",)), "pose"),
@@ -46,8 +46,8 @@ UNNOTED: dict[str, tuple[str, ...]] = {
 OF_MESH = {*BY_HAND.values(), "pose"}
 OF_SETTINGS = {
     part for parts in (*PARTS.values(), *UNNOTED.values()) for part in parts
-} - OF_MESH  # and which way is down
-# block -> those of the stages that it goes on from
+} - OF_MESH  # includes "down", the direction of gravity
+# block -> blocks of the stages that it builds on
 AFTER = {
     block: stages.blocks_of(need for stage in stages.writers(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
@@ -64,9 +64,10 @@ PROGRAM = "An earlier version of FlexMaps made it, which looked at less"
 
 @dataclass(frozen=True)
 class State:
-    """One stage: ``TODO``, ``DONE`` or ``OLD`` (out of date); ``part`` is what changed, "" where an earlier stage did.
+    """State of one stage: ``TODO``, ``DONE`` or ``OLD`` (out of date).
 
-    known : whether the version that made it took note of that part
+    part : the part that changed, "" where an earlier stage changed
+    known : whether the version that made the result stored a checksum of that part
     """
 
     kind: str
@@ -75,7 +76,7 @@ class State:
 
     @property
     def reason(self) -> str:
-        """Why it is out of date, as a sentence without its full stop; "" where it is not."""
+        """Return why the stage is out of date, as a sentence without its full stop; "" where it is not."""
         if self.kind != OLD:
             return ""
         if not self.known:
@@ -87,15 +88,18 @@ class State:
 
 
 def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
-    """Checksums of the settings as they are now, for ``stamp``: a stage begins with them, and they may change until it ends."""
+    """Return checksums of the settings for ``stamp``; take them when a stage starts, because they may change until it ends."""
     now = Checksums(obj, scene)
     return {part: now[part] for part in OF_SETTINGS}
 
 
 def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] | None = None) -> None:
-    """Note what the results that were written since the last stamp are made from; call it after writing.
+    """Store the input checksums of all results written since the last stamp; call it after writing.
 
-    begun : the ``settings_now`` when the work began, where that is a while ago
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    begun : ``settings_now`` from when the work began, if it took a while
     """
     mesh = obj.data
     fresh = notes.take_fresh(mesh)
@@ -111,7 +115,14 @@ def stamp(obj: bpy.types.Object, scene: bpy.types.Scene, begun: dict[str, str] |
 def stamp_unnoted(
     obj: bpy.types.Object, scene: bpy.types.Scene, name: str, begun: dict[str, str] | None = None
 ) -> None:
-    """Note what something was made from that is no stage, one of ``UNNOTED``; ``begun`` as for ``stamp``."""
+    """Store the input checksums of one of ``UNNOTED``.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    name : which
+    begun : as for ``stamp``
+    """
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = Checksums(obj, scene, begun)
@@ -122,7 +133,7 @@ def stamp_unnoted(
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
-    """The state of every stage, in edit mode too; a mesh of more than ``MANY`` edges is there as edit mode found it."""
+    """Return the state of every stage; in edit mode, a mesh of more than ``MANY`` edges counts as edit mode found it."""
     blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), Checksums(obj, scene)
     states: dict[str, State] = {}
     for stage, parts in PARTS.items():
@@ -140,21 +151,21 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
 
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
-    """Whether there is a result of a stage that what it was made from has left behind; earlier stages are not looked at."""
-    return stage in notes.read(obj.data) and _left_behind(obj, scene, stage, PARTS[stage])
+    """Return whether a stage has a result whose inputs changed since; earlier stages are not considered."""
+    return stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
 
 
 def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """The same of one of ``UNNOTED``, which has no note; False where it was never made."""
-    return _left_behind(obj, scene, name, UNNOTED[name])
+    """Return whether one of ``UNNOTED`` was made and its inputs changed since."""
+    return _inputs_changed(obj, scene, name, UNNOTED[name])
 
 
 def is_current_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:
-    """Whether one of ``UNNOTED`` was made of what is there now, so that it would make nothing else."""
+    """Return whether one of ``UNNOTED`` was made and is up to date."""
     return name in notes.made_from(obj.data) and not is_old_unnoted(obj, scene, name)
 
 
-def _left_behind(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
+def _inputs_changed(obj: bpy.types.Object, scene: bpy.types.Scene, name: str, parts: tuple[str, ...]) -> bool:
     made = notes.made_from(obj.data).get(name)
     if made is None:
         return False

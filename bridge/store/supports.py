@@ -1,4 +1,4 @@
-"""What holds a piece and what pulls at it, from the vertex groups that the user chose."""
+"""Supports and forces of a piece, from the vertex groups that the user chose and from single quads."""
 
 from __future__ import annotations
 
@@ -17,54 +17,76 @@ from . import handles, mesh, objects, settings
 if TYPE_CHECKING:
     from .surface import Surface
 
-CORNERS = 2  # corners of a quad in the group that make the quad belong to it: an edge on the ground is a support
+CORNERS = 2  # corners in the group that put a quad into it, so that an edge on the ground counts as a support
 GROUP = "FlexMaps supports"
 
 
 def loads(
     obj: bpy.types.Object, surface: Surface, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
-    """What holds an object and what pulls at it, as ``supported`` and ``force`` tell; raises as these do."""
+    """Return the supported quads and the force on every quad in newtons, (quads, 3); None where there are none.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    params : settings of the loads
+
+    Raises
+    ------
+    FlexMapsError where a vertex group is missing or holds no quad.
+    """
     return supported(obj, surface, params), force(obj, surface, params)
 
 
 def loads_of(
     uid: int, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
-    """The same of an object that was read earlier."""
+    """Return the loads, as ``loads`` does, of an object that was read earlier."""
     obj = objects.find(uid)
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
 def named(obj: bpy.types.Object, surface: Surface, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
-    """The quads of those vertex groups that load cases speak of; cases that cannot be read, or groups that hold no quad, are left out."""
+    """Return the quads of the vertex groups that load cases use.
+
+    Groups that hold no quad are left out; cases that cannot be read yield {}.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    params : settings of the load cases
+    """
     try:
         wanted = cases.plan(params.cases, params.combinations).groups
     except FlexMapsError:
-        return {}  # whoever needs them reads them again, and is told
-    found = {}
+        return {}  # the stage reads the cases again and reports the error
+    quads = {}
     for name in wanted:
         if obj.vertex_groups.get(name) is not None:
             with suppress(FlexMapsError):
-                found[name] = _quads(obj, surface, name, "Load cases")
-    return found
+                quads[name] = _quads(obj, surface, name, "Load cases")
+    return quads
 
 
 def named_of(uid: int, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
-    """The same of an object that was read earlier."""
+    """Return the quads by group, as ``named`` does, of an object that was read earlier."""
     obj = objects.find(uid)
     return named(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
 def is_group(uid: int, name: str) -> bool:
-    """Whether an object that was read earlier has a vertex group of this name."""
+    """Return whether an object that was read earlier has a vertex group of this name."""
     return objects.find(uid).vertex_groups.get(name) is not None
 
 
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
-    """The quads that are held, by the group and by hand; ``None`` where the user holds nothing.
+    """Return the quads held by the group and by single marks; None where none are held.
 
-    Raises ``FlexMapsError`` where the group is not on the object, or holds no quad.
+    Raises
+    ------
+    FlexMapsError where the group is missing or holds no quad.
     """
     single = handles.held(surface)
     if not params.supports:
@@ -78,7 +100,15 @@ def put(
     held: Int[np.ndarray, " supports"] | None,
     force: Float[np.ndarray, "quads 3"] | None,
 ) -> None:
-    """What holds a piece and what pulls at it: by the groups that are chosen, and beside them by single quads."""
+    """Store supports and forces: in the chosen groups as far as those match, the rest on single quads.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    held : quads that are held, or None
+    force : newtons on every quad in world axes, or None
+    """
     wanted = np.zeros(0, int) if held is None else np.asarray(held)
     chosen = obj.flexmaps.loads
     in_group = _quads(obj, surface, chosen.supports, "Supports") if chosen.supports else np.zeros(0, int)
@@ -90,14 +120,16 @@ def put(
     shared = force_of_group(obj, surface, settings.read(chosen, LoadParams))
     total = np.zeros((len(single), 3)) if force is None else force
     left = total - shared
-    # what rounding leaves is no pull
+    # rounding errors are not forces
     handles.write(obj, handles.PULL, np.where(np.abs(left) > 1e-9 * np.abs(total).max(initial=0.0), left, 0.0))
 
 
 def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supports"] | None) -> bool:
-    """Put held quads into a vertex group of the object, and choose it; of None, choose none.
+    """Store held quads in a vertex group of the object and choose that group; None chooses no group.
 
-    False where no group says exactly the same, such as of a single quad amid others; then none is chosen.
+    Returns
+    -------
+    False where no vertex group yields exactly these quads, such as a single quad amid others; then no group is chosen.
     """
     chosen = obj.flexmaps.loads
     chosen.supports = ""
@@ -106,7 +138,7 @@ def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supp
     sizes, corners = surface.polygons.sizes, surface.polygons.corners
     face = np.repeat(np.arange(len(sizes)), sizes)
     held = np.isin(face, quads)
-    # the vertices that no quad but held ones has: those at the ground, where the lowest quads are held
+    # take the vertices that belong only to held quads: those on the ground, if the lowest quads are held
     inside = np.bincount(corners[held], minlength=len(surface.positions)) > 0
     inside[corners[~held]] = False
     belonging = np.bincount(face, weights=inside[corners], minlength=len(sizes)) >= CORNERS
@@ -120,9 +152,15 @@ def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supp
 
 
 def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
-    """Newtons in world axes on every quad: the force, shared evenly by its group, and what pulls at single quads; ``None`` without any.
+    """Return the force on every quad, newtons in world axes: the group's force, shared evenly, plus forces on single quads.
 
-    Raises ``FlexMapsError`` where the group is missing, not on the object, or holds no quad.
+    Returns
+    -------
+    None without any force.
+
+    Raises
+    ------
+    FlexMapsError where the group is missing or holds no quad.
     """
     shared, single = force_of_group(obj, surface, params), handles.pulls(surface)
     total = shared if single is None else shared + single
@@ -130,7 +168,7 @@ def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[
 
 
 def force_of_group(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
-    """The part of it that the group's force is. Raises as ``force``."""
+    """Return the share of the group's force on every quad; raises as ``force`` does."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
         return shared
@@ -142,7 +180,7 @@ def force_of_group(obj: bpy.types.Object, surface: Surface, params: LoadParams) 
 
 
 def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> Int[np.ndarray, " quads"]:
-    """The quads with enough corners in a vertex group; ``place`` is where the user chose it."""
+    """Return the quads with enough corners in a vertex group; ``place`` is the label of the setting that names it."""
     group = obj.vertex_groups.get(name)
     if group is None:
         raise FlexMapsError(f"'{obj.name}' has no vertex group '{name}'; choose another one under {place}")
@@ -164,7 +202,7 @@ def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> In
 
 
 def _members(obj: bpy.types.Object, index: int) -> Bool[np.ndarray, " vertices"]:
-    """The vertices with any weight in a vertex group, edit mode included."""
+    """Return the vertices with any weight in a vertex group, in edit mode too."""
     if obj.data.is_editmode:
         import bmesh
 

@@ -1,4 +1,4 @@
-"""What a stage reads of an object before it leaves Blender's main thread: plain arrays."""
+"""A copy of an object's mesh as plain arrays, for stages that run off Blender's main thread."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from ...engine.surface.mesh import PolygonMesh
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A copy of what an object's mesh held when it was read; plain arrays, safe in another thread.
+    """A copy of an object's mesh when it was read; plain arrays, safe in another thread.
 
     uid : Blender's id of the object for this session, which survives renaming
     polygons : the polygons, metres, world axes, counter-clockwise seen from outside
-    positions : single precision, vertices in the object's own frame
+    positions : single precision, the mesh's own vertices in the object's frame
     pairs : the vertices of Blender's edges
     seams : UV seams in the order of Blender's edges
     loops : Blender's corner of every corner of ``polygons``
-    to_metres : from the object's frame to metres in world axes
-    values : attributes of ours by name, without the prefix, in Blender's order
-    spoilt : faces whose width or twist is none that we write
-    seen : the vertices as shape keys and modifiers of the user's place them, as ``positions``, which are the mesh's own
+    to_metres : matrix from the object's frame to metres in world axes
+    values : FlexMaps' attributes by name, without the prefix, in Blender's order
+    spoilt : faces whose width or twist is out of its bounds
+    seen : the vertices moved by the user's shape keys and modifiers, in the object's frame
     """
 
     uid: int
@@ -40,7 +40,7 @@ class Surface:
 
     @cached_property
     def edge_of(self) -> Int[np.ndarray, " edges"]:
-        """Blender's edge of every edge of the engine, which numbers them by ascending vertex pair."""
+        """Return Blender's edge of every edge of the engine, which numbers its edges by ascending vertex pair."""
         corners, sizes = self.polygons.corners, self.polygons.sizes
         following = np.arange(1, len(corners) + 1)
         ends = np.cumsum(sizes)
@@ -51,7 +51,7 @@ class Surface:
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
 
     def same_as(self, other: Surface) -> bool:
-        """Whether nothing that a stage reads has changed."""
+        """Return whether everything that a stage reads is unchanged."""
         a, b = self.polygons, other.polygons
         pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]
         return all(x.shape == y.shape and bool((x == y).all()) for x, y in pairs)

@@ -230,14 +230,14 @@ def test_control_c_becomes_cancelled() -> None:
 def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
     from flexmaps.bridge.hosts import preload
 
-    monkeypatch.setattr(preload, "_begun", [])
+    monkeypatch.setattr(preload, "_threads", [])
     preload.start()
-    assert not preload._begun  # this Blender has no window
+    assert not preload._threads  # this Blender has no window
     monkeypatch.setattr(preload, "bpy", SimpleNamespace(app=SimpleNamespace(background=False)))
     preload.start()
     preload.start()
     preload.wait()
-    assert len(preload._begun) == 1 and not preload._begun[0].is_alive()
+    assert len(preload._threads) == 1 and not preload._begun[0].is_alive()
     assert {f"flexmaps.{name}" for name in preload.MODULES} <= set(sys.modules)
 
 
