@@ -59,7 +59,7 @@ def test_saddle():
     mesh = shapes.saddle(20)
     x, y, _ = mesh.centroids.T
     d = np.full_like(x, 0.9)
-    expected = curvature._of_graph(0.9 * x, -0.9 * y, d, 0 * d, -d)
+    expected = curvature._graph_curvatures(0.9 * x, -0.9 * y, d, 0 * d, -d)
     got = curvature.principal_curvatures(mesh)
     inner = ~mesh.on_border[mesh.quads].any(axis=1)
     np.testing.assert_allclose(got[inner], expected[inner], atol=0.02 * 0.9)
@@ -72,7 +72,7 @@ def test_formula_of_a_graph():
     z = np.sqrt(1 - x * x - y * y)
     b, c = -x / z, -y / z
     d, e, f = -(1 + b * b) / z, -b * c / z, -(1 + c * c) / z
-    got = curvature._of_graph(*(np.array([value]) for value in (b, c, d, e, f)))
+    got = curvature._graph_curvatures(*(np.array([value]) for value in (b, c, d, e, f)))
     np.testing.assert_allclose(got, -1)
 
 
