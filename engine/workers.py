@@ -68,12 +68,12 @@ class Workers(Executor):
     def __call__(
         self, function: Callable[[T], U], items: Sequence[T], progress: Progress = SILENT, text: str = ""
     ) -> list[U]:
-        """The function of every item, in their order; with one process alone, in this one.
+        """The function of every item, in their order; in this process with one alone, or of one item before there are others.
 
         What the function raises is raised here, of several the one of the first item; ``Cancelled`` when the user wants to stop,
         which ends the processes at once. Raises ``Lost`` where processes end by themselves.
         """
-        if min(self.count, len(items)) < 2:
+        if self.count < 2 or len(items) < (1 if self._all else 2):  # ESC is seen while another process works
             return [function(item) for item in progress.each(items, text)]
         found = dict(as_done(self, function, items, progress, text))
         return [found[number].result() for number in range(len(items))]

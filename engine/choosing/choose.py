@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import islice, pairwise, zip_longest
+from itertools import islice, pairwise, takewhile, zip_longest
 from typing import Any
 
 import numpy as np
@@ -59,7 +59,7 @@ PROVED = 2  # layouts that get a long search beside the given one, as many as th
 SLOWER = 4.0
 # Times the distance asked for within which a search goes on: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
 CLOSE = 1.3
-SMALL = 500  # quads up to which as many searches go on at once as there were, else one: a minute has room for those
+SMALL = 500  # quads up to which as many searches go on at once as are wanted, else one: a minute has room for those
 FILLED = 2  # layouts between two proposals that are looked for
 
 
@@ -176,7 +176,7 @@ def _collect(search: Search, first: Laid, progress: Progress) -> None:
     most = CURVED * taken_up(first.flat.layout)
     began, paced = time.monotonic(), creeping(progress, search.pace)
     made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
-    search.pace = time.monotonic() - began
+    search.pace = time.monotonic() - began if unsearched else search.pace
     slow = made.pop(0) if unsearched else None
     if slow is not None:
         search.proved[key(first)] = slow
@@ -296,26 +296,38 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
 def _prove(search: Search, progress: Progress) -> None:
     """Give the best layouts a long search; where none holds the goal, go on with the nearest, and with what may hold it still.
 
-    The nearest is searched on too where it may yet come nearer than the given layout, which had a whole search.
-    Several at once, whether there are as many cores or not, so that the result is the same.
+    In a piece of many quads one after another, as long as the next is still expected to serve the goal better. Else several at
+    once, whether there are as many cores or not, so that the result is the same.
     """
-    match = search.params.goal == "match"
-    best = [one.laid for one in search.judged if one.share < LONG][:PROVED]
-    if best and (search.params.goal == "panels" or search.judged[0].share < LONG):
-        search.prove(best, progress.part(0.0, 0.6))
-    if not match or not search.proved or search.holds(next(one for one in search.judged if one.share >= LONG)):
+    together = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
+    searched: list[Laid] = []
+    for turn in range(PROVED // together):
+        tries = _better(search, together)
+        search.prove(tries, progress.part(0.6 * turn * together / PROVED, 0.6 * (turn + 1) * together / PROVED))
+        searched += tries
+        search.expect([search.proved[key(one)] for one in searched if key(one) in search.proved])
+    if search.params.goal != "match" or any(search.holds(one) for one in search.proved.values()):
         return
-    search.expect([search.proved[key(one)] for one in best if key(one) in search.proved])
+    hopeful = [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
+    search.prove([*_undecided(search), *hopeful][:together], progress.part(0.6, 1.0))
+
+
+def _better(search: Search, most: int) -> list[Laid]:
+    """Return layouts that are expected to serve the goal better than all that were searched for; with a number of panels, the best others."""
+    found = search.judged
+    if search.params.goal == "panels":
+        return [one.laid for one in found if one.share < LONG][:most]
+    return [one.laid for one in takewhile(lambda one: one.share < LONG, found)][:most]
+
+
+def _undecided(search: Search) -> list[Laid]:
+    """Return the nearest layout of those that had one long search, where another one decides whether it is taken."""
+    nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.rms, default=None)
+    if nearest is None:
+        return []
     whole = next((one.rms for one in search.proved.values() if one.share >= WHOLE), 0.0)
-    others = sorted((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.rms)
-    tries = [
-        one.laid
-        for one in others[:1]
-        if one.rms <= CLOSE * search.params.match / 100.0 or (one.eased > WORTH * whole and one.rms <= CLOSE * whole)
-    ]
-    tries += [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
-    few = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
-    search.prove(tries[:few], progress.part(0.6, 1.0))
+    may_hold = nearest.rms <= CLOSE * search.params.match / 100.0
+    return [nearest.laid] if may_hold or (nearest.eased > WORTH * whole and nearest.rms <= CLOSE * whole) else []
 
 
 def _fill_gaps(search: Search, progress: Progress) -> None:

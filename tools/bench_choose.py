@@ -1,0 +1,171 @@
+"""What *Propose layouts* makes of a piece that was made fit: panels, match, seconds of processor, and what is told meanwhile.
+
+python3 tools/dev.py bench choose [--thorough] [--only PATTERNS] [--quads N] [--json FILE]
+
+Every surface is laid out and optimised as by default, then layouts are proposed for the usual match, and what is taken is optimised
+again. The quick ones are a few; ``--thorough`` takes Blender's primitives, some of the zoo and the meshes beside the checkout. Surfaces
+that do not consist of about so many quads are remeshed. What is in the JSON file is not measured again. Seconds are the processor's,
+those of other processes included; the first proposal and the time left are told by a clock, which depends on what else the machine does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fnmatch
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import zoo
+from bench_panels import processor
+from flexmaps.engine.choosing.choice import GIVEN, Choice
+from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.params import Settings
+from flexmaps.engine.progress import Progress
+from flexmaps.engine.remaining import Remaining
+from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
+from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.mesh import PolygonMesh
+from rows import Row, Table, at_most, row
+from zoo import trial
+
+SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
+PRIMITIVES = ("cube", "uv_sphere", "cylinder", "cone", "monkey")
+PREFIX = "blender-"  # of their names here: the zoo has a cube too
+ZOO = ("spindle", "star5", "elbow", "catenoid", "hypar", "terrain-rough", "dome-oculus", "genus2")  # one a family
+QUICK = ("blender-cone", "blender-cylinder", "vault")
+EDGE = 0.02  # metres
+USUAL = 500  # quads: the default
+LARGEST = 2.5  # times as many are remeshed
+SAME = 1.03  # ratio of distances by which two searches of the same layout differ
+SECONDS, FIRST, RISE = (
+    60.0,
+    5.0,
+    1.5,
+)  # asked: of processor in all, until the first proposal, and of the time left, as a ratio
+SMALL = 6  # quads: a panel of fewer is hard to handle
+KINDS = {".obj", ".off"}
+
+
+def main(arguments: list[str]) -> int:
+    """Measure, print the table, write the rows; 0 whatever was measured."""
+    parser = argparse.ArgumentParser(prog="dev.py bench choose")
+    parser.add_argument("--thorough", action="store_true", help="all surfaces")
+    parser.add_argument("--only", help="patterns of names among all surfaces, with commas")
+    parser.add_argument("--quads", type=int, default=USUAL, help="so many where a surface is remeshed")
+    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
+    options = parser.parse_args(arguments)
+    patterns = options.only.split(",") if options.only else ["*"] if options.thorough else QUICK
+    table = Table(34)
+    table.rows = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
+    done = {one["mesh"] for one in table.rows}
+    for name, make in surfaces():
+        if name in done or not any(fnmatch.fnmatch(name, pattern) for pattern in patterns):
+            continue
+        try:
+            table.add(*measured(name, make(), options.quads))
+        except FlexMapsError as error:
+            table.add(row(name, "refused", "", str(error)[:80], None))
+        if options.json:
+            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
+    table.finish(options.json)
+    return 0
+
+
+def surfaces() -> Iterator[tuple[str, Callable[[], PolygonMesh]]]:
+    """Yield names, and what makes the polygons: Blender's primitives, the zoo, the meshes beside the checkout."""
+    for name in PRIMITIVES:
+        yield PREFIX + name, partial(_primitive, name)
+    for name in ZOO:
+        yield name, zoo.SURFACES[name].polygons
+    for path in sorted(SHARED.rglob("*")) if SHARED.is_dir() else ():
+        if path.suffix in KINDS:
+            yield path.stem, partial(meshio.read, str(path))
+
+
+def _primitive(name: str) -> PolygonMesh:
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    getattr(bpy.ops.mesh, f"primitive_{name}_add")()
+    mesh = bpy.context.object.data
+    points = np.array([vertex.co for vertex in mesh.vertices])
+    corners = np.array([loop.vertex_index for loop in mesh.loops])
+    return PolygonMesh(points, corners, np.array([polygon.loop_total for polygon in mesh.polygons]))
+
+
+def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
+    """Return the rows of one surface."""
+    settings = Settings()
+    count = len(polygons.sizes)
+    if (polygons.sizes != 4).any() or not quads / LARGEST <= count <= LARGEST * quads:
+        polygons = trial.remeshed(polygons, quads)
+    laid = job.run(polygons, settings, edge=EDGE, stop_after="split")
+    given = job.go_on(laid, settings, ("spirals", "optimise", "simulate"))
+    watch, began = _Watch(), processor()
+    chosen = job.go_on(given, settings, ("choose",), Progress(watch.report))
+    spent = processor() - began
+    again = chosen if chosen.design is not None else job.go_on(chosen, settings, ("spirals", "optimise", "simulate"))
+    assert chosen.choice is not None
+    return _rows(name, given, chosen.choice, again, watch, spent)
+
+
+@dataclass
+class _Watch:
+    """What somebody sees who waits: when the first proposal is told, and how the time left goes on.
+
+    first : seconds, infinite before; least : seconds, the shortest time left that was told
+    rise : the largest ratio of a time left to the shortest one before, of which ``FIRST`` seconds count at least
+    """
+
+    first: float = np.inf
+    least: float = np.inf
+    rise: float = 1.0
+    began: float = field(default_factory=time.monotonic)
+    remaining: Remaining = field(default_factory=Remaining)
+
+    def report(self, fraction: float, text: str) -> None:
+        now = time.monotonic() - self.began
+        if "the best" in text:
+            self.first = min(self.first, now)
+        self.remaining.report(now, fraction)
+        left = self.remaining.seconds(now)
+        if left is not None:
+            self.least = min(self.least, left)
+            self.rise = max(self.rise, left / max(self.least, FIRST))
+
+
+def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch, spent: float) -> list[Row]:
+    assert given.flat is not None
+    assert again.flat is not None
+    before, after = _rms(given), _rms(again)
+    best = choice.best
+    sizes = [len(patch) for patch in again.flat.layout.patches]
+    peer: dict[str, Any] = {
+        "stays": best.judged.laid.origin == GIVEN,
+        "judged": choice.judged,
+        "note": choice.note[:120],
+    }
+    allowed = max(SAME * before, Settings().choose.match) if choice.reached else SAME * before
+    return [
+        row(name, "quads", "", len(given.mesh.quads), None),
+        row(name, "panels by default", "", len(given.flat.layout.patches), None),
+        row(name, "RMS % by default", "", float(f"{before:.4g}"), None),
+        row(name, "panels taken", "", best.panels, None, peer),
+        row(name, "RMS % as proposed", "", float(f"{100.0 * best.rms:.4g}"), None),
+        at_most(name, "RMS % after the search", allowed, after),
+        at_most(name, f"panels under {SMALL} quads", 0, sum(size < SMALL for size in sizes)),
+        at_most(name, "seconds until the first proposal", FIRST, watch.first),
+        at_most(name, "seconds of processor", SECONDS, spent),
+        at_most(name, "largest rise of the time left", RISE, watch.rise),
+    ]
+
+
+def _rms(result: Result) -> float:
+    assert result.simulation is not None
+    return float(result.simulation.match["rms_percent"])
