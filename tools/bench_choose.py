@@ -5,7 +5,7 @@ python3 tools/dev.py bench choose [--thorough] [--only PATTERNS] [--quads N] [--
 Every surface is laid out and optimised as by default, then layouts are proposed for the usual match, and what is taken is optimised
 again. The quick ones are a few; ``--thorough`` takes Blender's primitives, some of the zoo and the meshes beside the checkout. Surfaces
 that do not consist of about so many quads are remeshed. What is in the JSON file is not measured again. Seconds are the processor's,
-those of other processes included; the first proposal and the time left are told by a clock, which depends on what else the machine does.
+those of other processes included; the time left is told by a clock, so that it depends on what else the machine does.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
 class _Watch:
     """What somebody sees who waits: when the first proposal is told, and how the time left goes on.
 
-    first : seconds, infinite before; least : seconds, the shortest time left that was told
+    first : seconds of processor, infinite before; least : seconds, the shortest time left that was told
     rise : the largest ratio of a time left to the shortest one before, of which ``FIRST`` seconds count at least
     """
 
@@ -127,12 +127,13 @@ class _Watch:
     least: float = np.inf
     rise: float = 1.0
     began: float = field(default_factory=time.monotonic)
+    used: float = field(default_factory=processor)
     remaining: Remaining = field(default_factory=Remaining)
 
     def report(self, fraction: float, text: str) -> None:
         now = time.monotonic() - self.began
         if "the best" in text:
-            self.first = min(self.first, now)
+            self.first = min(self.first, processor() - self.used)
         self.remaining.report(now, fraction)
         left = self.remaining.seconds(now)
         if left is not None:
