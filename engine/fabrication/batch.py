@@ -1,6 +1,7 @@
-"""Several pieces, or several copies of one, on common sheets: every copy gets a letter, which stands before whatever is engraved on it.
+"""Several pieces, or several copies of a piece, on common sheets.
 
-Sheets are shared by what is cut from the same material with the same tool, so that has to be alike.
+Each copy has a letter, which precedes every label engraved on that copy. Pieces share sheets only if their material,
+thickness and cutter are equal.
 """
 
 from __future__ import annotations
@@ -25,12 +26,19 @@ from .panels.labels import Labels, seam_name
 from .panels.panel import Panel
 from .sheets import CutSheets, along_grain, engraved, loose_keys, with_keys, with_labels_beside
 
-MOST = 2000  # panels on common sheets; as many take the quick packing a minute
+MOST = 2000  # maximum number of panels on common sheets: the quick packing of so many takes a minute
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A piece that is cut ``copies`` times: its name, its spirals, the sheets that it would have alone, and what they take."""
+    """A piece to cut ``copies`` times.
+
+    name : shown to the user
+    design : its spirals
+    sheets : the sheets of a single copy by itself
+    figures : mass, time and cost of a single copy
+    assembly : ``AssemblyCheck``, None without one
+    """
 
     name: str
     design: SpiralDesign
@@ -45,8 +53,9 @@ class Part:
 class Batch:
     """Pieces on common sheets.
 
-    sheets : all panels of all copies, each knowing its ``piece``, the place of its copy among all
-    of : the part that every copy is of
+    parts : the pieces
+    sheets : the panels of all copies; ``Panel.piece`` is the number of the copy
+    of : by copy, the index of its part
     """
 
     parts: tuple[Part, ...]
@@ -55,15 +64,18 @@ class Batch:
 
     @property
     def designs(self) -> list[SpiralDesign]:
-        """The spirals of every copy."""
+        """The design of every copy."""
         return [self.parts[k].design for k in self.of]
 
     def letters_of(self, part: int) -> list[str]:
-        """The letters of a part's copies."""
+        """Return the letters of a part's copies."""
         return [seam_name(copy) for copy, k in enumerate(self.of) if k == part]
 
     def seen_by(self, part: int) -> CutSheets:
-        """The common sheets for one part's assembly sheet: panels of others are nameless, and joints are its own."""
+        """Return the common sheets for the assembly sheet of one part.
+
+        Panels of other parts lose their patch number, and the joints are those of the part.
+        """
         panels = tuple(p if self.of[p.piece] == part else replace(p, patch=-1) for p in self.sheets.panels)
         own = self.parts[part].sheets
         return replace(
@@ -72,7 +84,18 @@ class Batch:
 
 
 def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILENT) -> Batch:
-    """Lay all copies of some pieces on common sheets of these settings. Raises ``FlexMapsError`` where they cannot share any."""
+    """Lay all copies of some pieces on common sheets.
+
+    Parameters
+    ----------
+    parts : pieces with their numbers of copies
+    params : size of the sheets, margin, spacing and labels
+    progress : receives the share done
+
+    Raises
+    ------
+    FlexMapsError : no part, too many panels, or parts of different material, thickness or cutter
+    """
     _refuse_unlike(parts)
     of = tuple(k for k, part in enumerate(parts) for _ in range(part.copies))
     panels: list[Panel] = []
@@ -80,7 +103,7 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     labels, small = np.zeros(2, dtype=int), []
     for copy, k in enumerate(progress.part(0.0, 0.2).each(of, "labels")):
         mark = seam_name(copy) if len(of) > 1 else ""
-        made, of_copy = _marked(parts[k], copy, mark, params)
+        made, of_copy = _engraved_copy(parts[k], copy, mark, params)
         labels += [of_copy.placed, of_copy.left_out]
         small.append(of_copy.small)
         panels += [p for p in made if p.kind != "key"]
@@ -102,13 +125,13 @@ def batch(parts: Sequence[Part], params: SheetParams, progress: Progress = SILEN
     sheets = CutSheets(
         all_panels, packing, params, tuple(warnings), int(labels[0]), int(labels[1]),
         min(s.slot_min for s in several), min(s.bridge_min for s in several),
-        first.thickness, first.cut, _joined([s.connections for s in several]),
+        first.thickness, first.cut, _all_connections([s.connections for s in several]),
     )  # fmt: skip
     return Batch(tuple(parts), sheets, of)
 
 
 def _refuse_unlike(parts: Sequence[Part]) -> None:
-    """Raise where there is nothing, too much, or what cannot be cut from one sheet."""
+    """Raise ``FlexMapsError`` without parts, with too many panels, or if the parts cannot share sheets."""
     if not parts:
         raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
     count = sum(part.copies * len(part.design.flat.layout.patches) for part in parts)
@@ -129,8 +152,8 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
                 )
 
 
-def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
-    """The panels, plates and loose keys of one copy, engraved with its letter, and its labels."""
+def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list[Panel], Labels]:
+    """Return the panels, plates and loose keys of one copy with its letter in their labels, and the labels."""
     made = part.sheets
     design = part.design if made.base is None else made.base.design
     known = [p for p in made.panels if p.kind != "key"]
@@ -146,8 +169,8 @@ def _marked(part: Part, copy: int, mark: str, params: SheetParams) -> tuple[list
     return [replace(p, piece=copy, mark=mark) for p in (*known, *keys)], labels
 
 
-def _joined(some: Sequence[Connections]) -> Connections:
-    """The connectors of all copies, for the report's figures."""
+def _all_connections(some: Sequence[Connections]) -> Connections:
+    """Join the connectors of all copies for the figures of the report."""
     return Connections(
         tuple(o for c in some for o in c.outlines),
         tuple(one for c in some for one in c.connectors),

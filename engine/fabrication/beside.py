@@ -1,4 +1,4 @@
-"""Labels that the material has no room for, in letters of a legible height in the waste beside their panels, with a tick."""
+"""Write labels that do not fit on their panels in legible letters in the waste beside them, with a tick to the panel."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ from .panels.lettering import length, straight
 from .panels.panel import Panel
 
 BESIDE = "labels beside panels"
-_WAYS = 16  # directions round a place in which room is looked for
-_REACH = 5.0  # letter heights from the place at most; farther off a tick crosses other ticks
-_STEPS = 12  # distances up to there
-_SHORT = 0.5  # letter heights that a tick is long at least, or it looks like a hyphen
-_NEAR = 0.004  # metres between a place and where its tick meets the outline; connectors reach as far
-_PIECE = 16  # points of an outline that are one line of the search tree
-_TOGETHER = 32  # boxes that are looked at together, the nearest first; with 16 or 64 it takes longer
-_TOLERANCE = 2e-5  # metres between outlines and the lines of the search tree
+_WAYS = 16  # directions around a labelled point in which free space is searched
+_REACH = 5.0  # maximum distance from the labelled point, in letter heights; ticks that are longer cross other ticks
+_STEPS = 12  # distances tried up to ``_REACH``
+_MIN_TICK = 0.5  # minimum length of a tick in letter heights; a shorter one looks like a hyphen
+# maximum distance in metres from the labelled point to the outline along the tick; connectors extend so far
+_MAX_DEPTH = 0.004
+_LINE_POINTS = 16  # points of an outline per line in the search tree
+_BATCH = 32  # boxes tested together, the nearest first; 16 or 64 take longer
+_TOLERANCE = 2e-5  # maximum distance in metres of the lines in the search tree from the outlines
 
 
 def labels_beside(
@@ -37,11 +38,19 @@ def labels_beside(
 ) -> list[tuple[Curve, ...]]:
     """Return the strokes of every small label beside its panel, in that panel's frame; none where there is no room.
 
-    Letters stay away from every panel by half of the panels' spacing, and off each other.
+    Letters keep half of the panels' spacing from every panel and do not overlap each other.
 
     Parameters
     ----------
-    of_panel : the place in ``panels`` of every label's panel
+    panels, packing : the panels, and where they lie on the sheets
+    small : labels to write
+    of_panel : index into ``panels`` for each label
+    params : spacing and height of the letters
+    progress : receives the share done
+
+    Returns
+    -------
+    list of tuples of curves, one tuple per label; empty without room
     """
     found: list[tuple[Curve, ...]] = [()] * len(small)
     sheet_of = packing.sheet[np.asarray(of_panel, dtype=int)] if len(small) else np.zeros(0, dtype=int)
@@ -56,7 +65,7 @@ def labels_beside(
 
 
 class _Waste:
-    """What is left of one sheet between panels and labels."""
+    """Free space of one sheet: outside of its panels and of the labels written so far."""
 
     def __init__(self, panels: Sequence[Panel], packing: Packing, sheet: int, params: SheetParams, progress: Progress):
         import shapely
@@ -68,7 +77,7 @@ class _Waste:
             ring = panels[k].outline.moved(float(packing.rotation[k]), packing.shift[k]).sampled(_TOLERANCE)
             outlines.append(ring)
             closed = np.concatenate([ring, ring[:1]])
-            pieces += [closed[i : i + _PIECE + 1] for i in range(0, len(ring), _PIECE)]
+            pieces += [closed[i : i + _LINE_POINTS + 1] for i in range(0, len(ring), _LINE_POINTS)]
         owner = np.repeat(np.arange(len(pieces)), [len(one) for one in pieces])
         self.tree = shapely.STRtree(shapely.linestrings(np.concatenate(pieces), indices=owner))
         owner = np.repeat(np.arange(len(outlines)), [len(one) for one in outlines])
@@ -81,28 +90,31 @@ class _Waste:
         )
         self.sheet = whole.buffer(-self.clear)
         shapely.prepare(self.sheet)
-        self.marks: list[Any] = []  # letters, as boxes, and ticks
+        self.marks: list[Any] = []  # boxes of the letters, and ticks
 
     def room(self, label: SmallLabel, panel: int) -> tuple[Curve, ...]:
-        """The strokes of a label, with the place of its panel; none where there is no room."""
+        """Write a label at the first free place beside its panel and return its strokes; none without room."""
         boxes, places = self._candidates(label, panel)
-        for first in range(0, len(boxes), _TOGETHER):  # most find room among the first
-            some = slice(first, first + _TOGETHER)
+        for first in range(0, len(boxes), _BATCH):  # most labels fit into one of the first boxes
+            some = slice(first, first + _BATCH)
             free = self._free(boxes[some])
-            strokes = self._written(label, panel, boxes[some][free], places[some][free])
+            strokes = self._write(label, panel, boxes[some][free], places[some][free])
             if strokes:
                 return strokes
         return ()
 
     def _candidates(self, label: SmallLabel, panel: int) -> tuple[np.ndarray, np.ndarray]:
-        """Centres and half sizes (n, 4) of boxes for letters round the places, the nearest first, and the place of each (n, 2)."""
+        """Return boxes for the letters around the labelled points, nearest first, and the labelled point of each.
+
+        Boxes are centres and half sizes (n, 4), points (n, 2), all in metres on the sheet.
+        """
         turn = self.packing.rotation[panel]
         frame = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         places = label.places @ frame + self.packing.shift[panel]
         half = 0.5 * self.height * np.array([length(label.text), 1.0])
         angle = 2.0 * np.pi / _WAYS * np.arange(_WAYS)
         way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        # as far as the box's edge from its middle that way, and on
+        # from the distance at which the box touches the point, outwards
         out = np.min(half / np.maximum(np.abs(way), 1e-9), axis=1)
         steps = np.linspace(self.clear, _REACH * self.height, _STEPS * (self.clear < _REACH * self.height))
         offset = (out + steps[:, None])[..., None] * way
@@ -111,7 +123,7 @@ class _Waste:
         return np.concatenate([centres, np.broadcast_to(half, centres.shape)], axis=1), of
 
     def _free(self, boxes: Float[np.ndarray, "boxes 4"]) -> np.ndarray:
-        """Whether boxes lie in the sheet and off all panels."""
+        """Return whether boxes lie inside the sheet and clear of all panels."""
         import shapely
 
         low, high = boxes[:, :2] - boxes[:, 2:], boxes[:, :2] + boxes[:, 2:]
@@ -123,8 +135,8 @@ class _Waste:
         free[inside[np.unique(self.panels.query(shapely.points(boxes[inside, :2]), predicate="intersects")[0])]] = False
         return free
 
-    def _written(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
-        """The strokes in the first of some boxes that is free of letters and has a clear way to its place."""
+    def _write(self, label: SmallLabel, panel: int, boxes: np.ndarray, places: np.ndarray) -> tuple[Curve, ...]:
+        """Write the label into the first box without letters whose line to its point is free; return the strokes."""
         import shapely
 
         for box, place in zip(boxes, places, strict=True):
@@ -143,7 +155,10 @@ class _Waste:
         return ()
 
     def _tick(self, box: np.ndarray, place: np.ndarray) -> np.ndarray | None:
-        """A stroke from the letters towards a place, up to a third of the clearance before the outline; None if another is in its way."""
+        """Return a stroke from the letters towards a labelled point, or None if another outline is in the way.
+
+        The stroke ends a third of the clearance before the outline.
+        """
         import shapely
 
         way = place - box[:2]
@@ -156,6 +171,6 @@ class _Waste:
             (shapely.distance(shapely.Point(box[:2]), shapely.intersection(one, line)) for one in near), default=far
         )
         end = float(first) - 0.33 * self.clear
-        if end < begin + _SHORT * self.height or far - first > _NEAR:
+        if end < begin + _MIN_TICK * self.height or far - first > _MAX_DEPTH:
             return None
         return np.stack([box[:2] + begin * way, box[:2] + end * way])

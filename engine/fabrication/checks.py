@@ -1,4 +1,4 @@
-"""Whether sheets can be cut as they are asked for: errors that name the place and the way out, and warnings for the user."""
+"""Check whether sheets can be cut as requested: errors with the place and a remedy, and warnings for the user."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .panels.panel import Panel
 
 
 def check_mill(design: SpiralDesign, cut: CutParams) -> None:
-    """Raise ``FlexMapsError`` where a mill does not fit into the slots."""
+    """Raise ``FlexMapsError`` if the mill is wider than a slot."""
     if cut.mill == 0.0:
         return
     narrow = design.narrower(cut.mill)
@@ -35,7 +35,7 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
 
 
 def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
-    """A warning where arms are narrower than two lines of a printer; raises ``FlexMapsError`` where they are narrower than one."""
+    """Warn where arms are narrower than two lines of the printer; raise ``FlexMapsError`` where narrower than one."""
     narrowest = design.width.min(axis=1)
     lost, weak = (np.flatnonzero(narrowest < share * cut.nozzle * (1.0 - 1e-6)) for share in (1.0, 2.0))
     least = f"down to {narrowest.min() * 1e3:.2g} mm wide"
@@ -76,7 +76,11 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
 
 
 def without(made: Connections, params: ConnectorParams) -> list[str]:
-    """Warnings where joints have no connector, or ends for glue that were not asked for; faces are numbered as in Blender."""
+    """Return warnings about joints without a connector and joints that must be glued although another kind was
+    requested.
+
+    Faces are numbered as in Blender.
+    """
     found, whole = [], len(made.unsolved) + len(made.connectors)
     remedy = "make the object larger, the slot at seams wider, or the thinnest part of the connectors smaller"
     glued = [(c.name, c.faces) for c in made.connectors if c.kind == "tab" and params.connector != "tab"]
@@ -91,7 +95,7 @@ def without(made: Connections, params: ConnectorParams) -> list[str]:
 
 
 def _named(joints: Sequence[tuple[str, Sequence[int]]], most: int = 5) -> str:
-    """The first few joints and the faces on both sides of them."""
+    """Return the names of the first ``most`` joints and the faces on both sides of each."""
     named = [f"{name} between faces {a} and {b}" for name, (a, b) in joints[:most]]
     return ", ".join(named) + (", ..." if len(joints) > most else "")
 
@@ -103,7 +107,11 @@ def oversize(
     progress: Progress = SILENT,
     turn: float = 0.0,
 ) -> list[str]:
-    """A warning for every panel that is larger than the sheet, or an error if so asked. ``turn``, radians, lays the grain along x."""
+    """Return a warning for every panel larger than the sheet; raise ``FlexMapsError`` if ``params.oversize`` is
+    "error".
+
+    ``turn`` (radians) lays the grain along x.
+    """
     found = []
     for number, panel in enumerate(panels):
         progress(number / len(panels), "size of the panels")
@@ -124,7 +132,17 @@ def oversize(
 
 
 def grain_lost(material: Material, params: SheetParams) -> list[str]:
-    """A warning where the grain of the sheet counts and the panels are not laid along it."""
+    """Return a warning if the material is stiffer along its grain and the panels are not laid along the grain.
+
+    Parameters
+    ----------
+    material : of the sheets
+    params : with the rotation allowed for panels
+
+    Returns
+    -------
+    list of at most one warning
+    """
     if material.orthotropy is None or params.rotation == "GRAIN":
         return []
     return [
@@ -134,7 +152,7 @@ def grain_lost(material: Material, params: SheetParams) -> list[str]:
 
 
 def tight(design: SpiralDesign) -> list[str]:
-    """Warnings where some quads are too small for what was asked of their spirals."""
+    """Return warnings about quads too small for the requested arms or slots."""
     found, params = [finding.message for finding in design.findings], design.params
     if len(design.thin):
         found.append(

@@ -1,4 +1,4 @@
-"""What making the object takes: time on the machine, mass, joints, time to put it together. Rough, and said so."""
+"""Rough estimates of making the piece: time on the machine, mass, joints, and time for assembly."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from .sheets import CutSheets
 
 @dataclass(frozen=True)
 class CutSpeed:
-    """How fast a laser of 60 W cuts a sheet of 3 mm, in m/s, and where that is published.
+    """Cutting speed of a 60 W laser in a sheet of 3 mm, m/s, and its source.
 
-    The speed goes with one over the thickness: the same tables give half of it at 6 mm.
+    The speed is proportional to one over the thickness: the tables give half of it at 6 mm.
     """
 
     at_3mm: float
     source: str
 
     def at(self, thickness: float) -> float:
-        """Metres a second in a sheet of this thickness, metres; no faster than a machine follows small curves."""
+        """Return the speed in m/s for a thickness in metres, at most what a machine reaches along small curves."""
         return min(self.at_3mm * 0.003 / thickness, FASTEST)
 
 
 FASTEST = 0.06  # m/s
-CONTOUR = 0.4  # seconds for every contour: moving there and piercing
+CONTOUR = 0.4  # seconds per contour for moving there and piercing
 ENGRAVING = 0.1  # m/s along the strokes of a label
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
-# by material, each with where its speed is published
+# by material, with the source of each speed
 SPEEDS: dict[str, CutSpeed] = {
     "acrylic": CutSpeed(0.0125, _TABLE),
     "birch": CutSpeed(0.015, _TABLE),
@@ -42,20 +42,25 @@ JOINT = 45.0  # seconds
 
 
 def duration(minutes: float) -> str:
-    """A rough time in words."""
+    """Return a rough duration in words."""
     whole = max(round(minutes), 1)
     return f"{whole} min" if whole < 90 else f"{minutes / 60.0:.1f} h"
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """Rough figures of the making, SI.
+    """Rough figures of making the piece, in SI units.
 
-    material : of the sheet; mass : kg of the finished panels; sheet_area : square metres of sheets that are needed
-    cut_seconds : on a laser of 60 W; ``None`` for materials that are not cut by laser
-    cut_speed : m/s, or ``None``; joints : arms that meet across a cut; assembly_seconds : of one person
-    waste : share of the sheets that becomes no part
-    cut_length : metres of all cuts; costs : of "sheets", "machine" and "assembly", in whatever money the prices are; only what has a price
+    material : of the sheets
+    mass : kg, finished panels
+    sheet_area : m2, all sheets needed
+    cut_seconds : on a 60 W laser; None for materials that a laser does not cut
+    cut_speed : m/s, or None
+    joints : number of pairs of arms that meet across a cut
+    assembly_seconds : for a single person
+    waste : share of the sheets' area that is not used by parts
+    cut_length : metres of all cuts
+    costs : for "sheets", "machine" and "assembly", in the currency of the prices; only items that have a price
     """
 
     material: Material
@@ -73,7 +78,15 @@ class Estimates:
 def estimate(
     sheets: CutSheets, design: SpiralDesign, material: Material, prices: CostParams | None = None
 ) -> Estimates:
-    """Estimate what the sheets of a design take in this material, and what they cost at these prices."""
+    """Estimate mass, time and cost of cutting and assembling a design.
+
+    Parameters
+    ----------
+    sheets : the sheets of the design
+    design : its spirals
+    material : of the sheets
+    prices : price per sheet and rates per hour; without any, no costs
+    """
     contours = sum(1 + len(p.holes) for p in sheets.panels)
     strokes = sum(c.length for p in sheets.panels for c in p.labels)
     seconds = cut_seconds(material, sheets.thickness, sheets.cut_length, contours, strokes)
@@ -81,7 +94,7 @@ def estimate(
     area, used = float(sheets.packing.areas.sum()), sum(p.area for p in sheets.panels)
     prices, hour = prices or CostParams(), 3600.0
     costs = {
-        "sheets": prices.sheet_price * (sheets.count - len(sheets.packing.remnants)),  # remnants are paid for
+        "sheets": prices.sheet_price * (sheets.count - len(sheets.packing.remnants)),  # remnants cost nothing
         "machine": prices.machine_rate * (seconds or 0.0) / hour,
         "assembly": prices.labour_rate * assembly_seconds(joints) / hour,
     }
@@ -100,7 +113,7 @@ def estimate(
 
 
 def cut_speed(material: Material, thickness: float) -> float | None:
-    """Metres a second at which a laser cuts a sheet of this thickness, metres; ``None`` for what no laser cuts."""
+    """Return the speed in m/s of a laser in a thickness in metres; None for materials that a laser does not cut."""
     known = next((key for key, one in MATERIALS.items() if one.name == material.name), "")
     return SPEEDS[known].at(thickness) if known in SPEEDS else None
 
@@ -108,18 +121,27 @@ def cut_speed(material: Material, thickness: float) -> float | None:
 def cut_seconds(
     material: Material, thickness: float, length: float, contours: int, strokes: float = 0.0
 ) -> float | None:
-    """Seconds on a laser for so many metres of cuts in so many contours, and of strokes that are engraved, metres."""
+    """Return the seconds that a laser needs; None for materials that it does not cut.
+
+    Parameters
+    ----------
+    material : of the sheets
+    thickness : metres
+    length : metres of all cuts
+    contours : number of separate contours
+    strokes : metres of engraved lines
+    """
     speed = cut_speed(material, thickness)
     return None if speed is None else length / speed + CONTOUR * contours + strokes / ENGRAVING
 
 
 def assembly_seconds(joints: int) -> float:
-    """Seconds that one person takes to put so many joints together."""
+    """Return the seconds that a single person needs to assemble so many joints."""
     return JOINT * joints
 
 
 def estimates_report(made: Estimates) -> dict[str, Any]:
-    """The part of report.json's ``sheets`` block that these figures are; absent where nothing can be said."""
+    """Return these figures for the ``sheets`` block of report.json; figures that are unknown are left out."""
     block: dict[str, Any] = {
         "mass_g": round(made.mass * 1e3, 2),
         "sheet_area_m2": round(made.sheet_area, 4),

@@ -1,4 +1,4 @@
-"""Cut-ready sheets: the panels with their outlines, holes and labels, and where they lie on the sheets of material."""
+"""Sheets ready for cutting: panels with outlines, holes and labels, and their places on the sheets of material."""
 
 from __future__ import annotations
 
@@ -29,23 +29,24 @@ from .panels.panel import Panel
 from .panels.toolpath import WAY, Runs, plan
 from .standing.base import Base
 
-_HUB = 3.0  # a tab at a hub has to be so many times farther from others to be preferred to one at a plain end
+_HUB = 3.0  # prefer a holding tab at a hub to one at a plain end only if it is this many times farther from other tabs
 CONNECTORS, CUT = ConnectorParams(), CutParams()
 
 
 @dataclass(frozen=True, eq=False)
 class CutSheets:
-    """All panels and the sheets that they are cut from. Lengths in metres, also on the sheets; origin lower left.
+    """All panels and the sheets that they are cut from. Lengths in metres; origin of a sheet lower left.
 
-    panels : one per patch, and after them the plates of the base and the loose keys
+    panels : one per patch, followed by the plates of the base and the loose keys
     packing : sheet, rotation and shift of every panel, and the sizes of the sheets
-    params : what was asked for
+    params : settings that the sheets were made with
     warnings : sentences for the user
-    labels_placed, labels_left_out : how many labels are engraved, how many had no room
-    slot_min, bridge_min : metres, narrowest slot and narrowest piece of material on the true outlines
-    thickness : metres
-    cut : what the cutter takes away
-    connections : the connectors; base : what the piece stands on, if that was asked for
+    labels_placed, labels_left_out : number of labels engraved, and without room
+    slot_min, bridge_min : narrowest slot and narrowest piece of material on the true outlines
+    thickness : of the material
+    cut : settings of the cutter
+    connections : the connectors
+    base : base that the piece stands on or hangs from, or None
     """
 
     panels: tuple[Panel, ...]
@@ -68,18 +69,30 @@ class CutSheets:
         return len(self.packing.sizes)
 
     def on_sheet(self, index: int) -> list[Panel]:
-        """The panels of one sheet, where they lie on it."""
+        """Return the panels of one sheet in its coordinates."""
         where = self.packing
         return [
             self.panels[i].moved(float(where.rotation[i]), where.shift[i]) for i in np.flatnonzero(where.sheet == index)
         ]
 
     def paths_on_sheet(self, index: int, progress: Progress = SILENT) -> list[Panel]:
-        """The same with the paths of the cutter, beside the material by half of the kerf."""
-        return [_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
+        """Return the panels of one sheet with the paths of the cutter, offset by half of the kerf.
+
+        Parameters
+        ----------
+        index : of the sheet
+        progress : receives the share done
+        """
+        return [_with_cutter_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
 
     def runs(self, index: int, progress: Progress = SILENT) -> Runs:
-        """What the cutter does on one sheet, lead-ins and holding tabs included."""
+        """Return the cuts of one sheet in their order, with lead-ins and holding tabs.
+
+        Parameters
+        ----------
+        index : of the sheet
+        progress : receives the share done
+        """
         if index not in self._runs:
             panels = self.paths_on_sheet(index, progress.part(0.0, 0.5))
             labels, holes = [c for p in panels for c in (*p.labels, *p.beside)], [p.holes for p in panels]
@@ -90,7 +103,7 @@ class CutSheets:
 
     @property
     def cut_length(self) -> float:
-        """Metres of all cuts, without engraving."""
+        """Length of all cuts in metres, without engraving."""
         return sum(c.length for p in self.panels for c in (p.outline, *p.holes))
 
     @property
@@ -107,10 +120,12 @@ def make_sheets(
     cut: CutParams = CUT,
     base: Base | None = None,
 ) -> CutSheets:
-    """Draw every panel of the design, with its connectors, and lay the panels on sheets, with the plates of its base.
+    """Draw every panel of a design with its connectors, and lay the panels and the plates of its base on sheets.
 
-    Raises ``FlexMapsError`` with the faces where a spiral has no room, where a panel would touch itself, or, if so asked,
-    where it is larger than the sheet.
+    Raises
+    ------
+    FlexMapsError : with the faces where a spiral has no room, a panel would touch itself, or, with ``params.oversize``
+        "error", a panel is larger than the sheet
     """
     design = design if base is None else base.design
     layout = design.flat.layout
@@ -145,7 +160,7 @@ def make_sheets(
         *without(made, connectors),
     ]
     panels += _plates(base)
-    packing = _nested(panels, made, turn, params, progress.part(0.72, 0.97))
+    packing = _lay_on_sheets(panels, made, turn, params, progress.part(0.72, 0.97))
     warnings += dict.fromkeys(remark for one in packing.remnants for remark in one.remarks)
     every, beside = panels + loose_keys(made, params), progress.part(0.97, 1.0)
     panels, more = with_labels_beside(every, packing, labels.small, params, progress=beside)
@@ -160,10 +175,10 @@ def make_sheets(
     )  # fmt: skip
 
 
-def _nested(
+def _lay_on_sheets(
     panels: Sequence[Panel], made: Connections, turn: float, params: SheetParams, progress: Progress
 ) -> Packing:
-    """Where panels lie, laid along the grain by a turn in radians, and the loose keys."""
+    """Lay panels on sheets with their grain turned by ``turn`` (radians), followed by the loose keys."""
     outlines = [p.outline for p in progress.part(0.0, 0.0).each(panels, "outlines of the panels")]
     shapes = [o.moved(turn, np.zeros(2)).sampled(2e-5) if turn else o.sampled(2e-5) for o in outlines]
     refuse_many(shapes, params)
@@ -179,7 +194,7 @@ def with_labels_beside(
     piece: int = 0,
     progress: Progress = SILENT,
 ) -> tuple[tuple[Panel, ...], int]:
-    """The panels with the labels of one piece beside them that are small on them, and how many stand nowhere else."""
+    """Return the panels with small labels of one piece written beside them, and how many labels appear only there."""
     place = {p.patch: k for k, p in enumerate(panels) if p.patch >= 0 and p.piece == piece}
     of_panel = [place[one.patch] for one in small]
     found, more = list(panels), 0
@@ -199,7 +214,7 @@ def engraved(
     mark: str = "",
     progress: Progress = SILENT,
 ) -> Labels:
-    """What is engraved on the panels and on the feet that they stand on; ``mark`` is the letter of their piece."""
+    """Return the labels engraved on the panels and their feet; ``mark`` is the letter of the piece."""
     if not params.labels:
         return Labels(((),) * len(made.outlines), 0, 0, ((),) * len(made.outlines))
     taken = np.where(design.absent, np.inf, made.taken)
@@ -212,15 +227,15 @@ def engraved(
 
 
 def along_grain(design: SpiralDesign, params: SheetParams) -> float:
-    """Radians by which panels are turned before they are laid, so that their grain, one for physics and sheets, is the sheet's."""
+    """Return the angle (radians) that turns panels from the grain of the design to that of the sheet."""
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 
 def _panels(
     design: SpiralDesign, outlines: Sequence[Outline], labels: Labels, base: Base | None, progress: Progress
 ) -> tuple[Panel, ...]:
-    """One panel a patch, with the eyelets that it hangs by."""
-    holds, numbers = _holds(design, progress), panel_numbers(design.flat.layout)
+    """Return one panel per patch, with the holes for its eyelets."""
+    holds, numbers = _tab_places(design, progress), panel_numbers(design.flat.layout)
     panels = []
     for i, o in enumerate(progress.each(outlines, "areas of the panels")):
         pierced = (*o.holes, *(() if base is None else base.holes(i)))
@@ -232,18 +247,18 @@ def _panels(
 
 
 def _plates(base: Base | None) -> tuple[Panel, ...]:
-    """The plates of the base as panels."""
+    """Return the plates of the base as panels."""
     found = []
     for plate in () if base is None else base.plates:
         area = plate.outline.area + sum(h.area for h in plate.holes)
-        # at the ends of its straight sides
+        # holding tabs at the ends of the straight sides
         holds = np.column_stack([plate.outline.points, np.ones(len(plate.outline.points))])
         found.append(Panel(0, -1, plate.outline, plate.holes, plate.labels, area, holds, "base"))
     return tuple(found)
 
 
 def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
-    """The loose keys as panels; ``mark`` is the letter of their piece."""
+    """Return the loose keys as panels; ``mark`` is the letter of the piece."""
     keyed = [(marked(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
         Panel(
@@ -259,15 +274,17 @@ def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[
     )
 
 
-def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
-    """Of every panel the places (K, 3) for holding tabs: the plain ends of arms, then the roots of slots at its outline.
+def _tab_places(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
+    """Return for every panel the places (K, 3) for holding tabs: plain ends of arms, then roots of slots at the
+    outline.
 
-    A tab beside an arm would bend it when it is broken off, and one on a connector would spoil its fit.
+    Columns are x, y in metres and the preference factor. A tab beside an arm would bend the arm when broken off, and a
+    tab on a connector would spoil its fit.
     """
     layout, arms = design.flat.layout, design.arms
     border = layout.mesh.border[layout.mesh.quad_edges]
     tips = centre_line(arms, np.where(design.absent, design.begin, 0.0)[..., None])[0][:, :, 0]
-    # slot k lies between side k and side k + 1: on the outline if the vertex between them is on one
+    # it opens to the outline if the vertex between both sides does
     outer = layout.on_outline[np.roll(layout.flat_corners, -1, axis=1)]
     found = []
     for quads in progress.each(layout.patches, "places for holding tabs"):
@@ -277,13 +294,21 @@ def _holds(design: SpiralDesign, progress: Progress) -> list[np.ndarray]:
     return found
 
 
-def _path(panel: Panel, cut: CutParams) -> Panel:
+def _with_cutter_path(panel: Panel, cut: CutParams) -> Panel:
+    """Return the panel with its curves replaced by the paths of the cutter."""
     path = cut_paths(Outline(panel.outline, panel.holes), cut.kerf_outline, cut.kerf_holes)
     return replace(panel, outline=path.outer, holes=path.holes)
 
 
 def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) -> Packing:
-    """The loose keys in rows on last sheets, no larger than they need: they can be cut from a remnant."""
+    """Add sheets with the loose keys in rows, no larger than needed, so that they can be cut from a remnant.
+
+    Parameters
+    ----------
+    packing : of all other panels
+    keys : outlines of the keys, each around the origin
+    params : size of the sheets, margin and spacing, metres
+    """
     if not keys:
         return packing
     size = max(np.ptp(k.outer.sampled(1e-5), axis=0).max() for k in keys)
@@ -305,7 +330,7 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
 
 
 def _runs_report(sheets: CutSheets) -> dict[str, Any]:
-    """What was made of the settings of the cutter, where they were used."""
+    """Return the figures about mill, holding tabs and lead-ins, where used."""
     cut, found = sheets.cut, {}
     if cut.mill:
         found["mill_mm"] = round(cut.mill * 1e3, 4)
@@ -317,7 +342,7 @@ def _runs_report(sheets: CutSheets) -> dict[str, Any]:
 
 
 def sheets_report(sheets: CutSheets) -> dict[str, Any]:
-    """The ``sheets`` block of report.json, but for the names of the files."""
+    """Return the ``sheets`` block of report.json without the names of the files."""
     silhouettes = sum(p.outline.area for p in sheets.panels)
     shapes = [p.outline.sampled(1e-4) for p in sheets.panels]
     length = sheets.cut_length

@@ -253,7 +253,7 @@ def test_the_fullest_sheet_that_is_known_is_kept_where_nothing_fuller_fits(monke
     monkeypatch.setattr(one.strips, "on_a_sheet", on_a_sheet)
     try:
         rest = np.argsort(-one.area).tolist()
-        drawn = one._drawn(rest, 0.0, np.random.default_rng(0))
+        drawn = one._random_sets(rest, 0.0, np.random.default_rng(0))
         first = one._fullest(rest, 0.0, np.random.default_rng(0))
         again = one._fullest(rest, 0.0, np.random.default_rng(1))
     finally:

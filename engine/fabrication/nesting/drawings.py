@@ -20,9 +20,9 @@ from .svg_tree import SvgTree
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
 
-FLAT = 4e-3  # millimetres that chords may stray from curves; a size is wrong by at most twice as much
-MAX_BYTES = 50_000_000  # of a file that is read
-MAX_DEPTH = 32  # blocks in blocks; one that holds itself is damaged
+FLAT = 4e-3  # maximum distance in mm of chords from curves; a size is wrong by at most twice as much
+MAX_BYTES = 50_000_000  # largest file that is read
+MAX_DEPTH = 32  # nesting depth of blocks; a block that contains itself is damaged
 # millimetres of the units of $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
 # decimetre, decametre, hectometre, and the foot, inch, and yard of the US survey
 DXF_UNITS = {
@@ -44,11 +44,11 @@ FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill
 
 @dataclass
 class Drawing:
-    """What is drawn in a file.
+    """The lines of a drawing.
 
-    lines : points in millimetres, y upwards, and whether they are closed
-    unitless : whether lengths are in a unit that the file does not name
-    outside : names of forms that are not read
+    lines : points (N, 2) in mm, y upwards, and whether the line is closed
+    unitless : whether the file names no unit of length
+    outside : names of elements that are not read
     """
 
     lines: list[tuple[np.ndarray, bool]] = field(default_factory=list)
@@ -57,7 +57,7 @@ class Drawing:
 
 
 def read_dxf(path: Path, unit: float) -> Drawing:
-    """Every visible line of a DXF drawing; ``unit`` is how many millimetres a length without a unit is."""
+    """Read every visible line of a DXF drawing; ``unit`` is the length in mm of a unit if the file names none."""
     import ezdxf
 
     logging.getLogger("ezdxf").setLevel(logging.ERROR)
@@ -76,14 +76,14 @@ def read_dxf(path: Path, unit: float) -> Drawing:
                 made.outside.add(kind)
             else:
                 (filled if kind in FILLED else made.lines).append((factor * points, closed))
-        made.lines = made.lines or filled  # beside lines a hatch only fills what they enclose
+        made.lines = made.lines or filled  # next to lines a hatch only fills what they enclose
     except (ezdxf.DXFError, UnicodeError, ValueError, KeyError, IndexError, AttributeError, TypeError, RecursionError):
         raise FlexMapsError(f"{path.name} is no DXF drawing that can be read; save it again, as R2010") from None
     return made
 
 
 def _document(path: Path) -> Any:
-    """The drawing as ezdxf reads it, however damaged."""
+    """Read a drawing with ezdxf, repairing damage."""
     import ezdxf
     from ezdxf import recover
 
@@ -91,7 +91,7 @@ def _document(path: Path) -> Any:
     if data.startswith(b"AutoCAD Binary DXF"):
         return ezdxf.readfile(path)
     if b"SECTION" in data and not data.rstrip().endswith((b"EOF", b"ENDSEC")):
-        data = data.rstrip() + b"\n0\nENDSEC\n0\nEOF\n"  # ezdxf drops a section without an end
+        data = data.rstrip() + b"\n0\nENDSEC\n0\nEOF\n"  # ezdxf drops a section that is not closed
     try:
         return recover.read(io.BytesIO(data))[0]
     except ezdxf.DXFStructureError:
@@ -99,7 +99,7 @@ def _document(path: Path) -> Any:
 
 
 def _with_classes(data: bytes) -> bytes:
-    """A drawing whose light polylines have the marks of their classes, and a version that has any; ezdxf takes no others."""
+    """Add subclass markers to light polylines, and a version to the header; ezdxf requires both."""
     lines = [line.strip() for line in data.splitlines()]
     records: list[list[bytes]] = [[]]
     for code, value in zip(lines[::2], lines[1::2]):
@@ -118,9 +118,12 @@ def _with_classes(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where entities are drawn: the blocks and the names of hidden layers, and of a block the layer and the transform.
+    """Context in which entities are drawn.
 
-    distance : of chords from curves, in the drawing's unit
+    blocks : of the document
+    frozen, off : names of hidden layers
+    distance : maximum distance of chords from curves, in the drawing's unit
+    layer, depth : layer and nesting depth of the enclosing block
     """
 
     blocks: Any
@@ -132,10 +135,10 @@ class _Place:
 
 
 def _visible(entities: Iterable[Any], place: _Place) -> Iterator[tuple[str, np.ndarray, bool]]:
-    """The kind of every visible entity, its points in the unit of the drawing, and whether they are closed.
+    """Yield the kind of every visible entity, its points (N, 2) in the unit of the drawing, and whether it is closed.
 
-    Blocks are taken apart by their transforms: what lies on layer 0 of one belongs to the layer of the block, and a circle in
-    blocks that are turned and scaled unevenly is nothing that DXF has an entity for.
+    Blocks are expanded by their transforms here: entities on layer 0 belong to the layer of the block, and a circle in
+    blocks that are rotated and scaled unevenly has no equivalent entity in DXF.
     """
     from ezdxf.disassemble import recursive_decompose
 
@@ -158,7 +161,7 @@ def _visible(entities: Iterable[Any], place: _Place) -> Iterator[tuple[str, np.n
 
 
 def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray, bool]]:
-    """The lines of one entity in its own unit; one without points where it has none."""
+    """Yield the lines of one entity in its own unit; a line without points if the entity has none."""
     from ezdxf import path
 
     if entity.dxftype() == "SPLINE":
@@ -175,10 +178,10 @@ def _flattened(entity: DXFEntity, distance: float) -> Iterator[tuple[np.ndarray,
 
 
 def _spline(spline: Any, distance: float) -> np.ndarray:
-    """Points on a B-spline of ezdxf, over the knots that have all their neighbours."""
+    """Return points on a B-spline of ezdxf between the knots where its basis is complete."""
     knots, degree = np.array(spline.knots()), spline.degree
     inner = np.unique(knots[degree : len(knots) - degree])
-    for steps in 8, 32, 128, 512:  # between knots, until chords are near enough
+    for steps in 8, 32, 128, 512:  # segments between knots, doubled until chords are close enough
         parts = [np.linspace(a, b, steps, endpoint=False) for a, b in pairwise(inner.tolist())]
         points = np.array([(v.x, v.y) for v in spline.points([*np.concatenate(parts).tolist(), float(inner[-1])])])
         if np.linalg.norm(np.diff(points, 2, axis=0), axis=1).max() <= 4.0 * distance:
@@ -187,7 +190,7 @@ def _spline(spline: Any, distance: float) -> np.ndarray:
 
 
 def read_svg(path: Path, unit: float) -> Drawing:
-    """Every visible line of an SVG drawing; ``unit`` is how many millimetres a length without a unit is."""
+    """Read every visible line of an SVG drawing; ``unit`` is the length in mm of a unit if the file names none."""
     from svgelements import SVG, Close, Shape
     from svgelements import Path as Curve
 
@@ -201,7 +204,7 @@ def read_svg(path: Path, unit: float) -> Drawing:
         for shape in SVG.parse(source, width=1.0, height=1.0, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
-                m = shape.transform  # applied to points, as svgelements is wrong about arcs that are sheared
+                m = shape.transform  # applied to points, because svgelements distorts sheared arcs
                 moves = tree.unit * np.array([[m.a, -m.b], [m.c, -m.d]])
                 distance = FLAT / max(float(np.linalg.norm(moves, 2)), 1e-12)
                 for part in Curve(shape.d(transformed=False)).as_subpaths():
@@ -222,15 +225,15 @@ def read_svg(path: Path, unit: float) -> Drawing:
 
 
 def _chords(curve: Any, distance: float) -> np.ndarray:
-    """Points on a path, so dense that chords stray from it by at most ``distance``."""
+    """Return points on a path whose chords are within ``distance`` of it."""
     from svgelements import Arc, CubicBezier, QuadraticBezier
 
     points: list[np.ndarray] = []
     for part in curve:
-        if isinstance(part, Arc):  # within r (1 - cos(step / 2)) of the largest radius
+        if isinstance(part, Arc):  # a chord is within r (1 - cos(step / 2)) of the arc
             radius = max(part.rx, part.ry, distance)
             steps = math.ceil(abs(part.sweep) / (2.0 * math.acos(max(1.0 - distance / radius, 0.0))))
-        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # within an eighth of the second difference
+        elif isinstance(part, (CubicBezier, QuadraticBezier)):  # a chord is within an eighth of the second difference
             corners = np.array([complex(*p) for p in part])
             bend = len(corners) * (len(corners) - 1) * np.abs(np.diff(corners, 2)).max()
             steps = math.ceil(math.sqrt(bend / (8.0 * distance)))

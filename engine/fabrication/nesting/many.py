@@ -1,4 +1,4 @@
-"""Sheets far too small for their panels: said before the panels are nested, with a size that would do."""
+"""Refuse sheets far too small for their panels before nesting, and name a sufficient size."""
 
 from __future__ import annotations
 
@@ -10,14 +10,20 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
 
-WASTE = 3.0  # times as many sheets as the panels' area needs: more is a sheet too small, as panels leave a half empty at most
-FEW = 10  # sheets that anybody may want, however empty
-STEP = 1.05  # between sizes of sheets that are tried
-ROUND = 0.01  # metres to which an advised size is rounded up
+WASTE = 3.0  # maximum ratio of sheets to the sheets needed by area: panels leave at most half of a suitable sheet empty
+FEW = 10  # number of sheets that is always accepted
+STEP = 1.05  # ratio between sizes of sheets tried
+ROUND = 0.01  # metres to which a suggested size is rounded up
 
 
 def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams) -> None:
-    """Raise ``FlexMapsError`` where sheets of this size would be many and almost empty."""
+    """Raise ``FlexMapsError`` if sheets of this size would be many and almost empty.
+
+    Parameters
+    ----------
+    shapes : closed outlines (M, 2), metres
+    params : size of the sheets, margin and spacing
+    """
     if params.many_sheets or params.remnants.strip() or not shapes:
         return
     boxes = np.array([np.ptp(points, axis=0) for points in shapes]) + params.spacing
@@ -37,16 +43,18 @@ def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams)
 
 
 def _area(points: Float[np.ndarray, "points 2"]) -> float:
+    """Return the area of a polygon in m2."""
     x, y = points.T
     return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
 def _needed(area: float, size: Float[np.ndarray, " 2"]) -> int:
+    """Return the number of sheets needed by area alone."""
     return max(1, int(np.ceil(area / size.prod())))
 
 
 def _sheets(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"], params: SheetParams) -> int:
-    """About how many sheets boxes take, on shelves, the highest first; each lies along the sheet if it can."""
+    """Estimate the number of sheets for boxes laid on shelves, highest first, each lengthwise if possible."""
     width, height = size - 2 * params.margin + params.spacing
     long, short = boxes.max(axis=1), boxes.min(axis=1)
     lies = long <= width

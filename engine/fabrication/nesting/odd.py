@@ -1,4 +1,4 @@
-"""Panels on remnants: on a raster, every panel on the smallest piece that has a place for it, the large panels first."""
+"""Lay panels on remnants by raster: large panels first, each on the smallest remnant with room for it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...progress import SILENT, Progress
 from .packing import CELLS, Packing, Sheet, Stamp, lying_box
 from .remnants import Remnant
 
-SLANTS = 3  # directions in a quarter turn in which a panel is tried, and their quarter turns; more found no more place for panels
+SLANTS = 3  # angles tried per quarter turn, besides quarter turns of each; more angles placed no more panels
 
 
 class _Odd:
-    """A remnant that is being filled, with the panels that lie on it: turn and shift of each."""
+    """A remnant that is being filled, with angle and shift of each panel on it."""
 
     def __init__(self, remnant: Remnant, params: SheetParams):
         self.remnant, self.params = remnant, params
@@ -30,7 +30,7 @@ class _Odd:
         self.sheet = Sheet((width, height), params.margin, self.half, self.cell, remnant) if roomy else None
 
     def place(self, number: int, shape: np.ndarray, area: float) -> bool:
-        """Lay a panel of this area somewhere; False where there is no room."""
+        """Place a panel of this area (m2); return False without room."""
         if self.sheet is None or area > self.area:
             return False
         grain = self.params.rotation == "GRAIN"
@@ -51,9 +51,9 @@ def on_remnants(
     params: SheetParams,
     progress: Progress = SILENT,
 ) -> tuple[Packing, list[int]]:
-    """The panels that find room on remnants, each of which is there once, and the numbers of those that find none.
+    """Lay panels on remnants, each of which exists once; return the packing and the numbers of the panels left over.
 
-    In the packing, sheet -1 stands for none. Raises ``FlexMapsError`` for a remnant that is smaller than every panel.
+    Sheet -1 marks panels left over. Raises ``FlexMapsError`` for a remnant smaller than every panel.
     """
     from shapely import Polygon
 

@@ -1,4 +1,4 @@
-"""Laying panels on sheets, the quick way: true shapes, quarter turns, never overlapping, the asked distance between them."""
+"""Quick packing of panels on sheets: true shapes, quarter turns, without overlap, with the required spacing."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ...progress import SILENT, Progress
 from .remnants import Remnant
 
 CELLS = 512  # cells of the raster along the longer side of a sheet
-# Places that are looked for on the raster, of 10 ms each. Layouts of up to 60 panels on up to 8 sheets never need as many.
+# Maximum number of raster searches, 10 ms each; layouts of up to 60 panels on up to 8 sheets never need as many
 TRIES = 500
-CLOSE = 1e-8  # metres by which a turn that just fits keeps off the margin, for rounding
+ROUNDING_GAP = 1e-8  # distance in metres from the margin that absorbs rounding where a panel only just fits
 
 
 @dataclass(frozen=True, eq=False)
 class Packing:
-    """Where N shapes lie: turned by ``rotation`` about the origin, then shifted, on sheet ``sheet``.
+    """Places of N shapes: turned by ``rotation`` (radians) about the origin, then shifted (metres), on sheet ``sheet``.
 
-    rotation : radians; shift : metres; sizes : metres, width and height of every sheet
-    remnants : what the first sheets are, if they are odd pieces; ``sizes`` are then those of their boxes
+    sizes : width and height of every sheet, metres
+    remnants : the first sheets, if these are irregular pieces; ``sizes`` then holds their bounding boxes
     """
 
     sheet: Int[np.ndarray, " panels"]
@@ -33,14 +33,14 @@ class Packing:
 
     @property
     def areas(self) -> Float[np.ndarray, " sheets"]:
-        """Square metres of every sheet; of remnants without their holes."""
+        """Area of every sheet in m2; of remnants without their holes."""
         found = self.sizes.prod(axis=1)
         found[: len(self.remnants)] = [remnant.polygon.area for remnant in self.remnants]
         return found
 
 
 def least_box(points: Float[np.ndarray, "points 2"]) -> tuple[float, Float[np.ndarray, " 2"]]:
-    """The turn in radians that gives points their smallest bounding box, the longer side along x; and its sides."""
+    """Return the angle (radians) that gives points their smallest bounding box, longer side along x, and its sides."""
     from scipy.spatial import ConvexHull
 
     hull = points[ConvexHull(points).vertices]
@@ -67,14 +67,18 @@ def pack(
     rotation: str = "FREE",
     cells: int = CELLS,
 ) -> Packing:
-    """Lay closed outlines, in metres, on as few sheets as a greedy search needs: the large ones first, bottom left.
+    """Lay closed outlines on as few sheets as a greedy search needs: large ones first, bottom left.
 
-    Of very many shapes the last and smallest ones are laid in rows, once ``TRIES`` places on sheets have been looked for.
+    The raster can only enlarge shapes, so distances are exact, and up to two cells are lost. After ``TRIES`` searches
+    the rest is laid in rows.
 
-    sheet : width and height in metres; ``margin`` stays free along its border, ``spacing`` between the shapes. A shape
-    that is larger than the sheet gets a sheet of the size that it needs. Shapes are judged on a raster that can only make
-    them larger, so distances are kept exactly and a cell or two may be given away. rotation : see ``turn_that_fits``;
-    cells : of the raster along the longer side of a sheet.
+    Parameters
+    ----------
+    shapes : closed outlines (M, 2), metres
+    sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
+    margin, spacing : metres kept free along the border of a sheet, and between shapes
+    rotation : see ``turn_that_fits``
+    cells : of the raster along the longer side of a sheet
     """
     boxes = []
     for done, shape in enumerate(shapes):
@@ -128,7 +132,7 @@ def _slanted(
     cell: float,
     rotation: str,
 ) -> tuple[float, np.ndarray]:
-    """The turn and the box of a shape: of its smallest box, or aslant where only that lets it fit on the sheet."""
+    """Return angle and box of a shape: its smallest box, or another angle if the shape fits on the sheet only so."""
     if fits(size + 4.0 * cell, sheet, margin, rotation):
         return turn, size
     slanted = turn_that_fits(shape, sheet, margin + 2.0 * cell, rotation)
@@ -144,9 +148,9 @@ def _in_rows(
     progress: Progress,
     rotation: str,
 ) -> Packing:
-    """Shapes by their smallest boxes in rows, the highest first, each in the first row with room (Coffman et al. 1980).
+    """Lay shapes in rows by their smallest boxes, highest first, each in the first row with room (Coffman et al. 1980).
 
-    boxed : every shape with the turn and the sides of its smallest box
+    boxed : every shape with the angle and the sides of its smallest box
     """
     free = np.array(sheet) - 2.0 * margin
     laid: list[tuple[float, np.ndarray]] = []
@@ -154,7 +158,7 @@ def _in_rows(
         progress(0.5 * done / len(boxed), "packing in rows")
         if rotation != "GRAIN" and (size > free).any():
             turn, size = turn + 0.5 * np.pi, size[::-1]
-        slanted = turn_that_fits(shape, sheet, margin + CLOSE, rotation) if (size > free).any() else None
+        slanted = turn_that_fits(shape, sheet, margin + ROUNDING_GAP, rotation) if (size > free).any() else None
         laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
     count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
@@ -188,16 +192,24 @@ def _in_rows(
 
 
 def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
-    """The turn with which points are laid on a sheet first, and the sides of the box around them: of ``least_box``, but along the
-    grain the points lie already."""
+    """Return the first angle to try for points on a sheet, and the sides of their bounding box at that angle.
+
+    That of ``least_box``; with rotation "GRAIN" the points lie along the grain already.
+    """
     return (0.0, _extent(points, 0.0)) if rotation == "GRAIN" else least_box(points)
 
 
 def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float, rotation: str) -> float | None:
-    """A turn in radians that lays points (M, 2), metres, on a sheet less its margin; ``None`` if none does.
+    """Return an angle (radians) at which points fit on a sheet within its margin; None without one.
 
-    rotation : "FREE", any turn; "QUARTER", the longer side of the smallest box along or across; "GRAIN", as they lie, or half a
-    turn from there.
+    Parameters
+    ----------
+    points : (M, 2), metres
+    sheet : width and height, metres
+    margin : metres
+    rotation : "FREE" any angle; "QUARTER" longer side of the smallest box along or across; "GRAIN" as they lie, or half
+        a turn from
+        there
     """
     turn = lying_box(points, rotation)[0]
     quarters = np.array([0.0]) if rotation == "GRAIN" else np.array([0.0, 0.5 * np.pi])
@@ -209,17 +221,18 @@ def turn_that_fits(points: np.ndarray, sheet: tuple[float, float], margin: float
 
 
 def _extent(points: np.ndarray, turn: float) -> np.ndarray:
+    """Return the sides of the bounding box of points turned by an angle in radians."""
     return np.ptp(points @ _turn(turn), axis=0)
 
 
 def _turn(angle: float) -> np.ndarray:
-    """The matrix (2, 2) by which points (M, 2) are multiplied to turn them by ``angle`` radians."""
+    """Return the matrix (2, 2) by which points (M, 2) are multiplied to turn them by ``angle`` radians."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([[cos, sin], [-sin, cos]])
 
 
 def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index: int) -> float:
-    """Metres from the left border of a sheet to the right end of what lies on it."""
+    """Return the metres from the left border of sheet ``index`` to the right end of its shapes (M, 2), in metres."""
     ends = [0.0]
     for i in np.flatnonzero(packing.sheet == index).tolist():
         cos, sin = np.cos(packing.rotation[i]), np.sin(packing.rotation[i])
@@ -228,7 +241,15 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
 
 
 def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Share of the sheets that shapes of this whole area, square metres, cover; of the emptiest sheet only the used end counts."""
+    """Return the share of the sheets that shapes cover; the emptiest sheet counts by its used length.
+
+    Parameters
+    ----------
+    packing : where the shapes lie
+    shapes : closed outlines (M, 2), metres
+    area : of all shapes, m2
+    margin : metres
+    """
     whole = range(len(packing.remnants), len(packing.sizes))
     used = {k: used_length(packing, shapes, k) + margin for k in whole}
     spare = max(((packing.sizes[k, 0] - u) * packing.sizes[k, 1] for k, u in used.items()), default=0.0)
@@ -236,17 +257,20 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
 
 
 def fill_but_offcuts(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """The same where of every sheet only the used end counts, for what lies beyond is kept as it comes off, by one straight cut."""
+    """Return the share of the sheets that shapes cover, where every sheet counts by its used length.
+
+    The rest of a sheet is an offcut, separated by a single straight cut. Parameters as for ``fill``.
+    """
     ends = [
         min(used_length(packing, shapes, k) + margin, width) for k, width in enumerate(packing.sizes[:, 0].tolist())
     ]
     rest = (packing.sizes[:, 0] - ends) * packing.sizes[:, 1]
-    rest[: len(packing.remnants)] = 0.0  # odd pieces have no straight end
+    rest[: len(packing.remnants)] = 0.0  # remnants have no straight offcut
     return area / float(packing.areas.sum() - rest.sum())
 
 
 def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
-    """Whether a box of this size, in metres, longer side first, fits on the sheet: either way round, or along the grain."""
+    """Return whether a box (metres, longer side first) fits on the sheet, along or across; with "GRAIN" as it lies."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]
     if rotation == "GRAIN":
         return bool(size[0] <= free[0] and size[1] <= free[1])
@@ -256,10 +280,11 @@ def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: floa
 def _large_enough(
     size: np.ndarray, sheet: tuple[float, float], margin: float, cell: float, rotation: str
 ) -> tuple[float, float]:
+    """Return the size of a sheet on which a box fits, at least that of the given sheet, metres."""
     slack = 2.0 * margin + 4.0 * cell
     if fits(size + 4.0 * cell, sheet, margin, rotation):
         return sheet
-    # whole centimetres; the panel lies lengthwise, and the sheet is never smaller than the one that was asked for
+    # round up to whole centimetres; the panel lies lengthwise, and the sheet is never smaller than requested
     wide, high = (np.ceil((x + slack) * 100.0 - 1e-9) / 100.0 for x in size)
     if rotation == "GRAIN":
         return max(wide, sheet[0]), max(high, sheet[1])
@@ -267,7 +292,7 @@ def _large_enough(
 
 
 class Stamp:
-    """A shape as rasters in its quarter turns, each grown by ``grow`` and by the raster's own error."""
+    """Rasters of a shape in its quarter turns, each grown by ``grow`` metres and by the raster's own error."""
 
     def __init__(self, shape: np.ndarray, turn: float, cell: float, grow: float, quarters: tuple[int, ...]):
         from shapely import Polygon
@@ -276,21 +301,21 @@ class Stamp:
         cos, sin = np.cos(turn), np.sin(turn)
         outline = Polygon(shape @ np.array([[cos, sin], [-sin, cos]])).buffer(0.0)
         coarse = 0.1 * cell
-        # a cell is taken if its centre lies within half of its diagonal of the shape
+        # a cell is occupied if its centre is within half of its diagonal of the shape
         grown = outline.simplify(coarse).buffer(grow + coarse + 0.7072 * cell, quad_segs=8)
         x0, y0, x1, y1 = grown.bounds
         self.origin = np.array([x0, y0])
         self.extent = np.array([x1 - x0, y1 - y0])
         columns, rows = (int(np.ceil(e / cell)) for e in self.extent)
         rings = [r for p in getattr(grown, "geoms", [grown]) for r in [p.exterior]]
-        mask = _filled([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
+        mask = _rasterise([(np.asarray(r.coords)[:-1] - self.origin) / cell for r in rings], columns, rows)
         self.masks = {k: np.ascontiguousarray(np.rot90(mask, -k)) for k in quarters}
         self.taken = int(mask.sum())
         self.box = cell * np.array([columns, rows])
 
     def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
-        """Rotation and shift that bring the raster's lower left corner, after its quarter turns, to ``corner`` (2,)."""
-        # a raster that is turned by quarters keeps its lower left corner where its box has it
+        """Return angle and shift that bring the lower left corner of the turned raster to ``corner`` (2,)."""
+        # the lower left corner of a raster in quarter turns is that of its box
         points = np.array([[0.0, 0.0], self.box]) + self.origin
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
         turned = points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
@@ -298,35 +323,35 @@ class Stamp:
 
 
 class Sheet:
-    """The taken cells of one sheet; row 0 is at the bottom."""
+    """Raster of the occupied cells of one sheet; row 0 is at the bottom."""
 
     def __init__(
         self, size: tuple[float, float], margin: float, half: float, cell: float, remnant: Remnant | None = None
     ):
         self.size, self.cell = size, cell
-        # half of the spacing reaches into the margin
+        # shapes are grown by half of the spacing, which may extend into the margin
         self.corner = np.array([margin - half, margin - half])
         columns, rows = (int(np.floor((x - 2.0 * (margin - half)) / cell + 1e-9)) for x in size)
         self.taken = np.zeros((max(rows, 1), max(columns, 1)), dtype=bool)
         if (
             remnant is not None
-        ):  # a cell is free if all of it lies within; half of the spacing stays inside even without margin
+        ):  # a cell is free if all of it lies inside; without margin, half of the spacing stays inside too
             within = remnant.polygon.buffer(min(half - margin, 0.0) - 0.7072 * cell)
             rings = [r for p in getattr(within, "geoms", [within]) if p for r in (p.exterior, *p.interiors)]
             parts = [(np.asarray(r.coords)[:-1] - self.corner) / cell for r in rings]
-            self.taken = ~_filled(parts, self.taken.shape[1], self.taken.shape[0])
+            self.taken = ~_rasterise(parts, self.taken.shape[1], self.taken.shape[0])
         self._spectrum: np.ndarray | None = None
-        self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cells of shapes without a place
+        self._refused: list[tuple[np.ndarray, int]] = []  # boxes and cell counts of shapes that found no place
 
     def may_hold(self, stamp: Stamp) -> bool:
-        """Whether it is worth looking for a place: not where a shape no larger in any way has found none."""
+        """Return False for a shape at least as large in every way as one that found no place."""
         box = np.sort(stamp.box)
         return not any((box >= other).all() and stamp.taken >= cells for other, cells in self._refused)
 
     def place(self, stamp: Stamp, always: bool = False) -> tuple[float, np.ndarray] | None:
-        """Take the free place nearest to the left, then to the bottom; ``None`` if there is none.
+        """Occupy the free place nearest to the left, then to the bottom; None without one.
 
-        always : tries half turns on an empty sheet too, which is none where they are the same
+        always : try half turns on an empty sheet too; on a rectangle they gain nothing
         """
         best: tuple[int, int, int, int] | None = None
         for quarter, mask in stamp.masks.items():
@@ -350,15 +375,15 @@ class Sheet:
         return stamp.shift(quarter, self.corner + self.cell * np.array([column_, row_]))
 
     def _hits(self, mask: np.ndarray) -> np.ndarray:
-        """How many taken cells the mask meets at every offset, by a correlation."""
+        """Return how many occupied cells the mask meets at every offset, by correlation."""
         shape = tuple(next_fast_len(n, real=True) for n in self.taken.shape)
         if self._spectrum is None:
             self._spectrum = rfft2(self.taken.astype(np.float32), shape)
         return irfft2(self._spectrum * np.conj(rfft2(mask.astype(np.float32), shape)), shape)
 
 
-def _filled(rings: list[np.ndarray], columns: int, rows: int) -> np.ndarray:
-    """(rows, columns) bool: cells whose centres lie inside the rings, each (M, 2) in cells; even-odd rule."""
+def _rasterise(rings: list[np.ndarray], columns: int, rows: int) -> np.ndarray:
+    """Return a (rows, columns) mask of cells whose centres lie inside the rings (M, 2), in cells; even-odd rule."""
     flips = np.zeros((rows, columns + 1), dtype=np.int32)
     for ring in rings:
         a, b = ring, np.roll(ring, -1, axis=0)

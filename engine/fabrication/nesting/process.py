@@ -1,4 +1,4 @@
-"""spyrrow in a process of its own: it cannot be stopped from within, and a user who presses ESC does not want to wait."""
+"""Run spyrrow in a process that can be killed: spyrrow cannot be stopped from within, and ESC must take effect at once."""
 
 from __future__ import annotations
 
@@ -21,21 +21,25 @@ from ...workers import python
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """A packed strip: its length in metres and, of every panel on it, turn (radians) and shift (2,) metres."""
+    """A packed strip.
+
+    width : its length, metres
+    places : angle (radians) and shift (2,), metres, by panel
+    """
 
     width: float
     places: dict[int, tuple[float, np.ndarray]]
 
 
 class Worker:
-    """spyrrow in a process of its own, for it cannot be stopped: a process can."""
+    """A process that runs spyrrow and can be killed."""
 
     def __init__(self) -> None:
         self.process: subprocess.Popen[str] | None = None
         self.lines: queue.Queue[str] = queue.Queue()
 
     def solutions(self, task: dict[str, Any], seconds: float) -> Iterator[Strip | None]:
-        """Every better strip as it is found, and ``None`` now and then; ends with the task or after ``seconds``."""
+        """Yield every better strip, and None repeatedly in between, until the task ends or ``seconds`` have elapsed."""
         begin = time.monotonic()
         try:
             self._start()
@@ -43,7 +47,7 @@ class Worker:
             assert process is not None and process.stdin is not None
             process.stdin.write(json.dumps(task) + "\n")
             process.stdin.flush()
-        except (OSError, ValueError):  # no process may be started here, or it has gone
+        except (OSError, ValueError):  # processes are not permitted here, or the process has ended
             self.stop()
             return
         while time.monotonic() - begin < seconds:
@@ -52,7 +56,7 @@ class Worker:
             except queue.Empty:
                 yield None
                 continue
-            if not line.endswith("\n"):  # it has ended by itself, perhaps within a line
+            if not line.endswith("\n"):  # the process has ended, perhaps in the middle of a line
                 self.stop()
                 return
             if not line.strip():
@@ -64,6 +68,7 @@ class Worker:
         self.stop()
 
     def _start(self) -> None:
+        """Start the process unless it runs."""
         if self.process is not None:
             return
         found = importlib.util.find_spec("spyrrow")
@@ -82,7 +87,7 @@ class Worker:
         self.process.stdin.write(json.dumps(where) + "\n")
 
     def stop(self) -> None:
-        """End the process at once; the next task starts another."""
+        """Kill the process; the next task starts another."""
         process, self.process = self.process, None
         if process is not None:
             process.kill()
@@ -93,7 +98,7 @@ class Worker:
 
 
 def _read(pipe: IO[str], lines: queue.Queue[str]) -> None:
-    """Hand the lines of a pipe on; an empty text at its end."""
+    """Forward the lines of a pipe; an empty string marks its end."""
     with suppress(OSError, ValueError):
         for line in pipe:
             lines.put(line)

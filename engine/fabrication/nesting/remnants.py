@@ -1,7 +1,7 @@
-"""Remnants: odd pieces of sheet that are left from other work, drawn as closed curves with holes in a DXF or SVG file.
+"""Remnants: irregular pieces of sheet left from other work, drawn as closed curves with holes in a DXF or SVG file.
 
-Of nested curves the outermost are pieces, those in them holes, those in holes material again; a hole across an outline makes a
-notch. Colours and what is not closed do not matter, nor does what a layer or a property hides.
+Of nested curves the outermost are pieces, curves inside them holes, curves inside holes material again; a hole across
+an outline makes a notch. Colours, open lines and hidden layers or elements are ignored.
 """
 
 from __future__ import annotations
@@ -17,19 +17,21 @@ from ...errors import FlexMapsError
 from .drawings import MAX_BYTES, Drawing, read_dxf, read_svg
 from .rings import areas
 
-SEPARATOR = ";"  # between the files of a setting; no name of a drawing has it
-LEAST = 1e-4  # square metres of a piece that something could be cut from
-LARGEST = 20.0  # metres; larger ones are in a wrong unit
-# millimetres of the units that may be chosen for lengths without one
+SEPARATOR = ";"  # separates the files in a setting; names of drawings do not contain it
+LEAST = 1e-4  # minimum useful area of a piece, m2
+LARGEST = 20.0  # metres; a larger drawing is in a wrong unit
+# mm per unit that may be chosen for files without a unit
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4, "pt": 25.4 / 72.0, "px": 25.4 / 96.0}
 _READERS = {".dxf": read_dxf, ".svg": read_svg}
 
 
 @dataclass(frozen=True, eq=False)
 class Remnant:
-    """A piece of sheet, moved so that its box begins at the origin; metres.
+    """A piece of sheet, moved so that its bounding box begins at the origin; metres.
 
-    outline : counter-clockwise; holes : where nothing is; name : of its file
+    name : of its file
+    outline : counter-clockwise
+    holes : without material
     remarks : sentences for the user about how the file was read
     """
 
@@ -40,19 +42,19 @@ class Remnant:
 
     @property
     def size(self) -> Float[np.ndarray, " 2"]:
-        """Width and height of its box."""
+        """Width and height of its bounding box."""
         return np.ptp(self.outline, axis=0)
 
     @property
     def polygon(self) -> Any:
-        """As shapely's."""
+        """The piece as a shapely polygon."""
         from shapely import Polygon
 
         return Polygon(self.outline, self.holes)
 
 
 def read(files: str, unit: str = "mm") -> list[Remnant]:
-    """The remnants of some files, named one after the other with ``;`` between them; raises ``FlexMapsError``."""
+    """Read the remnants of some files, whose names are separated by ``;``; raises ``FlexMapsError``."""
     found: list[Remnant] = []
     for name in filter(None, map(str.strip, files.split(SEPARATOR))):
         found += read_file(Path(name), unit)
@@ -60,7 +62,17 @@ def read(files: str, unit: str = "mm") -> list[Remnant]:
 
 
 def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
-    """The pieces that are drawn in a file, the largest first; ``unit`` is that of lengths without one."""
+    """Read the pieces drawn in a file, largest first.
+
+    Parameters
+    ----------
+    path : DXF or SVG file
+    unit : key of ``UNITS``, for files without a unit
+
+    Raises
+    ------
+    FlexMapsError : the file cannot be read, is too large, or has no closed outline
+    """
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise FlexMapsError(f"{path.name} is no drawing of a remnant that can be read; give a DXF or an SVG file")
@@ -69,14 +81,14 @@ def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
             raise FlexMapsError(f"{path.name} is too large for the drawing of a remnant; draw its outline alone")
         drawing = reader(path, UNITS[unit])
     except OSError as error:
-        if error.errno is None:  # ezdxf's word for a file that is none of its kind
+        if error.errno is None:  # ezdxf raises this for a file that is not DXF
             raise FlexMapsError(f"{path.name} is no DXF drawing that can be read; save it again, as R2010") from None
         raise FlexMapsError(f"Cannot read the remnant {path}: {error.strerror or error}") from None
     return _pieces(path, drawing, unit)
 
 
 def _pieces(path: Path, drawing: Drawing, unit: str) -> list[Remnant]:
-    """What the lines of a drawing enclose, with a remark where something of it had to be guessed."""
+    """Return the areas enclosed by the lines of a drawing, with a remark for every guess."""
     import shapely
 
     if not all(np.isfinite(points).all() for points, _ in drawing.lines):

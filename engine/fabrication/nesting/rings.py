@@ -1,4 +1,4 @@
-"""Areas from drawn lines: ends that nearly meet are joined, rings that coincide count once, rings in rings are holes.
+"""Areas from drawn lines: nearby ends are joined, coinciding rings count once, rings inside rings are holes.
 
 Lengths in metres.
 """
@@ -14,13 +14,13 @@ import numpy as np
 if TYPE_CHECKING:
     from shapely import Polygon
 
-JOINED = 2e-4  # metres within which ends meet and lines coincide; more joins what is meant to be apart
-_NODE = 1e-9  # metres to which crossings of lines are rounded
+SNAP_DISTANCE = 2e-4  # snap distance in metres for ends and coinciding lines; a larger one joins separate lines
+_NODE = 1e-9  # grid in metres to which crossings of lines are rounded
 
 
 @dataclass(eq=False)
 class _Ring:
-    """A ring: its area, how many rings lie around it, and the outermost of them."""
+    """A ring, the number of rings around it, and the index of the outermost of these."""
 
     polygon: Polygon
     depth: int
@@ -28,24 +28,24 @@ class _Ring:
 
 
 def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
-    """The area within every outermost ring, with its holes, the largest first.
+    """Return the area within every outermost ring, without its holes, largest first.
 
-    lines : points (N, 2) and whether they are closed
+    lines : points (N, 2), and whether they are closed
     """
     import shapely
 
     closed: list[np.ndarray] = []
     open_: list[np.ndarray] = []
     for points, shut in lines:
-        near = len(points) > 2 and float(np.linalg.norm(points[0] - points[-1])) <= JOINED
+        near = len(points) > 2 and float(np.linalg.norm(points[0] - points[-1])) <= SNAP_DISTANCE
         (closed if shut or near else open_).append(points)
     rings = [p for points in closed if len(points) >= 3 for p in _simple(points)]
     rings += [shapely.Polygon(p.exterior) for p in _enclosed([p for p in open_ if len(p) >= 2])]
     found: list[_Ring] = []
     made: dict[int, Polygon] = {}
-    for polygon in _different(sorted(rings, key=lambda r: -r.area)):
-        # a ring across an outline is a notch, so it counts as lying inside of it
-        inner = polygon.buffer(-JOINED)
+    for polygon in _without_duplicates(sorted(rings, key=lambda r: -r.area)):
+        # a ring across an outline is a notch, so it counts as inside the outline
+        inner = polygon.buffer(-SNAP_DISTANCE)
         around = [
             r for r in found if r.polygon.intersects(inner) and (r.depth % 2 == 0 or _contains(r.polygon, polygon))
         ]
@@ -63,11 +63,12 @@ def areas(lines: Iterable[tuple[np.ndarray, bool]]) -> list[Polygon]:
 
 
 def _contains(outer: Polygon, inner: Polygon) -> bool:
-    return bool(outer.buffer(JOINED).contains(inner))
+    """Return whether a ring lies inside another one within the snap distance."""
+    return bool(outer.buffer(SNAP_DISTANCE).contains(inner))
 
 
 def _simple(points: np.ndarray) -> list[Polygon]:
-    """A closed line as rings that do not cross themselves, without what lies inside of their loops."""
+    """Return a closed line as rings that do not cross themselves, ignoring loops inside them."""
     import shapely
 
     ring = shapely.Polygon(points)
@@ -78,7 +79,7 @@ def _simple(points: np.ndarray) -> list[Polygon]:
 
 
 def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
-    """What open lines enclose together."""
+    """Return the areas that open lines enclose together."""
     import shapely
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -88,24 +89,24 @@ def _enclosed(lines: list[np.ndarray]) -> list[Polygon]:
         return []
     lines = [points.copy() for points in lines]
     ends = np.concatenate([points[[0, -1]] for points in lines])
-    pairs = cKDTree(ends).query_pairs(JOINED, output_type="ndarray")
+    pairs = cKDTree(ends).query_pairs(SNAP_DISTANCE, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(ends), len(ends)))
     count, group = connected_components(graph, directed=False)
     middle = np.stack([np.bincount(group, x, count) for x in ends.T], axis=1) / np.bincount(group)[:, None]
     for i, points in enumerate(lines):
         points[[0, -1]] = middle[group[2 * i : 2 * i + 2]]
     strings = [shapely.LineString(p) for p in lines]
-    # an end that stops short of the middle of a line
+    # bridge the gap from a free end to a nearby line
     alone = shapely.points(ends[np.bincount(group)[group] == 1])
     tree = shapely.STRtree(strings)
-    point, line = tree.query(alone, predicate="dwithin", distance=JOINED)
+    point, line = tree.query(alone, predicate="dwithin", distance=SNAP_DISTANCE)
     bridges = shapely.shortest_line(alone[point], np.array(strings, dtype=object)[line])
     whole = shapely.unary_union([*strings, *bridges[shapely.length(bridges) > 0.0]], grid_size=_NODE)
     return [p for p in shapely.get_parts(shapely.polygonize(shapely.get_parts(whole))) if p.area > 0.0]
 
 
-def _different(rings: list[Polygon]) -> list[Polygon]:
-    """The rings that do not coincide with an earlier one."""
+def _without_duplicates(rings: list[Polygon]) -> list[Polygon]:
+    """Return the rings that do not coincide with an earlier one."""
     import shapely
 
     kept: list[Polygon] = []
@@ -120,5 +121,5 @@ def _different(rings: list[Polygon]) -> list[Polygon]:
 
 
 def _band(ring: Polygon) -> Polygon:
-    """What lies within ``JOINED`` of the sides of a ring, with sharp corners."""
-    return ring.exterior.buffer(JOINED, join_style="mitre")
+    """Return the area within the snap distance of the sides of a ring, with sharp corners."""
+    return ring.exterior.buffer(SNAP_DISTANCE, join_style="mitre")

@@ -1,6 +1,6 @@
-"""Strips of panels by spyrrow: whether sets of panels lie on a sheet, of which several are tried at once, and the shortest strip of one.
+"""Packing of sets of panels into strips with spyrrow, several sets at once, and the shortest strip of one set.
 
-A set lies on a sheet if spyrrow's strip of it is no longer than the sheet.
+A set fits on a sheet if its strip is no longer than the sheet.
 """
 
 from __future__ import annotations
@@ -20,39 +20,46 @@ from .outlines import grown
 from .packing import least_box, lying_box, turn_that_fits
 from .process import Strip, Worker
 
-STEP = 5.0  # degrees between the directions in which a panel is tried
-BAY = 0.012  # metres; bays narrower than twice this are closed, and those narrower than half of the narrowest panel
-CORNERS = 120  # of an outline; with 80 strips of five sheets' panels are 1.5 % longer after 4 s, with 60 they are 2.6 %
-# metres and corners of the outlines with which a set is tried again that just does not fit; they cover 3 to 4 % less
+STEP = 5.0  # degrees between the orientations tried for a panel
+BAY = 0.012  # metres; bays narrower than twice this, or than half of the narrowest panel, are closed
+# corners per outline; strips of the panels of five sheets are 1.5 % longer with 80 after 4 s, 2.6 % with 60
+CORNERS = 120
+# metres and corners per outline for the second attempt at a set that only just does not fit; finer outlines cover 3 to
+# 4 % less
 FINE_BAY, FINE_CORNERS = 0.006, 240
-ROUNDING = 2e-5  # metres added to the spacing, for spyrrow reckons with single precision
-TURN = 1  # seconds for one set of panels at first
-GRACE = 1.0  # seconds that spyrrow may take longer than it was told; it is stopped then, and the best that it told of counts
-# by how much a strip may be too long for fine outlines to be worth a try, and the time limit over the seconds for it
-NEAR, FINE = 1.03, 12.0
-FINE_SECONDS = 1  # least for fine outlines of all panels of a sheet; not measured, it bounds the time
-# a strip that is so much too long after half of its time hardly becomes short enough: of 14 sets of 2 to 6 panels none came down by as
-# much after the first half second
+ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
+TURN = 1  # seconds for one set of panels in the first pass
+GRACE = 1.0  # seconds that spyrrow may exceed its limit before it is stopped with its best strip so far
+# Try fine outlines if the strip is at most ``NEAR_FIT`` times as long as the sheet, for 1 / ``FINE`` of the time limit
+NEAR_FIT, FINE = 1.03, 12.0
+FINE_SECONDS = 1  # minimum seconds for fine outlines of all panels of a sheet; not measured, it bounds the time
+# Give up a set whose strip is this many times as long as the sheet after half of its time: of 14 sets of 2 to 6 panels
+# none shrank by as much after the first half second
 HOPELESS = 1.12
-SHORTER = 0.999  # a strip is so many times as long as the last one at most, or it counts as no gain
-# share of its time after which a strip that gains nothing is given up: of 146 sets of 13 pieces 73 instead of 78 fit, in two thirds of the time
+SHORTER = 0.999  # an improved strip is at most this many times as long as the last one
+# Share of its time after which a strip without improvement is given up: of 146 sets of 13 pieces 73 instead of 78 fit,
+# in two thirds of the time
 STILL = 0.25
-# starts of each core for the shortest strip of a set, if the time is long; starts differ by 4 %, and three seconds gain .3 % over one
+# Starts per core for the shortest strip of a set if time allows; starts differ by 4 %, and three seconds gain 0.3 %
+# over one
 STARTS = 4
-AT_ONCE = 8  # most sets that are tried side by side; it bounds the memory
+AT_ONCE = 8  # maximum number of sets tried in parallel; it bounds the memory
 
 
 class Strips:
-    """Shapes made ready for spyrrow, and processes that run it.
+    """Shapes prepared for spyrrow, and the processes that run it.
 
-    shapes : closed outlines (M, 2), metres; end : of ``time.monotonic``, when the search is over
-    tick : called for every shape while they are made ready; tell : called now and then with the number of panels that are being laid;
-        what either raises ends the search
-    simple : the shapes as spyrrow gets them, grown by half of the separation, so that they may touch
-    turns : of each the degrees in which it fits on a sheet, none for one that is too large
-    free, room : (2,) metres of a sheet within its margins, for the shapes and for grown ones
-    count : how many sets are tried at once; seconds : for each
-    answered : whether spyrrow has told of any strip, which it does not where it cannot run
+    shapes : closed outlines (M, 2), metres
+    end : value of ``time.monotonic`` at which the search ends
+    tick : called for every shape during preparation
+    tell : called repeatedly with the number of panels being laid; an exception raised by ``tick`` or ``tell`` ends the
+        search
+    simple : simplified shapes grown by half of the separation, so that they may touch
+    turns : for each shape the angles in degrees in which it fits on a sheet; none if it is too large
+    free, room : (2,) metres of a sheet within its margins, for the shapes and for the grown shapes
+    count : number of sets tried at once
+    seconds : time per set
+    answered : whether spyrrow has returned any strip; it returns none where it cannot run
     """
 
     def __init__(
@@ -86,18 +93,19 @@ class Strips:
         self._over, self._lock = Event(), Lock()
 
     def harder(self) -> bool:
-        """From now on try sets for twice as long; whether that is worth it, which it is not for the usual few seconds in all."""
+        """Double the time per set; return whether that is worthwhile, which it is not with the usual time limit."""
         self.seconds *= 2
         return self.seconds <= self.params.nesting_seconds / FINE
 
     def finish(self) -> None:
-        """End what still runs."""
+        """Stop all running work."""
         self._over.set()
         for worker in self._workers:
             worker.stop()
         self._threads.shutdown()
 
     def _turns(self, shape: np.ndarray) -> list[float]:
+        """Return the angles in degrees in which a grown shape fits on a sheet."""
         base = np.degrees(lying_box(shape, self.params.rotation)[0])
         step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
         angles = base + np.arange(0.0, 360.0, step)
@@ -108,25 +116,28 @@ class Strips:
         return angles[(wide <= self.room[0]) & (high <= self.room[1])].tolist()
 
     def alone(self, i: int) -> tuple[float, float]:
-        """The degrees by which a panel is turned that takes the least of a sheet's width, and metres of it."""
+        """Return the angle in degrees at which a panel takes least of a sheet's width, and that width in metres."""
         wide = self._sizes(self.simple[i], np.array(self.turns[i]))[0]
         best = int(wide.argmin())
         return self.turns[i][best], float(wide[best]) - self.separation
 
     @staticmethod
     def _sizes(shape: np.ndarray, degrees: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Width and height, metres, of a shape once it is turned by each of some angles."""
+        """Return width and height in metres of a shape turned by each of some angles."""
         cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
         wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
         return wide, np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
 
     def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], Strip | None]:
-        """The shortest strip that is found of each of some sets of panels, None where there is none.
+        """Return the shortest strip found for each set of panels, None where there is none.
 
-        Once one is no longer than a sheet, those after it are given up and are not in the answer.
+        As soon as a strip fits on a sheet, later sets are given up and left out of the result.
         """
         stops = [Event() for _ in sets]
-        futures = [self._threads.submit(self._placed, members, stop) for members, stop in zip(sets, stops, strict=True)]
+        futures = [
+            self._threads.submit(self._lay_on_one_sheet, members, stop)
+            for members, stop in zip(sets, stops, strict=True)
+        ]
         self._wait(futures, stops, max(map(len, sets), default=0))
         return {
             members: future.result()
@@ -135,26 +146,30 @@ class Strips:
         }
 
     def fits(self, strip: Strip | None) -> bool:
-        """Whether there is a strip and it is no longer than a sheet."""
+        """Return whether there is a strip and it is no longer than a sheet."""
         return strip is not None and strip.width <= float(self.free[0])
 
     def shortest(self, members: frozenset[int], seconds: int, fine: bool = False) -> Strip | None:
-        """As short a strip of some panels as is found in some seconds by all cores, which begins at 0; by the simple or the fine outlines.
+        """Return the shortest strip of some panels that all cores find in some seconds; it begins at 0.
 
-        Every core begins anew again and again, for strips of several starts differ by more than a longer search gains.
+        ``fine`` selects the fine outlines. Every core restarts repeatedly, because starts differ by more than a longer
+        search gains.
         """
         end, stops = time.monotonic() + seconds, [Event() for _ in range(self.count)]
         turn = max(TURN, seconds // STARTS)
-        futures = [self._threads.submit(self._drawn, members, end, turn, stop, k, fine) for k, stop in enumerate(stops)]
+        futures = [
+            self._threads.submit(self._best_of_starts, members, end, turn, stop, k, fine)
+            for k, stop in enumerate(stops)
+        ]
         self._wait(futures, stops, len(members), one=False)
         found = (future.result() for future in futures)
         return min((strip for strip in found if strip is not None), key=lambda strip: strip.width, default=None)
 
-    def _drawn(
+    def _best_of_starts(
         self, members: frozenset[int], end: float, turn: int, stop: Event, start: int, fine: bool
     ) -> Strip | None:
-        """The shortest strip of some starts, a turn in seconds for each, as long as there is time and one more gains."""
-        shapes, best, gained = self._finer(members) if fine else self.simple, None, True
+        """Return the shortest strip of repeated starts of ``turn`` seconds while time is left and starts improve it."""
+        shapes, best, gained = self._fine_outlines(members) if fine else self.simple, None, True
         while gained and (best is None or time.monotonic() + turn <= end) and not stop.is_set():
             found = self._solve(members, 0.0, turn, stop, shapes, start=start)
             gained = found is not None and (best is None or found.width < SHORTER * best.width)
@@ -164,7 +179,7 @@ class Strips:
     def _wait(
         self, futures: Sequence[Future[Strip | None]], stops: Sequence[Event], panels: int, one: bool = True
     ) -> None:
-        """Wait until all are done, or, if one is enough, until all before the first that fits are; when the user wants to stop, end them."""
+        """Wait for all sets or, with ``one``, for all sets before the first that fits; stop them if the user cancels."""
         try:
             while any(not future.done() for future in futures):
                 self.tell(panels)
@@ -179,23 +194,23 @@ class Strips:
                 stop.set()
             raise
 
-    def _placed(self, members: frozenset[int], stop: Event) -> Strip | None:
-        """Panels on one sheet, by coarse outlines or, where those just do not fit, by fine ones."""
+    def _lay_on_one_sheet(self, members: frozenset[int], stop: Event) -> Strip | None:
+        """Return a strip of panels with simplified outlines, or with fine ones if those only just do not fit."""
         length, fine = float(self.free[0]), int(self.params.nesting_seconds / FINE)
         found = self._solve(
-            members, length, max(self._within(self.seconds), TURN), stop, self.simple, HOPELESS * length
+            members, length, max(self._at_most_left(self.seconds), TURN), stop, self.simple, HOPELESS * length
         )
-        seconds = self._within(max(fine, self.seconds)) if fine else 0
-        if found is not None and length < found.width <= NEAR * length and seconds and not stop.is_set():
-            found = self._solve(members, length, seconds, stop, self._finer(members))
+        seconds = self._at_most_left(max(fine, self.seconds)) if fine else 0
+        if found is not None and length < found.width <= NEAR_FIT * length and seconds and not stop.is_set():
+            found = self._solve(members, length, seconds, stop, self._fine_outlines(members))
         return found
 
-    def _within(self, seconds: int) -> int:
-        """So many seconds, or as many whole ones as are left."""
+    def _at_most_left(self, seconds: int) -> int:
+        """Return these seconds, or the whole seconds left if fewer."""
         return max(min(seconds, int(self.end - time.monotonic())), 0)
 
-    def _finer(self, members: frozenset[int]) -> dict[int, np.ndarray]:
-        """Finer outlines of some panels among those of others."""
+    def _fine_outlines(self, members: frozenset[int]) -> dict[int, np.ndarray]:
+        """Return fine outlines of some panels, computed on first use."""
         with self._lock:
             for i in members - set(self.fine):
                 bay = max(FINE_BAY, 0.5 * self.params.spacing)
@@ -212,10 +227,10 @@ class Strips:
         hopeless: float = np.inf,
         start: int = 0,
     ) -> Strip | None:
-        """spyrrow's shortest feasible strip for some panels, which begins at 0; ``None`` without one.
+        """Return spyrrow's shortest feasible strip for some panels, which begins at 0; None without one.
 
-        It ends once a strip is short ``enough``, or longer than ``hopeless`` after half of its time; both in metres. And once strips
-        have not become shorter for ``STILL`` of its time.
+        It stops when a strip is shorter than ``enough`` metres, is longer than ``hopeless`` metres after half of its
+        time, or has not improved for the share ``STILL`` of its time.
         """
         task = {
             "items": [(str(i), (shapes[i] * 1e3).tolist(), self.turns[i]) for i in sorted(members)],

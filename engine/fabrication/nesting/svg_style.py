@@ -1,6 +1,6 @@
-"""What the elements of an SVG document are given by attributes, style sheets, and their own style.
+"""Resolve the attributes and style properties of the elements of an SVG document.
 
-CSS Cascading 4 and Selectors 3; pseudo-classes that depend on what a person does or on counting are not read.
+CSS Cascading 4 and Selectors 3; pseudo-classes that depend on user action or on counting are not read.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import re
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-# properties that decide what is drawn
-_DECIDES = re.compile(
+# properties that affect which lines are drawn
+_AFFECTS_DRAWING = re.compile(
     r"(?<![\w-])(display|visibility|opacity|transform|translate|rotate|scale|width|height|[cr]?[xyr])\s*:"
 )
 _COMMENT = re.compile(r"/\*.*?\*/|<!--|-->", re.DOTALL)
@@ -29,12 +29,15 @@ _RELATIONS = {
 }
 Property = tuple[bool, str, str]  # whether it is important, its name, and its value
 Weight = tuple[int, int, int]  # specificity of CSS
-OWN = (9999, 0, 0)  # weight of an element's own style, above that of any selector
+OWN_STYLE = (9999, 0, 0)  # weight of an element's own style, above that of any selector
 Selector = list[str | None]  # compounds, and between two of them the combinator: None for a descendant
 
 
 class Styles:
-    """The style sheets of a document; ``unread``: rules that decide what is drawn and are not read."""
+    """The style sheets of a document.
+
+    unread : rules that affect the lines drawn but are not read
+    """
 
     def __init__(self, document: Element):
         self.above = {child: parent for parent in document.iter() for child in parent}
@@ -45,14 +48,14 @@ class Styles:
                 self._read(_COMMENT.sub("", "".join(style.itertext())))
 
     def given(self, element: Element) -> dict[str, str]:
-        """Attributes, and over them properties: of rules by their weight, of the element's own style, and what is important."""
+        """Return an element's attributes overridden by its properties; later in order: weight, own style, importance."""
         found = [
             (important, weight, order, name, value)
             for order, (selector, weight, properties) in enumerate(self.rules)
-            if self._fits(element, selector)
+            if self._matches(element, selector)
             for important, name, value in properties
         ]
-        own = [(important, OWN, 0, name, value) for important, name, value in _declared(element.get("style", ""))]
+        own = [(important, OWN_STYLE, 0, name, value) for important, name, value in _declared(element.get("style", ""))]
         found = sorted(found + own, key=lambda one: one[:3])
         return element.attrib | {name: value for *_, name, value in found}
 
@@ -62,23 +65,26 @@ class Styles:
             if head.startswith("@media") and _on_screen(head[6:]):
                 self._read(body)
             elif head.startswith("@"):
-                if head.startswith("@media") and "print" not in head and _DECIDES.search(body):
+                if head.startswith("@media") and "print" not in head and _AFFECTS_DRAWING.search(body):
                     self.unread.add(head)
             else:
                 for text in map(str.strip, head.split(",")):
                     selector = _COMBINATOR.split(text)
                     if all(re.fullmatch(f"(?:{_SIMPLE.pattern})+", part) for part in selector[::2] if part is not None):
                         self.rules.append((selector, _weight(selector), list(_declared(body))))
-                    elif _DECIDES.search(body):
+                    elif _AFFECTS_DRAWING.search(body):
                         self.unread.add(f"style of {text}")
 
-    def _fits(self, element: Element, selector: Selector) -> bool:
-        if not self._is(element, str(selector[-1])):
+    def _matches(self, element: Element, selector: Selector) -> bool:
+        """Return whether an element matches a selector."""
+        if not self._matches_compound(element, str(selector[-1])):
             return False
-        return len(selector) == 1 or any(self._fits(e, selector[:-2]) for e in self._relatives(element, selector[-2]))
+        return len(selector) == 1 or any(
+            self._matches(e, selector[:-2]) for e in self._relatives(element, selector[-2])
+        )
 
     def _relatives(self, element: Element, combinator: str | None) -> Iterator[Element]:
-        """The elements that stand in a relation to one."""
+        """Yield the elements that a combinator relates to an element."""
         parent = self.above.get(element)
         if parent is None:
             return
@@ -90,8 +96,8 @@ class Styles:
         if combinator is None:
             yield from self._relatives(parent, None)
 
-    def _is(self, element: Element, compound: str) -> bool:
-        """Return whether an element fits selectors without a combinator."""
+    def _matches_compound(self, element: Element, compound: str) -> bool:
+        """Return whether an element matches a compound selector."""
         for kind, name, group, attribute, relation, wants, pseudo in _SIMPLE.findall(compound):
             siblings = list(self.above.get(element, [element]))
             has = element.get(attribute) if attribute else None
@@ -109,22 +115,23 @@ class Styles:
 
 
 def tag_of(element: Element) -> str:
-    """The name of an element of SVG; "" of others."""
+    """Return the local name of an SVG element; "" for other elements."""
     space, _, name = str(element.tag).rpartition("}")
     return name if space in ("", "{http://www.w3.org/2000/svg") else ""
 
 
 def _on_screen(media: str) -> bool:
+    """Return whether a media list applies to screens."""
     return any(one.split() and one.split()[-1] in ("all", "screen") for one in media.lower().split(","))
 
 
 def _blocks(text: str) -> Iterator[tuple[str, str]]:
-    """The head of every rule and what stands in its braces, which may hold rules."""
+    """Yield the head of every rule and the text inside its braces, which may contain rules."""
     start = depth = 0
     head = ""
     for place, sign in enumerate(text):
         if sign == ";" and not depth:
-            start = place + 1  # of @import and the like
+            start = place + 1  # skip statements such as @import
         elif sign == "{":
             depth += 1
             if depth == 1:
@@ -137,7 +144,7 @@ def _blocks(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _declared(body: str) -> Iterator[Property]:
-    """Whether it is important, its name and its value, of every property in a rule."""
+    """Yield for every property of a rule whether it is important, its name and its value."""
     for text in _COMMENT.sub("", body).split(";"):
         name, _, value = text.partition(":")
         value, important, _ = value.partition("!")
@@ -146,7 +153,7 @@ def _declared(body: str) -> Iterator[Property]:
 
 
 def _weight(selector: Selector) -> Weight:
-    """Specificity: ids, classes and attributes, types."""
+    """Return the specificity: numbers of ids, of classes and attributes, and of types."""
     found = [one for part in selector[::2] for one in _SIMPLE.findall(str(part))]
     return (
         sum(bool(one[1]) for one in found),

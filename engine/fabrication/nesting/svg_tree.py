@@ -1,6 +1,6 @@
-"""SVG documents put right for svgelements: nothing but shapes in groups, copied to where they are drawn.
+"""Reduce SVG documents to shapes in groups, copied to where they are drawn, for svgelements.
 
-Viewports become transforms, references copies, and lengths plain numbers (SVG 2, sections 5, 7, and 8).
+Viewports become transforms, references become copies, and lengths become plain numbers (SVG 2, sections 5, 7 and 8).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 from .svg_style import Styles, tag_of
 
-# millimetres of the units of CSS (Values 3); em of the initial font
+# mm per unit of CSS (Values 3); em for the initial font
 UNITS = {"mm": 1, "cm": 10, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6, "q": 0.25, "px": 25.4 / 96, "em": 25.4 / 6}
 SHAPES = {"rect", "circle", "ellipse", "line", "polyline", "polygon", "path"}
-# lengths of shapes, and whether 100 % of one are the viewport's width, height, or diagonal
+# Attributes with lengths, and whether 100 % refers to the viewport's width (0), height (1) or diagonal (2)
 SIZES = dict(
     zip(
         ["x", "width", "cx", "rx", "x1", "x2", "y", "height", "cy", "ry", "y1", "y2", "r"],
@@ -22,17 +22,20 @@ SIZES = dict(
         strict=True,
     )
 )
-STYLES = {"display", "visibility", "opacity"}  # properties that hide
-MOST = 100_000  # elements that are drawn; more come of references that refer to each other only
+STYLES = {"display", "visibility", "opacity"}  # properties that can hide an element
+MOST = 100_000  # maximum number of elements; more come only from circular references
 _LENGTH = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*(mm|cm|in|pt|pc|px|em|q|%)?", re.IGNORECASE)
-_KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}  # of transform-origin
+# values of transform-origin
+_KEYWORDS = {"left": "0%", "top": "0%", "center": "50%", "right": "100%", "bottom": "100%"}
 
 
 class SvgTree:
-    """A document put right: its ``root``, and what of it is not read.
+    """A document reduced to plain shapes.
 
-    unit : millimetres of a unit of ``root``; unitless : whether that is ``default``, as the drawing's size names none
-    outside : names of elements, properties, and selectors that are not read
+    root : the reduced document
+    unit : mm per unit of ``root``
+    unitless : whether the drawing's size names no unit, so that ``unit`` is the default
+    outside : names of elements, properties and selectors that are not read
     """
 
     def __init__(self, document: Element, default: float):
@@ -45,13 +48,13 @@ class SvgTree:
         self.outside = self.styles.unread
         self.count = 0
         box, size = _box(given), [self._length(given.get(name, "")) for name in ("width", "height")]
-        scale = next((s / b for s, b in zip(size, box[2:]) if s), 1.0)  # what is missing follows from the other side
+        scale = next((s / b for s, b in zip(size, box[2:]) if s), 1.0)  # a missing size follows from the other side
         across = [repr(s or scale * b) for s, b in zip(size, box[2:] or (100.0, 100.0))]
         self.root = Element("svg")
         self._draw(self.root, document, (1.0, 1.0), {"width": across[0], "height": across[1], "x": "0", "y": "0"})
 
     def _draw(self, parent: Element, element: Element, view: Sequence[float], more: dict[str, str]) -> None:
-        """Append an element; ``view`` is the size of its viewport, ``more`` the attributes that a reference gives it."""
+        """Append an element; ``view`` is the size of its viewport, ``more`` are attributes from a reference."""
         tag, given = tag_of(element), self.styles.given(element) | more
         self.count += 1
         if self.count > MOST:
@@ -79,7 +82,7 @@ class SvgTree:
             moves, view = _viewport(at, view, _box(given), given.get("preserveAspectRatio", "xMidYMid"))
         else:
             moves = ""
-            if tag == "switch":  # the first part whose conditions hold
+            if tag == "switch":  # draw the first child whose conditions hold
                 fit = (e for e in element if tag_of(e) and not e.get("requiredExtensions"))
                 children = [e for e in fit if "en" in e.get("systemLanguage", "en")][:1]
         moved = SubElement(made, "g", {"transform": moves})
@@ -87,17 +90,18 @@ class SvgTree:
             self._draw(moved, child, view, inner)
 
     def _length(self, text: str, whole: float = 0.0) -> float:
-        """A length in the units of ``root``; ``whole`` is what 100 % are."""
+        """Return a length in units of ``root``; ``whole`` is 100 %."""
         found = _LENGTH.fullmatch(text)
         unit = (found[2] or "px").lower() if found else ""
         scale = 0.01 * whole if unit == "%" else 1.0 if unit == "px" else UNITS.get(unit, 0.0) / self.unit
         return float(found[1]) * scale if found else 0.0
 
     def _plain(self, text: str) -> str:
+        """Return a text with every length replaced by a number in units of ``root``."""
         return _LENGTH.sub(lambda found: repr(self._length(found[0], 1.0)) if found[2] else found[0], text)
 
     def _moves(self, given: Mapping[str, str], view: Sequence[float]) -> str:
-        """The transform about its origin; ``view`` is the size of the viewport."""
+        """Return the transform of an element about its origin; ``view`` is the size of the viewport."""
         at = [_KEYWORDS.get(one, one) for one in given.get("transform-origin", "0 0").split()]
         x, y = map(self._length, [*at, "50%"][:2], view)
         own = " ".join(f"{k}({','.join(given[k].split())})" for k in ("translate", "rotate", "scale") if k in given)
@@ -105,7 +109,7 @@ class SvgTree:
 
 
 def _box(given: Mapping[str, str]) -> list[float]:
-    """The viewBox; nothing if it has no area."""
+    """Return the viewBox; empty without area."""
     box = [float(x) for x in re.split(r"[\s,]+", given.get("viewBox", "")) if x]
     return box if len(box) == 4 and box[2] > 0.0 and box[3] > 0.0 else []
 
@@ -113,7 +117,7 @@ def _box(given: Mapping[str, str]) -> list[float]:
 def _viewport(
     at: Mapping[str, float], view: Sequence[float], box: Sequence[float], aspect: str
 ) -> tuple[str, Sequence[float]]:
-    """The transform of a drawing within a drawing, and the size of its viewport."""
+    """Return the transform of a nested drawing and the size of its viewport."""
     from svgelements import Viewbox
 
     x, y = at.get("x", 0.0), at.get("y", 0.0)

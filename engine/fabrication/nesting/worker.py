@@ -1,6 +1,7 @@
-"""A program of its own, run by ``nesting``: packs strips by spyrrow and tells every better one, so that it can be stopped at once.
+"""Run spyrrow as a separate program for ``nesting`` and report every better strip, so that it can be stopped at once.
 
-One task a line comes in as JSON, one solution a line goes out: its width and where every item lies; then an empty line.
+Reads one task per line as JSON, writes one solution per line, its width and the place of every item, then an empty
+line.
 """
 
 import json
@@ -9,7 +10,7 @@ import threading
 
 
 def main() -> None:
-    """Solve task after task until there are no more."""
+    """Solve tasks until the input ends."""
     sys.path[:0] = json.loads(sys.stdin.readline())
     import spyrrow
 
@@ -39,10 +40,10 @@ def main() -> None:
 
 
 def solve(strip, config, queue, done):  # type: ignore[no-untyped-def]  # spyrrow's
-    """Search, in a thread of its own."""
+    """Search in a thread."""
     try:
         strip.solve(config, queue)
-    except BaseException:  # a panic of its Rust code is no Exception; there is no solution then
+    except BaseException:  # a panic in the Rust code raises a BaseException; there is no solution then
         pass
     finally:
         done.set()
