@@ -120,12 +120,12 @@ def make_sheets(
     cut: CutParams = CUT,
     base: Base | None = None,
 ) -> CutSheets:
-    """Draw every panel of a design with its connectors, and lay the panels and the plates of its base on sheets.
+    """Draw every panel with its connectors, and lay the panels and the plates of the base on sheets.
 
     Raises
     ------
-    FlexMapsError : with the faces where a spiral has no room, a panel would touch itself, or, with ``params.oversize``
-        "error", a panel is larger than the sheet
+    FlexMapsError : a spiral has no room, a panel would touch itself, or, if ``params.oversize`` is "error", is too
+        large
     """
     design = design if base is None else base.design
     layout = design.flat.layout

@@ -1,4 +1,4 @@
-"""Putting panels together in thought: what the cutter leaves of both sides of every joint, and the gap between them."""
+"""Check connectors by virtual assembly: cut both sides of every joint, put them together, and measure the gap."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ from .path import Halves, Throughs, complexes, pairs
 from .shape import key
 from .tips import Attempt
 
-_FINE = 5e-7  # metres; how far chords may stray from arcs here
+_FINE = 5e-7  # maximum distance of chords from arcs in metres
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Gaps between the finished parts of every connector, in metres; a key has one row for each of its sockets.
+    """Gaps between the finished parts of every connector in metres; a key has a row for each of its sockets.
 
-    joint : index into ``Connections.connectors``; overlap : square metres where both parts would be in the same place
-    least, most : smallest and largest gap round the head, or between two faces, less what they stand back
+    joint : index into ``Connections.connectors``
+    least, most : smallest and largest gap around the head or between two faces, less the setback of the faces
+    overlap : m2 that both parts would occupy
     """
 
     joint: Int[np.ndarray, " rows"]
@@ -34,9 +35,9 @@ class Fit:
 
 
 def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:
-    """Cut all panels and keys on paths for a cutter that takes away ``kerf`` metres, and put every joint together.
+    """Cut all panels and keys along the paths for a kerf in metres, and put every joint together.
 
-    The paths are those that would be written; what is left of the material is found by shapely, from the paths alone.
+    The paths are those that would be written to files; shapely derives the remaining material from them alone.
     """
     panels = [_blank(cut_paths(o, kerf, kerf)) for o in made.outlines]
     rows = []
@@ -47,7 +48,7 @@ def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:
 
 
 def _blank(outline: Outline) -> Any:
-    """What the paths go round."""
+    """Return the polygon enclosed by the paths."""
     import shapely
 
     return shapely.Polygon(outline.outer.sampled(_FINE), [h.sampled(_FINE) for h in outline.holes])
@@ -56,14 +57,14 @@ def _blank(outline: Outline) -> Any:
 def _joint(
     design: SpiralDesign, connector: Connector, panels: list[Any], kerf: float
 ) -> list[tuple[float, float, float]]:
-    """Least and largest gap and overlap at one joint."""
+    """Return for each part of one joint the smallest gap, the largest gap and the overlap."""
     import shapely
 
     a = connector.made
     halves = [
         Halves.of(design, np.array([q]), np.array([k])) for q, k in zip(connector.faces, connector.sides, strict=True)
     ]
-    point, way = _at(Throughs(halves[0], halves[1]), -a.shift)
+    point, way = _point_along(Throughs(halves[0], halves[1]), -a.shift)
     point += 1j * way * a.aside
     parts = []
     for half, sign in zip(halves, (1.0, -1.0), strict=True):
@@ -72,9 +73,10 @@ def _joint(
         window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
         left = shapely.clip_by_rect(panels[int(half.patch[0])], *window).buffer(-0.5 * kerf, quad_segs=64)
         if halves[0].patch[0] == halves[1].patch[0]:
-            # the other side of the cut lies in the same panel, and elsewhere once the cut is closed: this arm alone
+            # both sides of the cut lie in one panel, and the other moves away once the cut is closed: keep this arm
+            # alone
             through = Throughs(half, halves[0] if half is halves[1] else halves[1])
-            behind = _at(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
+            behind = _point_along(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
             at = shapely.Point(pairs(half.placed(np.array([behind]))[0]))
             pieces = shapely.get_parts(left)
             left = pieces[int(np.argmin(shapely.distance(pieces, at)))]
@@ -82,41 +84,42 @@ def _joint(
         parts.append(shapely.transform(left, into))
     if a.kind == "key":
         whole = _blank(cut_paths(Outline(key(a.size, a.back), ()), kerf, kerf)).buffer(-0.5 * kerf, quad_segs=64)
-        # the first arm's socket holds the half of the key at x < 0
-        return [_gap(whole, part, a) for part in (_turned(parts[0]), parts[1])]
+        # the socket of the first arm holds the half of the key at x < 0
+        return [_gap(whole, part, a) for part in (_half_turn(parts[0]), parts[1])]
     if a.kind == "tab":
         near = shapely.box(-a.size.pad, -a.size.pad, a.size.pad, a.size.pad)
         one, two = (shapely.intersection(p, near) for p in parts)
         gap = float(one.distance(two)) - 2.0 * a.back
         return [(gap, gap, float(one.intersection(two).area))]
-    one, two = parts if a.male == 0 else (_turned(parts[1]), _turned(parts[0]))
+    one, two = parts if a.male == 0 else (_half_turn(parts[1]), _half_turn(parts[0]))
     return [_gap(one, two, a)]
 
 
-def _at(through: Throughs, distance: float) -> tuple[complex, complex]:
-    """Point and direction of the one arm at a distance in metres from its joint."""
+def _point_along(through: Throughs, distance: float) -> tuple[complex, complex]:
+    """Return point and direction of an arm at a distance in metres from its joint."""
     point, way, _ = through.centre(through.tau(np.array([[distance]]))[:, 0])
     return complex(point[0]), complex(way[0])
 
 
-def _turned(part: Any) -> Any:
+def _half_turn(part: Any) -> Any:
+    """Return the part turned by half a turn about the origin."""
     from shapely.affinity import rotate
 
     return rotate(part, 180, (0, 0))
 
 
 def _gap(one: Any, two: Any, a: Attempt) -> tuple[float, float, float]:
-    """Gap round a head that points along x, between the part ``one`` that has it and the socket in ``two``."""
+    """Return smallest gap, largest gap and overlap of the part ``one``, whose head points along x, and ``two``."""
     import shapely
 
     s = a.size
     box = shapely.box(a.back + 0.5 * s.length, -0.6 * s.head, a.back + s.length + 2.0 * s.rounding, 0.6 * s.head)
-    # the window's own borders are no part of the material's edge
+    # ignore the borders of the window itself
     edge = shapely.intersection(shapely.boundary(one), box)
     at = shapely.points(shapely.get_coordinates(shapely.segmentize(edge, 2e-5)))
     apart = shapely.distance(at, shapely.boundary(two))
     window = shapely.box(a.back - s.length, -0.45 * s.pad, a.back + 2.0 * s.length, 0.45 * s.pad)
     one, two = shapely.intersection(one, window), shapely.intersection(two, window)
     least = min(float(one.distance(two)), float(apart.min()))
-    # dogbones are wider than the head's corners
+    # dogbones enlarge the gap at the head's corners, so the largest gap is not measured there
     return least, least if s.inside else float(apart.max()), float(one.intersection(two).area)

@@ -1,4 +1,4 @@
-"""Connectors wherever two arms meet across a cut: dovetails, loose keys or tabs for glue (FlexMaps section 8)."""
+"""Connectors wherever two arms meet across a cut: dovetails, loose keys, or tabs for glue (FlexMaps section 8)."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from .free_space import SCALES, FreeSpace
 from .shape import key, least_radius, size
 from .tips import Attempt, Tip
 
-CHUNK = 180  # attempts that are judged together, a tenth of a second of work
-_TIPS = 2000  # ends of arms that are compared with all others together
-FEW, MANY = 4, 16  # attempts of one joint that are judged together, after the first and at the most
+CHUNK = 180  # attempts evaluated together, a tenth of a second of work
+_TIPS_AT_ONCE = 2000  # tips compared with all others at once
+FEW, MANY = 4, 16  # attempts per joint evaluated together: after the first, and at most
 
 
 @dataclass(frozen=True, eq=False)
 class Connector:
-    """One connector that holds two arms together.
+    """One connector between two arms.
 
-    name : the joint's label, seam letter and number; seam, place : index of the seam and of the joint along it
-    made : its kind and size, which arm has the head, and where it sits
-    faces, sides : the quads of both arms, the lower panel's first, and which of their sides
-    shrunk, swapped : whether it is smaller, or has its head on the other arm, for want of room
+    name : label of the joint, seam letter and number
+    seam, place : index of the seam, and of the joint along it
+    made : kind and size, the arm with the head, and the position
+    faces, sides : quads and sides of both arms, the lower panel's first
+    shrunk, swapped : whether it is smaller, or has its head on the other arm, for lack of room
     """
 
     name: str
@@ -46,23 +47,23 @@ class Connector:
 
     @property
     def kind(self) -> str:
-        """dovetail, key or tab."""
+        """Dovetail, key or tab."""
         return self.made.kind
 
     @property
     def roles(self) -> tuple[str, str]:
-        """What the two arms have: head, socket or face."""
+        """Roles of both arms: head, socket or face."""
         return self.made.roles()
 
 
 @dataclass(frozen=True, eq=False)
 class Connections:
-    """The outlines of all panels with connectors, the connectors, and the loose keys that belong to them.
+    """The outlines of all panels with connectors, and the connectors.
 
-    unsolved : (name, quad, quad) of the joints that have no room for any connector: they keep their plain ends
+    unsolved : (name, quad, quad) of joints without room for any connector, which keep plain ends
     clearance : metres
-    taken : metres of every arm, from its joint on, that a connector needs
-    tips : the ends of all arms that have a connector
+    taken : metres of every arm, from its joint, that a connector occupies
+    tips : ends of all arms with a connector
     """
 
     outlines: tuple[Outline, ...]
@@ -74,7 +75,7 @@ class Connections:
 
     @property
     def bridge(self) -> float:
-        """Metres: the narrowest neck or wall of a connector; infinite without any."""
+        """Width in metres of the narrowest neck or wall of a connector; infinite without connectors."""
         return min(
             (
                 min(c.made.size.neck - c.made.size.clearance, c.made.size.thinnest)
@@ -86,12 +87,12 @@ class Connections:
 
     @property
     def keys(self) -> tuple[Outline, ...]:
-        """The loose keys, one of every connector of that kind, each round the origin."""
+        """The outlines of the loose keys, each around the origin."""
         return tuple(Outline(key(c.made.size, c.made.back), ()) for c in self.connectors if c.kind == "key")
 
     @property
     def _least_radius(self) -> float:
-        """Metres: the smallest radius of a corner of heads, sockets and shoulders."""
+        """Smallest radius in metres of a corner of heads, sockets and shoulders."""
         sizes = {c.made.size for c in self.connectors if c.kind != "tab"}
         return min([*map(least_radius, sizes), *(radius for tip in self.tips for radius in tip.shoulder_radii)])
 
@@ -125,11 +126,19 @@ def connect(
     progress: Progress = SILENT,
     mill: float = 0.0,
 ) -> Connections:
-    """Give every joint its connector, as large as there is room, and draw the panels with them.
+    """Give every joint the largest connector that has room, and draw the panels with them.
 
-    ``tolerance`` in metres is that of the outlines; ``mill`` the diameter of the mill that cuts them, 0 for a beam. Joints
-    without room keep their plain ends, and the warnings name them. Raises ``FlexMapsError`` where the clearance is so large
-    that nothing holds.
+    Joints without room keep plain ends and are listed as unsolved.
+
+    Parameters
+    ----------
+    design, params : spirals on flat patches; kind, dimensions and clearance of connectors
+    tolerance : of the outlines, metres
+    mill : diameter of the mill, metres; 0 for a beam
+
+    Raises
+    ------
+    FlexMapsError : the clearance is so large that connectors would slip out
     """
     taken = np.zeros((len(design.width), 4))
     if params.connector == "none" or not design.flat.layout.cut.any():
@@ -143,7 +152,7 @@ def connect(
             f"{catch * 1e3:.2g} mm; make the clearance at most {500 * catch:.2g} mm"
         )
     space = FreeSpace(design, params, mill, progress.part(0.0, 0.1))
-    chosen = _chosen(space, progress.part(0.1, 0.8))
+    chosen = _choose(space, progress.part(0.1, 0.8))
     labels = seam_labels(design.flat.layout)
     made: list[Connector] = []
     unsolved: list[tuple[str, int, int]] = []
@@ -174,7 +183,7 @@ def connect(
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """What is made of a joint: one of its attempts, its tips, and ``placed`` (2, 2) their polygons from ``Room.judged``."""
+    """A feasible attempt at a joint, its tips, and their polygons ``placed`` (2, 2) from ``FreeSpace.judged``."""
 
     attempt: Attempt
     tips: tuple[Tip, Tip]
@@ -182,7 +191,7 @@ class _Choice:
 
 
 class _Search:
-    """Goes through the attempts of all joints, one joint's after the other but those of many joints at once."""
+    """Iterator over the attempts of all joints, in order per joint and many joints at once."""
 
     def __init__(self, space: FreeSpace):
         self.space = space
@@ -190,15 +199,15 @@ class _Search:
         self.ready: list[deque[_Choice]] = [deque() for _ in self.attempts]
 
     def next(self, joints: list[int], progress: Progress, first: bool = False) -> dict[int, _Choice | None]:
-        """For each of these joints the next attempt that has room; ``None`` where there is no other one.
+        """Return for each of these joints the next attempt that has room; None without further attempts.
 
-        first : whether these are the joints' first attempts, which are made without looking round
+        first : whether these are the first attempts of the joints, made without measuring the free space
         """
         found: dict[int, _Choice | None] = {j: self.ready[j].popleft() for j in joints if self.ready[j]}
         waiting, few = [j for j in joints if j not in found], FEW
         while waiting:
             tries = []
-            # only as many of one joint as make a chunk: those after the first with room are judged in vain
+            # limit the attempts per joint: those after the first with room are wasted
             each = 1 if first else max(1, min(few, CHUNK // len(waiting)))
             for place, joint in enumerate(waiting):
                 if not first and place % CHUNK == 0:
@@ -226,17 +235,17 @@ class _Search:
                 self.ready[joint].append(_Choice(attempt, *tips))
 
 
-def _chosen(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
-    """For every joint the first attempt with room; ``None`` where none has."""
+def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
+    """Return for every joint the first attempt with room, or None."""
     search = _Search(space)
     every = list(range(len(space.joints.edge)))
     found = search.next(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]
-    # tips that are too near to each other: the larger one of two gives way, as long as anything changes
+    # while tips are too close to each other, the larger of the two is replaced
     changed = set(every)
     for turn in range(50):
         progress(0.9 + 0.002 * turn, "connectors that are too near to each other")
-        giving = _crowded(space, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
+        giving = _joints_too_close(space, chosen, changed, progress.part(0.9 + 0.002 * turn, 0.9 + 0.002 * turn))
         if not giving:
             break
         for joint, choice in search.next(giving, progress.part(0.9 + 0.002 * turn, 0.902 + 0.002 * turn)).items():
@@ -245,10 +254,12 @@ def _chosen(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
     return chosen
 
 
-def _crowded(space: FreeSpace, chosen: list[_Choice | None], changed: set[int], progress: Progress) -> list[int]:
-    """Joints that have to give way because two tips are nearer than the smallest slot.
+def _joints_too_close(
+    space: FreeSpace, chosen: list[_Choice | None], changed: set[int], progress: Progress
+) -> list[int]:
+    """Return the joints whose connector must be replaced because two tips are closer than the smallest slot.
 
-    Only tips near those of the ``changed`` joints are looked for.
+    Only tips near those of the ``changed`` joints are tested.
     """
     import shapely
 
@@ -261,10 +272,10 @@ def _crowded(space: FreeSpace, chosen: list[_Choice | None], changed: set[int], 
     tree, slot = shapely.STRtree(flat), 0.999 * space.slot
     area = shapely.area(flat)
     giving: set[int] = set()
-    # in one panel, and in two panels that lie side by side along their joint
+    # test within a panel, and between two panels side by side along their joint
     for shapes in (flat, mated):
         around = shapely.box(*(shapely.bounds(shapes[fresh]) + slot * np.array([-1.0, -1.0, 1.0, 1.0])).T)
-        for part in progress.batches(len(fresh), _TIPS, "connectors that are too near to each other"):
+        for part in progress.batches(len(fresh), _TIPS_AT_ONCE, "connectors that are too near to each other"):
             one, two = tree.query(around[part])
             one = fresh[part][one]
             other = one != two if shapes is flat else owner[one] != owner[two]

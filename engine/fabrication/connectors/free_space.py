@@ -1,8 +1,9 @@
-"""Where connectors sit, and whether there is room for them: the joints at all cuts, and what is near every joint.
+"""Positions of connectors: the joints at all cuts, and the free space around every joint.
 
-FreeSpace is judged with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat panel, and
-from those of the panel on the other side once both lie side by side. Where the arms beside a joint are near, as in
-strongly wound spirals, there is more room a little way along the arm and to one side: the parting line moves there.
+Free space is measured with polygons. A tip must keep the smallest slot from every other arm and hub of its own flat
+panel, and from those of the panel across the joint once both lie side by side. Where arms run close beside a joint, as
+in strongly wound spirals, there is more room a short way along the arm and to one side, so the parting line moves
+there.
 """
 
 from __future__ import annotations
@@ -25,27 +26,29 @@ from .path import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
 from .tips import Attempt, Tip, ends_of, make_tips
 
-# what is tried where the asked kind has no room
+# kinds to try in turn for a requested kind
 KINDS = {"dovetail": ("dovetail", "key", "tab"), "key": ("key", "tab"), "tab": ("tab",)}
-SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # sizes that are tried in turn, as shares of the asked one; not measured
-STEP = 1e-5  # metres; the widths of arms are taken in these steps
-BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres that the faces of keys and tabs may stand back
-_SHIFTS = 12  # steps to either side
-_STEP = 0.55  # of a shift, in necks
-_TRIES = 4  # shifts that are tried for every size before necks may lie beside their arms
-_LOOK = 2e-4  # metres along the arm from one look to the next
-_BUNDLE = 8  # lines of sight beside each other for which what is near is looked up once
-_RAYS = 2500  # bundles that are followed together
-_PIECES = 8  # parts of every arm, so that few lie near a place
-_TOGETHER = 500  # quads whose arms are drawn together
+SCALES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # sizes to try in turn, as shares of the requested size; not measured
+STEP = 1e-5  # metres; widths of arms are rounded down to multiples of this
+BACKS = (0.0, 3e-4, 6e-4, 1e-3, 1.5e-3)  # metres by which the faces of keys and tabs may be set back
+_SHIFTS = 12  # shifts to try to either side
+_STEP = 0.55  # length of a shift in necks
+_SHIFTS_TRIED = 4  # shifts to try for every size before necks may lie beside their arms
+_SIGHT_STEP = 2e-4  # metres along the arm between measurements of the free space
+_BUNDLE = 8  # adjacent rays that share one search for nearby pieces
+_RAYS = 2500  # bundles of rays traced together
+_PIECES = 8  # pieces per arm, so that few lie near any place
+_QUADS_AT_ONCE = 500  # quads whose arms are sampled together
 
 
 @dataclass(frozen=True, eq=False)
 class Joints:
     """All places where two arms meet across a cut, seam by seam along the seams.
 
-    edge, seam, place : the edge of the mesh, its seam, and its place along that
-    quad, side : both arms; the panel with the lower number first; inside : whether both arms belong to one panel
+    edge : of the mesh
+    seam, place : index of the seam, and of the joint along it
+    quad, side : both arms; the panel with the lower number first
+    inside : whether both arms belong to one panel
     """
 
     edge: Int[np.ndarray, " joints"]
@@ -57,7 +60,7 @@ class Joints:
 
 
 def joints(design: SpiralDesign) -> Joints:
-    """The joints of a design."""
+    """Return the joints of a design."""
     layout = design.flat.layout
     none = [np.empty(0, dtype=np.int64)]
     edges = np.concatenate([*layout.seams, *none])
@@ -72,10 +75,11 @@ def joints(design: SpiralDesign) -> Joints:
 
 @dataclass(frozen=True, eq=False)
 class Openings:
-    """How much room there is beside the arm through a joint.
+    """Free space beside the arm through a joint.
 
     x : metres along the arm from the joint, towards the second half
-    left, right : metres that the edges could be further out there; width : metres of the arm
+    left, right : metres by which the edges could move outwards there
+    width : of the arm, metres
     """
 
     x: Float[np.ndarray, " places"]
@@ -84,9 +88,9 @@ class Openings:
     width: Float[np.ndarray, " places"]
 
     def asides(self, s: Size, shifts: Float[np.ndarray, " shifts"], overhanging: bool) -> list[tuple[float, float]]:
-        """Of all ``shifts`` where a connector of this size has room, and how far to the left it has to sit there.
+        """Return the ``shifts`` at which a connector of this size has room, each with its distance to the left.
 
-        Its neck stays on the arm, unless it may be ``overhanging``: then it hangs on the widened end only.
+        Its neck stays on the arm unless ``overhanging``; then only the widened end holds it.
         """
         reach = s.length + s.clearance + 0.4 * s.wall
         shifts = shifts[(shifts - reach >= self.x[0]) & (shifts + reach <= self.x[-1])]
@@ -105,13 +109,13 @@ class Openings:
 
 
 class FreeSpace:
-    """What is known of a design before any connector is made."""
+    """Geometry of a design needed before connectors are made."""
 
     def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
         self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
         self.slot = slot_needed(design.params)
-        # steps finer than any cutter, so that many joints share few shapes
+        # rounded more finely than any cutter can cut, so that many joints share few shapes
         width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
         self.width = np.floor(width / STEP + 1e-6) * STEP
         self._openings: dict[int, Openings] = {}
@@ -124,24 +128,24 @@ class FreeSpace:
         return Throughs(*(Halves.of(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
     def sizes(self, joint: int, kind: str = "dovetail") -> tuple[Size, ...]:
-        """The sizes that connectors of this joint may have, the largest first."""
+        """Return the sizes that connectors of this joint may have, largest first."""
         width = float(self.width[joint])
         if kind == "tab":
             return tabs(width, self.params, SCALES, self.mill)
         return sizes(width, self.params, SCALES, self.mill)
 
     def attempts(self, joint: int) -> Iterator[Attempt]:
-        """What to try at a joint, the best first."""
-        # heads and sockets take turns along a seam: pushed on one joint too far, panels do not fit
+        """Yield candidate connectors for a joint, best first."""
+        # heads and sockets alternate along a seam, so that panels inserted one joint off do not fit
         first = int(self.joints.place[joint]) % 2
-        # a key needs no room beyond the cut: it serves where both sides of a cut inside a panel lie close together
+        # a key needs no room beyond the cut, so it suits cuts inside a panel whose sides lie close together
         inside = bool(self.joints.inside[joint])
         kinds = [k for k in KINDS[self.params.connector] if k in (self.params.connector, "tab") or inside]
-        # in one panel a head must not reach across the cut to its own socket
+        # in a single panel a head must not extend across the cut to its own socket
         gap = abs(self.through.own.origin[joint] - self.through.other.origin[joint]) if inside else np.inf
         best = Attempt(self.params.connector, self.sizes(joint, self.params.connector)[0], first)
         if best.kind != "dovetail" or best.size.length <= gap:
-            yield best  # as a rule there is room, and no need to look round
+            yield best  # this usually fits without measuring the free space
         self.look([joint])
         openings, steps = self._openings[joint], np.array(self._shifts(joint))
         for kind in kinds:
@@ -150,22 +154,22 @@ class FreeSpace:
                     if kind == "dovetail" and s.length > gap:
                         continue
                     fitting = openings.asides(s, steps, overhanging)
-                    for shift, aside in fitting if overhanging else fitting[:_TRIES]:
+                    for shift, aside in fitting if overhanging else fitting[:_SHIFTS_TRIED]:
                         for male in (first, 1 - first) if kind == "dovetail" else (first,):
                             yield Attempt(kind, s, male, shift, aside, back)
 
     def _shifts(self, joint: int) -> list[float]:
-        """Metres by which the parting line is moved, the smallest first."""
+        """Return the shifts of the parting line in metres, smallest first."""
         step = self.sizes(joint)[-1].neck * _STEP
         return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
 
     def judged(
         self, which: Sequence[int], attempts: Sequence[Attempt]
     ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
-        """Both tips of every attempt at the joints ``which``, and their polygons (2, 2) as ``_apart`` gives them; ``None`` without room.
+        """Return both tips of every attempt at the joints ``which``, and their polygons (2, 2); None without room.
 
-        Both tips must keep the smallest slot from all that is near, in their own panels and in the panels beyond once both lie
-        side by side. The second tip is made only where the first one has room.
+        Both tips must keep the smallest slot from everything near, in their own panels and in the panels across once
+        both lie side by side. The second tip is made only where the first has room. Polygons are those of ``_apart``.
         """
         rows, left = np.array(which, dtype=int), np.arange(len(which))
         shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
@@ -179,7 +183,7 @@ class FreeSpace:
             left = left[[tip is not None for tip in made]]
             tips[left, half] = [tip for tip in made if tip is not None]
             placed[:, left, half] = self._apart(through, tips[left, half])
-            for shapes in placed[:, :, half]:  # what is blocked in its own panel is looked for nowhere else
+            for shapes in placed[:, :, half]:  # tips that are blocked in their own panel are not tested further
                 left = left[self._free(through, rows[left], shapes[left])]
         left = left[[not self.joints.inside[rows[k]] or not self._touching(*tips[k]) for k in left.tolist()]]
         found: list[tuple[tuple[Tip, Tip], np.ndarray] | None] = [None] * len(rows)
@@ -190,15 +194,18 @@ class FreeSpace:
     # -- what is near --------------------------------------------------------------------------------------------------
 
     def _bodies(self, progress: Progress) -> _Bodies:
-        """All arms and hubs."""
+        """Return all arms and hubs as pieces."""
         patch_of, found = self.design.flat.layout.patch_of, []
-        for part in progress.batches(len(patch_of), _TOGETHER, "what is near the joints"):
+        for part in progress.batches(len(patch_of), _QUADS_AT_ONCE, "what is near the joints"):
             found.append(self._pieces(np.arange(part.start, part.stop)))
         rings, arm, quad = (np.concatenate(x) for x in zip(*found, strict=True))
         return _Bodies(rings + self.pitch * patch_of[quad][:, None], arm)
 
     def _pieces(self, quads: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The arms of some quads in pieces, and their hubs: rings in their patches' frames, and the arm and quad of each."""
+        """Return the arms of some quads in pieces, and their hubs, as rings in the patches' frames.
+
+        Also return the arm and quad of each ring.
+        """
         arms, roots, count = self.design.arms.of(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
@@ -218,11 +225,14 @@ class FreeSpace:
 
     @cached_property
     def pitch(self) -> float:
-        """Metres by which the frames of consecutive patches are moved apart, so that no two lie in the same place."""
+        """Metres between the origins of consecutive patches, so that no two overlap."""
         return 2.0 * float(np.ptp(self.design.flat.corners.reshape(-1, 2), axis=0).max())
 
     def _apart(self, through: Throughs, tips: np.ndarray) -> np.ndarray:
-        """(2, n) the polygons of tips (n,) in their panels, and in the panels beyond, side by side; all panels apart."""
+        """Return (2, n) polygons of tips (n,), in their own panels and mated in the panels across.
+
+        Panels do not overlap.
+        """
         import shapely
 
         polygons = np.array([tip.polygon for tip in tips])
@@ -236,19 +246,19 @@ class FreeSpace:
         return np.stack([shapely.set_coordinates(polygons.copy(), pairs(p)) for p in placed])
 
     def look(self, which: Sequence[int]) -> None:
-        """Find out how much room there is beside the arms through some joints, from both edges to either side."""
+        """Measure the free space to either side of the arms through some joints."""
         rows = np.array([j for j in which if j not in self._openings], dtype=int)
         if not len(rows):
             return
         through = self.through.rows(rows)
         reach = np.array([max(self._shifts(j)) + 2.0 * self.sizes(j)[0].length for j in rows.tolist()])
         back, ahead = (np.minimum(reach, half.along(half.end)) for half in (through.own, through.other))
-        steps = int(np.ceil(reach.max() / _LOOK))
-        x = _LOOK * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
+        steps = int(np.ceil(reach.max() / _SIGHT_STEP))
+        x = _SIGHT_STEP * (np.arange(-(-(2 * steps + 1) // _BUNDLE) * _BUNDLE) - steps)
         there = (x >= -back[:, None]) & (x <= ahead[:, None])
         edges, ways = through.edges(through.tau(np.repeat(-x[None], len(rows), axis=0)))
         ways = ways * (1j * np.array([LEFT, RIGHT]))[:, None, None]
-        # as far as the widest end that is tried could reach
+        # as far as the widest end could extend
         view = 1.02 * self.slot + np.array([self.sizes(j)[0].pad for j in rows.tolist()])
         view = np.repeat(np.tile(view, 2), len(x) // _BUNDLE)
         free = np.full(edges.shape, np.inf)
@@ -265,19 +275,19 @@ class FreeSpace:
             self._openings[joint] = Openings(x[at], free[0, k, at], free[1, k, at], width[k, at])
 
     def _free(self, through: Throughs, rows: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """(n,) whether shapes (n,) keep the smallest slot from all but the arms through the joints ``rows`` (n,)."""
+        """Return (n,) whether shapes keep the smallest slot from all arms but those through the joints ``rows``."""
         own = np.stack([through.own.arm[rows], through.other.arm[rows]], axis=1)
         return ~self.bodies.near(shapes, own, 0.999 * self.slot)
 
     def _touching(self, one: Tip, two: Tip) -> bool:
-        """Whether the tips at a cut inside a panel come nearer to each other's arms than the smallest slot."""
+        """Return whether the tips at a cut inside a panel come closer to each other's arms than the smallest slot."""
         import shapely
 
         near = ((one.polygon, two.rest), (two.polygon, one.rest), (one.polygon, two.polygon))
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
     def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
-        """All tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
+        """Return all tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})
         for tip, end in zip(tips, ends_of(tips, tolerance), strict=True):
@@ -290,10 +300,11 @@ class FreeSpace:
 
 
 class _Bodies:
-    """Pieces of arms, and hubs, in the plane where all panels lie apart.
+    """Pieces of arms, and hubs, in a plane where panels do not overlap.
 
-    rings : (P, K) complex, metres; arm : (P,) which arm a piece belongs to, 4 quad + side, -1 for hubs
-    low, high : (P, 2) corners of the boxes round them
+    rings : (P, K) complex, metres
+    arm : (P,) arm of each piece, 4 quad + side; -1 for hubs
+    low, high : (P, 2) corners of their bounding boxes
     """
 
     def __init__(self, rings: np.ndarray, arm: np.ndarray):
@@ -304,10 +315,11 @@ class _Bodies:
             np.stack([f(rings.real, axis=1), f(rings.imag, axis=1)], axis=1) for f in (np.min, np.max)
         )
         self.tree = shapely.STRtree(shapely.box(*self.low.T, *self.high.T))
-        # polygons are made where they are asked for: most never are
+        # polygons are made on first use: most are never needed
         self._shapes, self._known = np.empty(len(rings), dtype=object), np.zeros(len(rings), dtype=bool)
 
     def _polygons(self, pieces: np.ndarray) -> np.ndarray:
+        """Return the polygons of some pieces, made on first use."""
         import shapely
 
         new = np.unique(pieces[~self._known[pieces]])
@@ -316,7 +328,7 @@ class _Bodies:
         return self._shapes[pieces]
 
     def near(self, shapes: np.ndarray, without: np.ndarray, distance: float) -> np.ndarray:
-        """(N,) whether a piece lies within ``distance`` metres of shapes (N,), but for those of the arms ``without`` (N, 2)."""
+        """Return (N,) whether a piece lies within ``distance`` metres of a shape, except arms ``without`` (N, 2)."""
         import shapely
 
         bounds = shapely.bounds(shapes) + distance * np.array([-1.0, -1.0, 1.0, 1.0])
@@ -329,10 +341,12 @@ class _Bodies:
         return found
 
     def sight(self, origin: np.ndarray, way: np.ndarray, view: np.ndarray, without: np.ndarray) -> np.ndarray:
-        """(N, K) metres: how far one sees from points along unit directions, at most ``view`` (N,), before a piece is in the way.
+        """Return (N, K) the metres from points along unit directions to the first piece, at most ``view`` (N,).
 
-        origin, way : (N, K) complex, those of a row near to each other; without : (N, 2) arms that a row looks through. 0
-        inside a piece.
+        The distance is 0 inside a piece.
+
+        origin, way : (N, K) complex; the points of a row are close together
+        without : (N, 2) arms to ignore
         """
         import shapely
 
@@ -361,7 +375,7 @@ class _Bodies:
                 far, share = (to.conj() * along).imag / cross, (to.conj() * ahead).imag / cross
             hit = (far >= 0.0) & (share >= 0.0) & (share < 1.0)
             nearest = np.where(hit, far, np.inf).min(axis=1)
-            # an odd number of walls ahead: the point lies inside
+            # an odd number of edges ahead: the point lies inside
             nearest[hit.sum(axis=1) % 2 == 1] = 0.0
             np.minimum.at(seen, (first + row, ray), nearest)
         return seen

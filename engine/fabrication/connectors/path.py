@@ -1,9 +1,8 @@
-"""The arms that run through joints, from one panel into the other.
+"""The arms through joints, from one panel into the other, many joints at once, one per row.
 
-Every arm has a frame of its own here, as complex numbers: the joint is 0, the arm runs out along the real axis. Seen from
-the other arm everything is turned by half a turn. Places are given by the parameter tau: t of the arm itself, and below
-0, beyond the joint, t of the other arm in the same measure of length. There are thousands of joints: all functions work
-on many of them at once, one a row.
+Every arm has its own frame of complex numbers: the joint is 0 and the arm extends along the positive real axis. The
+frame of the other arm is turned by half a turn. Places are given by the parameter tau: the arm's own t where tau >= 0;
+below 0, beyond the joint, the other arm's t, scaled to the same length.
 """
 
 from __future__ import annotations
@@ -18,24 +17,25 @@ from ...spirals.arcs import Curve, fit
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, width_at
 
-UNFOLDED = 0.15  # least speed along an edge of a tip, as a share of that along its other edge; at 0 the edge folds
-ARM_SHARE = 0.85  # share of an arm, from its tip to its hub, that a connector may take
-_TABLE = 41  # places along an arm of the table from length to parameter; not measured
-_FOLDS = 41  # places along a tip where its edges are looked at for folds; not measured
+# minimum speed along an edge of a tip as a share of the speed along the other edge; at 0 the edge folds
+UNFOLDED = 0.15
+ARM_SHARE = 0.85  # share of an arm, from its tip towards its hub, that a connector may occupy
+_TABLE = 41  # rows of the table from length along an arm to parameter; not measured
+_FOLD_SAMPLES = 41  # places along a tip where its edges are tested for folds; not measured
 
 
 def complexes(points: Float[np.ndarray, "... 2"]) -> np.ndarray:
-    """Points as complex numbers."""
+    """Return points as complex numbers."""
     return points[..., 0] + 1j * points[..., 1]
 
 
 def pairs(numbers: np.ndarray) -> Float[np.ndarray, "... 2"]:
-    """Complex numbers as points."""
+    """Return complex numbers as points."""
     return np.stack([numbers.real, numbers.imag], axis=-1)
 
 
-def _interpolated(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(n, M): ``values`` (n, K) at x (n, M), between ascending ``known`` (n, K), the ends beyond; row by row as np.interp."""
+def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Interpolate ``values`` (n, K), known at ascending ``known`` (n, K), at x (n, M), row by row like np.interp."""
     rows = np.arange(len(known))[:, None]
     x = np.clip(x, known[:, :1], known[:, -1:])
     step = 1.01 * float(known.max(initial=0.0)) + 1e-12
@@ -48,7 +48,11 @@ def _interpolated(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.nd
 
 @dataclass(frozen=True, eq=False)
 class Widening:
-    """How much arms are wider at their tips: ``left`` and ``right`` metres up to tau ``full``, nothing from ``over`` on."""
+    """Added width of arms at their tips.
+
+    left, right : metres added to each edge up to tau ``full``
+    full, over : the addition falls from tau ``full`` to nothing at ``over``
+    """
 
     left: Float[np.ndarray, " arms"]
     right: Float[np.ndarray, " arms"]
@@ -56,22 +60,28 @@ class Widening:
     over: Float[np.ndarray, " arms"]
 
     def at(self, tau: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What to add to the widths at tau (n, M) for edges that broadcast with it, and the derivative; an edge moves by half."""
+        """Return the addition to the widths at tau (n, M) of edges ``side``, and its derivative.
+
+        Each edge moves by half of the addition.
+        """
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
         return widening(extra, self.full[:, None], self.over[:, None], tau)
 
     def rows(self, which: np.ndarray) -> Widening:
-        """Some of the rows."""
+        """Return some of the rows."""
         return Widening(self.left[which], self.right[which], self.full[which], self.over[which])
 
 
 @dataclass(frozen=True, eq=False)
 class Halves:
-    """One arm each of n joints by itself.
+    """One arm at each of n joints.
 
-    arm : 4 quad + side; patch : its patch; origin, out : origin and direction of its frame in that of its patch, complex
-    t, length : table of metres along the centre line from the joint; speed : metres per t at the joint
-    end : t up to which a connector may take it
+    arm : 4 quad + side
+    patch : of the arm
+    origin, out : complex origin and direction of the arm's frame in the patch's frame
+    t, length : table of the metres along the centre line from the joint
+    speed : metres per t at the joint
+    end : largest t that a connector may occupy
     """
 
     arm: Int[np.ndarray, " arms"]
@@ -86,7 +96,7 @@ class Halves:
 
     @staticmethod
     def of(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> Halves:
-        """The halves of joints that the arms ``side`` of ``quad`` are."""
+        """Return the arms ``side`` of ``quad`` as halves of joints."""
         roots = design.roots
         single = design.arms.one_by_one(quad, side)
         end = np.minimum(roots.left[quad, side], roots.right[quad, side - 1])
@@ -98,28 +108,32 @@ class Halves:
         return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
 
     def rows(self, which: np.ndarray) -> Halves:
-        """Some of the arms."""
+        """Return some of the arms."""
         rest = {n: getattr(self, n)[which] for n in self.__dataclass_fields__ if n != "arms"}
         return Halves(arms=self.arms.of(which), **rest)
 
     def local(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
-        """From the patches' frames to the arms'."""
+        """Transform points from the patches' frames to the arms' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
         return (points - self.origin.reshape(shape)) / self.out.reshape(shape)
 
     def placed(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
-        """From the arms' frames to the patches'."""
+        """Transform points from the arms' frames to the patches' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
         return self.origin.reshape(shape) + self.out.reshape(shape) * points
 
     def along(self, t: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " arms"]:
-        """Metres along the centre lines up to t."""
-        return _interpolated(t[:, None], self.t, self.length)[:, 0]
+        """Return the metres along the centre lines from the joints to t."""
+        return _interpolate_rows(t[:, None], self.t, self.length)[:, 0]
 
     def edge(
         self, t: np.ndarray, side: np.ndarray | float, wider: tuple[np.ndarray, np.ndarray] | None = None
     ) -> np.ndarray:
-        """(2, ..., n, M) points of edges at t (n, M) and their derivative by t, in the arms' frames; ``side`` a number or (..., n, 1)."""
+        """Return points of edges at t (n, M) and their derivatives by t, (2, ..., n, M), in the arms' frames.
+
+        side : a number, or (..., n, 1)
+        wider : addition to the widths and its derivative
+        """
         added = None if wider is None else (wider[0][..., None, :], wider[1][..., None, :])
         p, d = edge(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
         points, ways = complexes(p[..., 0, :, :]), complexes(d[..., 0, :, :])
@@ -135,22 +149,22 @@ class Throughs:
 
     @cached_property
     def turned(self) -> Throughs:
-        """The same, seen from the other halves."""
+        """The arms seen from the other halves."""
         return Throughs(self.other, self.own)
 
     def rows(self, which: np.ndarray) -> Throughs:
-        """Some of them."""
+        """Return some of the arms."""
         return Throughs(self.own.rows(which), self.other.rows(which))
 
     @property
     def scale(self) -> Float[np.ndarray, " arms"]:
-        """How much t of the other arm is worth one of this."""
+        """Ratio of the other arm's t to this arm's t for equal lengths."""
         return self.own.speed / self.other.speed
 
     def folds(self, begin: np.ndarray, full: np.ndarray, wide: Widening) -> Bool[np.ndarray, " arms"]:
-        """Whether an edge would fold between two tau (n,) if the arm were as much wider there; for parallel curves."""
+        """Return whether an edge would intersect itself between two tau (n,) when widened, for parallel curves."""
         low = np.maximum(begin, -self.other.end / self.scale)
-        tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, _FOLDS)
+        tau = low[:, None] + (np.minimum(full, self.own.end) - low)[:, None] * np.linspace(0.0, 1.0, _FOLD_SAMPLES)
         edges = self.edges(tau)[0]
         width = np.abs(edges[0] - edges[1])
         left, right = np.abs(np.diff(edges, axis=2))
@@ -159,13 +173,13 @@ class Throughs:
         return (np.minimum(one, two) < UNFOLDED * np.maximum(one, two)).any(axis=1)
 
     def tau(self, distance: Float[np.ndarray, "arms m"]) -> Float[np.ndarray, "arms m"]:
-        """The parameters at distances in metres along the arms from the joints; beyond the joint if negative."""
-        ahead = _interpolated(distance, self.own.length, self.own.t)
-        beyond = _interpolated(-distance, self.other.length, self.other.t)
+        """Return the parameters at distances in metres along the arms from the joints; negative beyond the joint."""
+        ahead = _interpolate_rows(distance, self.own.length, self.own.t)
+        beyond = _interpolate_rows(-distance, self.other.length, self.other.t)
         return np.where(distance >= 0.0, ahead, -beyond / self.scale[:, None])
 
     def centre(self, tau: Float[np.ndarray, " arms"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points and outward unit directions (n,) of the centre lines at tau, complex, and the widths of the arms."""
+        """Return complex points, outward unit directions and widths (n,) of the centre lines at tau."""
         found = []
         for half, t in ((self.own, tau), (self.other, -tau * self.scale)):
             at = np.maximum(t, 0.0)[:, None, None]
@@ -173,12 +187,13 @@ class Throughs:
             found.append((half.local(p)[:, 0], -d[:, 0] / half.out, width_at(half.arms, at)[0][:, 0, 0]))
         (point, way, width), (far, away, beyond) = found
         inside = tau >= 0.0
-        # the other half looks back at this one: its outward direction is this one's inward one, turned by half a turn
+        # the other frame is turned by half a turn and its outward direction is inward here, so directions need no
+        # change of sign
         way = np.where(inside, way, away)
         return np.where(inside, point, -far), way / np.abs(way), np.where(inside, width, beyond)
 
     def edges(self, tau: Float[np.ndarray, "arms m"], wide: Widening | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Points (2, n, M) of the widened arms' left and right edges at tau, and the outward directions there."""
+        """Return points (2, n, M) of the widened arms' left and right edges at tau, and unit directions outwards."""
         side = np.array([LEFT, RIGHT])[:, None, None]
         wider = None if wide is None else wide.at(tau, side)
         made = self.own.edge(np.maximum(tau, 0.0), side, wider)
@@ -193,7 +208,7 @@ class Throughs:
         return made[0], -made[1] / np.abs(made[1])
 
     def beyond(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
-        """The edges ``side`` (n,) from the joints to tau (n,) < 0 as arcs, walking outwards."""
+        """Return the edges ``side`` (n,) from the joints to tau (n,) < 0 as curves of arcs, walking outwards."""
         scale = self.scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

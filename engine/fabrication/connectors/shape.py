@@ -1,16 +1,16 @@
-"""What a connector looks like: heads, sockets, keys and plain faces as curves of arcs, in the frame of a joint.
+"""Shapes of connectors: heads, sockets, keys and plain faces as curves of arcs, in the frame of a joint.
 
-Both arms of a joint run in one line there: x points out of the arm that the curve belongs to, y to the left, and the
-cut is at x = 0. Head and socket are the two sides of one curve, half of the clearance to the left and to the right of it,
-so the gap between them is the same everywhere.
+Both arms of a joint are collinear there: x points out of the arm that has the curve, y to the left, and the cut is at x
+= 0. Head and socket are offsets of one curve by half of the clearance to either side, so the gap is equal everywhere.
 
-The joint has to carry what the arms carry: tension, bending and torsion. A neck as wide as the arm is as strong as the
-arm in tension; two walls of 0.6 necks hold the head more than evenly, for they are bent too. Flanks at 25 degrees turn
-0.05 mm of clearance into 0.12 mm of play along the arm; steeper ones would open the socket, flatter ones thin the neck's
-root. Shoulders of full width lie against the socket's lips, so that bending goes through faces and not through the neck.
+The joint has to carry the load of the arms: tension, bending and torsion. A neck as wide as the arm is as strong as the
+arm in tension. Two walls of 0.6 necks are stronger than the head in tension, because they also bend. Flanks at 25
+degrees turn 0.05 mm of clearance into 0.12 mm of play along the arm; steeper flanks would open the socket, flatter ones
+would thin the root of the neck. Shoulders of full width rest against the lips of the socket and carry bending instead
+of the neck.
 
-A mill cuts no inside corner rounder than itself. The root of a head is rounded so that it fits, and the lips of the socket
-with it; the corners at the bottom of a socket are opened by dogbones, so that the head keeps corners that hold.
+A mill cannot cut an inside corner sharper than its own radius. The root of a head and the lips of the socket are
+rounded accordingly; corners at the bottom of a socket are opened by dogbones, so that the head keeps sharp corners.
 """
 
 from __future__ import annotations
@@ -25,24 +25,28 @@ from ...params import ConnectorParams
 from ...spirals.arcs import Curve
 from ..panels.kerf import offset, relieved
 
-FLANK = math.tan(math.radians(25.0))  # how far the flanks of a dovetail lean out, per length; chosen by eye
-LENGTH = 0.85  # of a head, in necks
-WALL = 0.6  # of a socket, in necks
-_SLACK = 2e-5  # metres that inside corners are wider than a mill, so that its path turns in them
-_DOGBONE = 1.9  # of that radius that a dogbone takes of either side of its corner
-_BITE = 0.5  # of that radius by which it goes into the sides
-_TABS = (2.0, 1.6, 1.3)  # widths of tabs, in widths of their arms, where nothing else has room
-_TURN = math.tan(math.radians(0.5 * 115.0))  # length of the tangents at the flank's corners, in radii
+FLANK = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
+LENGTH = 0.85  # length of a head in necks
+WALL = 0.6  # wall of a socket in necks
+_SLACK = 2e-5  # metres by which inside corners are wider than a mill, so that its path can turn
+_DOGBONE = 1.9  # extent of a dogbone along either side of its corner, in radii
+_BITE = 0.5  # depth of a dogbone into the sides, in radii
+_TABS = (2.0, 1.6, 1.3)  # widths of tabs in widths of their arms, where nothing else has room
+_TANGENT = math.tan(math.radians(0.5 * 115.0))  # length of the tangents at the corners of a flank, in radii
 
 
 @dataclass(frozen=True)
 class Size:
-    """Measures of one connector in metres.
+    """Dimensions of one connector in metres.
 
-    neck, head : width of the narrow and of the wide end; length : from the one to the other
-    wall : material beside the socket of a straight arm; thinnest : and of any other at the least; pad : width of the arm's widened end
-    clearance : gap between the finished parts; rounding : radius of the corners
-    inside : least radius of inside corners, 0 where any can be cut
+    neck, head : width at the narrow and at the wide end
+    length : from neck to head
+    wall : material beside the socket of a straight arm
+    thinnest : minimum material beside the socket of any arm
+    pad : width of the arm's widened end
+    clearance : gap between the finished parts
+    rounding : radius of the corners
+    inside : minimum radius of inside corners; 0 for any
     """
 
     neck: float
@@ -57,18 +61,23 @@ class Size:
 
 
 def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float = 0.0) -> Size:
-    """The connector for arms ``width`` metres wide, shrunk by ``scale`` but never below the thinnest part.
+    """Return the dimensions of a connector for arms of a given width.
 
-    ``mill`` is the diameter in metres of the mill that cuts it, 0 for a beam.
+    Parameters
+    ----------
+    width : of the arms, metres
+    params : relative dimensions, clearance, and the thinnest part permitted
+    scale : factor on the neck, which never gets narrower than the thinnest part
+    mill : diameter of the mill, metres; 0 for a beam
     """
     c, inside = params.clearance, 0.51 * mill + _SLACK if mill else 0.0
     neck, flank = max(params.neck * width * scale, params.thinnest + c, 2.0 * inside), math.cos(math.atan(FLANK))
-    # room on a flank for both of its corners
+    # a flank has to be long enough for both of its corners
     asked = max(params.rounding, 0.75 * c)
-    corners = max(2.1 * _TURN * asked, (1.05 * _TURN + _DOGBONE) * inside)
+    corners = max(2.1 * _TANGENT * asked, (1.05 * _TANGENT + _DOGBONE) * inside)
     length = max(LENGTH * neck, corners * flank)
-    # of the finished corners some are sharper by half of the clearance, which is made up for where the flank is long enough
-    rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TURN * flank)))
+    # offsetting sharpens some corners by half of the clearance, which is compensated where the flank is long enough
+    rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
     head = neck + 2.0 * length * FLANK
     wall = max(WALL * neck, params.thinnest)
     pad = max(head + c + 2.0 * (wall + _BITE * inside), width)
@@ -77,13 +86,13 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
 
 @lru_cache(maxsize=4096)
 def sizes(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
-    """The connectors of these scales that differ, in their order."""
+    """Return the different dimensions for these scales, in their order."""
     return tuple(dict.fromkeys(size(width, params, scale, mill) for scale in scales))
 
 
 @lru_cache(maxsize=4096)
 def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill: float = 0.0) -> tuple[Size, ...]:
-    """Plain ends for glue, the widest first: as wide as connectors of these scales would be, then hardly wider than the arm."""
+    """Return plain ends for glue, widest first: as wide as connectors of these scales, then little wider than the arm."""
     whole = size(width, params)
     pads = [*(size(width, params, scale, mill).pad for scale in scales), *(share * width for share in _TABS)]
     short = 0.5 * width
@@ -103,7 +112,14 @@ def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill:
 
 
 def rounded(points: list[tuple[float, float]], radius: float | list[float], closed: bool = False) -> Curve:
-    """A polyline (metres) with its corners rounded by arcs of one radius, or of one each, as far as there is room."""
+    """Return a polyline with its corners rounded by arcs.
+
+    Parameters
+    ----------
+    points : metres
+    radius : metres, for all corners or for each; reduced where sides are short
+    closed : whether the last point is joined to the first
+    """
     p = np.array(points) @ np.array([1.0, 1.0j])
     count = len(p)
     radii = radius if isinstance(radius, list) else [radius] * count
@@ -125,27 +141,27 @@ def rounded(points: list[tuple[float, float]], radius: float | list[float], clos
 
 
 def _middle(s: Size) -> Curve:
-    """The curve between head and socket, from the right end of the shoulder to its left end."""
+    """Return the curve halfway between head and socket, from the right to the left end of the shoulder."""
     n, h, p = 0.5 * s.neck, 0.5 * s.head, 0.5 * s.pad
     root = max(s.rounding, s.inside)
     points = [(0.0, -p), (0.0, -n), (s.length, -h), (s.length, h), (0.0, n), (0.0, p)]
     return rounded(points, [0.0, root, s.rounding, s.rounding, root, 0.0])
 
 
-def _turned(curve: Curve, shift: float) -> Curve:
-    """Seen from the other arm of the joint, then moved along x by ``shift`` metres."""
+def _in_mate_frame(curve: Curve, shift: float) -> Curve:
+    """Return the curve in the frame of the other arm, moved along x by ``shift`` metres."""
     return Curve(-curve.points + [shift, 0.0], curve.bulge, curve.closed).reversed()
 
 
 @lru_cache(maxsize=512)
 def head(s: Size) -> Curve:
-    """The end of an arm with a head, from right to left."""
+    """Return the end of an arm with a head, from right to left."""
     return offset(_middle(s), -0.5 * s.clearance)
 
 
 @lru_cache(maxsize=4096)
 def least_radius(s: Size) -> float:
-    """Metres: the smallest radius of the corners of a head and its socket; a mill's dogbones are none."""
+    """Return the smallest radius in metres of the corners of a head and its socket, without dogbones."""
     curve = offset(_middle(s), -0.5 * s.clearance)
     other = offset(_middle(s), 0.5 * s.clearance)
     found = []
@@ -157,18 +173,21 @@ def least_radius(s: Size) -> float:
 
 @lru_cache(maxsize=512)
 def socket(s: Size, back: float = 0.0) -> Curve:
-    """The end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut."""
-    return relieved(_turned(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
+    """Return the end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut."""
+    return relieved(_in_mate_frame(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
 
 
 def face(s: Size, back: float = 0.0) -> Curve:
-    """A plain widened end, from right to left."""
+    """Return a plain widened end, from right to left."""
     x, p = -0.5 * s.clearance - back, 0.5 * s.pad
     return Curve(np.array([[x, -p], [x, p]]), np.zeros(2), closed=False)
 
 
 def key(s: Size, back: float = 0.0) -> Curve:
-    """The loose key for two sockets ``back`` metres behind the cut: two heads, neck to neck; counter-clockwise, round 0."""
+    """Return the loose key for two sockets ``back`` metres behind the cut: two heads, neck to neck.
+
+    Counter-clockwise about 0.
+    """
     n, h, x = 0.5 * s.neck, 0.5 * s.head, back + s.length
     root = max(s.rounding, s.inside)
     right = [(back, -n), (x, -h), (x, h), (back, n)] if back else [(x, -h), (x, h), (0.0, n)]

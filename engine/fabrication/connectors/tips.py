@@ -1,6 +1,6 @@
-"""The ends that arms get where they are parted: as a connector wants them, if the arm has room for that.
+"""The ends of arms at cuts, shaped for connectors where the arm has room.
 
-Thousands of joints are tried at once, one a row; the frames are those of ``connector_path``.
+Many joints are processed at once, one per row, in the frames of ``path``.
 """
 
 from __future__ import annotations
@@ -18,25 +18,28 @@ from ...spirals.spiral import LEFT, RIGHT
 from .path import ARM_SHARE, UNFOLDED, Throughs, Widening, complexes, pairs
 from .shape import Size, face, head, socket
 
-# length over which a tip narrows to its arm, as a share of what it is wider: as a rule, and at the least
+# length over which a tip narrows to its arm, as a share of its added width: preferred and minimum
 _FLARE = (1.3, 0.5)
-_BEHIND_HEAD = 0.3  # necks; how far an arm with a head keeps its full width behind the shoulder
-_FULL = 0.1  # roundings behind the shoulder, where an arm keeps its full width at least; not measured
-_SAMPLES = 31  # points along either edge of a tip, before arcs are fitted; not measured
-_ROUNDER = 3  # times that edges end farther inwards until shoulders are round enough; a fourth move is under 1 um
-_TURNS = np.array([[-1j], [1j]])  # from the left and the right edge's direction to the other edge
-_TOLERANCE = 5e-6  # metres between the arcs of a tip and its polygon
+_BEHIND_HEAD = 0.3  # necks; length behind the shoulder over which an arm with a head keeps its full width
+_FULL = 0.1  # roundings; minimum length behind the shoulder at full width; not measured
+_SAMPLES = 31  # points per edge of a tip before arcs are fitted; not measured
+# iterations that move the ends of edges inwards until shoulders are round enough; a fourth changes less than 1 um
+_ROUNDER = 3
+_TURNS = np.array([[-1j], [1j]])  # from the direction of the left and of the right edge towards the other edge
+_TOLERANCE = 5e-6  # maximum distance in metres between the arcs of a tip and its polygon
 _WIDENING = ("left", "right", "full", "over")
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way to make a connector.
+    """A candidate connector at a joint.
 
-    kind : dovetail, key or tab; size : its measures; male : 0 or 1, the arm with the head
+    kind : dovetail, key or tab
+    size : its dimensions
+    male : 0 or 1, the arm with the head
     shift : metres from the joint to the parting line, towards the second arm
     aside : metres from the arm's centre line to the connector's, to the left of the first arm
-    back : metres that both faces stand back from the parting line
+    back : metres by which both faces are set back from the parting line
     """
 
     kind: str
@@ -47,7 +50,7 @@ class Attempt:
     back: float = 0.0
 
     def roles(self) -> tuple[str, str]:
-        """What the two arms get: head, socket or face."""
+        """Return the roles of both arms: head, socket or face."""
         if self.kind == "dovetail":
             return ("head", "socket") if self.male == 0 else ("socket", "head")
         one = "socket" if self.kind == "key" else "face"
@@ -56,11 +59,13 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Tip:
-    """One arm's end with its part of a connector.
+    """End of one arm with its half of a connector.
 
-    through, row : the arm, one of many; wide : how it is widened, of one row; begin : tau where the edges end
-    across : from the right edge at ``begin`` to the left one, nodes and bulges, in the arm's frame
-    polygon : shapely's, from ``over`` outwards, in the patch's frame
+    through, row : the arm, as a row of many
+    wide : its widening, a single row
+    begin : tau at which the edges end
+    across : nodes and bulges from the right edge at ``begin`` to the left edge, in the arm's frame
+    polygon : shapely polygon from ``over`` outwards, in the patch's frame
     """
 
     through: Throughs
@@ -72,7 +77,7 @@ class Tip:
 
     @property
     def shoulder_radii(self) -> tuple[float, ...]:
-        """Metres: radii of the arcs between its edges and its straight end."""
+        """Radii in metres of the arcs between the edges and the straight end."""
         nodes, bulge = self.across
         chords = (abs(nodes[1] - nodes[0]), bulge[0]), (abs(nodes[-1] - nodes[-2]), bulge[-2])
         return tuple(float(chord * (1.0 + b**2) / (4.0 * abs(b))) for chord, b in chords if b)
@@ -89,12 +94,12 @@ class Tip:
 
     @property
     def over(self) -> float:
-        """t from which the arm is as wide as ever."""
+        """t from which the arm has its ordinary width."""
         return float(self.wide.over[0])
 
     @property
     def rest(self) -> Any:
-        """The remaining arm, shapely's polygon in the patch's frame."""
+        """The arm without its tip, a shapely polygon in the patch's frame."""
         import shapely
 
         own = self.through.own.rows(np.array([self.row]))
@@ -104,7 +109,10 @@ class Tip:
 
 
 def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
-    """Of every tip the curve from its arm's right to its left edge, with the parts beyond the joint, in its patch's frame."""
+    """Return for every tip the curve from its arm's right to its left edge, in the patch's frame.
+
+    The curve includes the parts of the edges beyond the joint.
+    """
     made = [tip.across for tip in tips]
     long = [k for k, tip in enumerate(tips) if tip.begin < 0.0]
     for through in dict.fromkeys(tips[k].through for k in long):
@@ -128,8 +136,10 @@ def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
 class _End:
     """The curve of a connector's end in the joint's frame, without the ends of its shoulder.
 
-    x : where the shoulder lies; low, high : the lowest and the highest of its nodes, complex, with their bulges
-    sampled : (M,) complex, points on it
+    x : position of the shoulder
+    nodes, bulge : of the curve, complex
+    low, high : smallest and largest y of its nodes
+    sampled : (M,) complex points on it
     """
 
     x: float
@@ -142,6 +152,7 @@ class _End:
 
 @lru_cache(maxsize=4096)
 def _end(role: str, s: Size, back: float) -> _End:
+    """Return the end of an arm with this role."""
     curve = head(s) if role == "head" else socket(s, back) if role == "socket" else face(s, back)
     nodes = complexes(curve.points[1:-1])
     inner = Curve(curve.points[1:-1], curve.bulge[1:-1], closed=False)
@@ -158,9 +169,9 @@ def make_tips(
     shift: Float[np.ndarray, " arms"],
     aside: Float[np.ndarray, " arms"],
 ) -> list[Tip | None]:
-    """The ends of arms, one a row of ``base``; ``None`` where an arm has no room for it.
+    """Return the ends of arms, one per row of ``base``; None where an arm has no room for it.
 
-    ``shift`` and ``aside`` in metres as these arms see them.
+    ``shift`` and ``aside`` in metres, seen from these arms.
     """
     found: list[Tip | None] = [None] * len(rows)
     through = base.rows(rows)
@@ -170,10 +181,10 @@ def make_tips(
     extra = np.maximum(size["pad"] - width, 0.0)
     aside = np.clip(aside, -0.5 * extra, 0.5 * extra)
     shoulder = 0.5 * size["clearance"] + size["rounding"]
-    deep, edge_ends = back + _behind(role, size, shoulder), back + shoulder
+    deep, edge_ends = back + _full_width_length(role, size, shoulder), back + shoulder
     flared = [deep + share * extra for share in (0.0, *_FLARE[::-1])]
     full, least, over, begin = through.tau(np.stack([*flared, edge_ends], axis=1) - shift[:, None]).T
-    # a tip that lies beyond the joint reaches back to it: this side of it the arm is drawn by others
+    # a tip beyond the joint ends at the joint here: this side of it is drawn as an ordinary arm
     over = np.maximum(np.minimum(over, through.own.end), 0.0)
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
     good = ~((over < least) | (begin >= full) | (-begin * through.scale > through.other.end))
@@ -186,11 +197,11 @@ def make_tips(
     begin, wide = _round_shoulders(shapes, through, wide, (edge_ends - shift)[k], size["rounding"][k], point, way)
     tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, _SAMPLES)
     (left, right), (left_way, right_way) = through.edges(tau, wide)
-    straight = _straight(left, right, left_way, right_way)
+    straight = _runs_straight(left, right, left_way, right_way)
     shoulders, fits = _shoulders(shapes, aside, (right[:, 0] - point) / way, right_way[:, 0] / way,
                                  (left[:, 0] - point) / way, left_way[:, 0] / way)  # fmt: skip
     keep = np.flatnonzero(straight & fits)
-    # a socket keeps its walls, whose arm may be bent
+    # measure the walls of sockets, because the arm may be curved
     tubes = keep[role[k[keep]] == "socket"]
     inner = [point[i] + way[i] * (shapes[i].sampled + 1j * aside[i]) for i in tubes.tolist()]
     thin = _walls(inner, left[tubes], right[tubes]) < 0.999 * size["thinnest"][k[tubes]]
@@ -210,15 +221,20 @@ def make_tips(
     return found
 
 
-def _behind(role: np.ndarray, size: dict[str, np.ndarray], shoulder: np.ndarray) -> Float[np.ndarray, " arms"]:
-    """Metres behind the ends of arms up to which they keep their full width, given where their shoulders end."""
+def _full_width_length(
+    role: np.ndarray, size: dict[str, np.ndarray], shoulder: np.ndarray
+) -> Float[np.ndarray, " arms"]:
+    """Return the metres behind the ends of arms over which they keep their full width.
+
+    ``shoulder`` is where shoulders end.
+    """
     head = np.maximum(_BEHIND_HEAD * size["neck"], shoulder + _FULL * size["rounding"])
     socket = size["length"] + size["clearance"] + 0.5 * size["inside"]
     return np.select([role == "head", role == "socket"], [head, socket], size["neck"])
 
 
-def _straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
-    """(n,) bool, of tips whose edges (n, samples), complex, with their directions, run the same way without a fold."""
+def _runs_straight(left: np.ndarray, right: np.ndarray, left_way: np.ndarray, right_way: np.ndarray) -> np.ndarray:
+    """Return (n,) bool: whether both edges (n, samples) of a tip run in the same direction without a fold."""
     steps = np.abs(np.diff(left, axis=1)), np.abs(np.diff(right, axis=1))
     same = ((left_way * right_way.conj()).real > 0.0).all(axis=1)
     return same & (np.minimum(*steps) >= UNFOLDED * np.maximum(*steps)).all(axis=1)
@@ -228,11 +244,12 @@ def _round_shoulders(
     shapes: Sequence[_End], through: Throughs, wide: Widening, distance: np.ndarray, rounding: np.ndarray,
     point: np.ndarray, way: np.ndarray,
 ) -> tuple[np.ndarray, Widening]:  # fmt: skip
-    """Return tau (n,) where the edges end so that both shoulders are at least as round as asked, where the arm has that room.
+    """Return tau (n,) where the edges end so that both shoulders are as round as required, and the widening.
 
-    The arms keep their full width up to there.
+    Where an arm lacks room for that, the edges end at the initial distance. The arms keep their full width up to the
+    ends.
 
-    distance : metres from the joints where they end if the arms are straight
+    distance : metres from the joints where the edges of straight arms would end
     """
     x, first = np.array([s.x for s in shapes]), through.tau(distance[:, None])[:, 0]
     begin = first
@@ -248,7 +265,7 @@ def _round_shoulders(
 
 
 def _shoulder_radii(x: np.ndarray, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """(2, n) radii of the arcs between the left and the right edges (2, n), complex with their directions, and shoulders at x."""
+    """Return radii (2, n) of the arcs that join left and right edges (2, n) to shoulders at x."""
     return np.asarray((x - points.real) / (1.0 + (_TURNS * ways).real))
 
 
@@ -259,10 +276,10 @@ def _shoulders(
     shapes: Sequence[_End], aside: np.ndarray, right: np.ndarray, right_way: np.ndarray, left: np.ndarray,
     left_way: np.ndarray,
 ) -> tuple[_Shoulders, np.ndarray]:  # fmt: skip
-    """Of the right and the left shoulder: where the arc from the edge ends, (n,) y in the joint's frame, and its bulge.
+    """Return the arcs between edges and shoulders, and whether there is room for them (n,).
 
-    The corners between the edges, given by end point and outward direction in that frame, and the curve's straight ends
-    are rounded by arcs that touch both. Also whether there is room for them, (n,).
+    Each arc touches an edge, given by end point and outward direction in the joint's frame, and the straight end of the
+    curve. For the right and the left shoulder: y (n,) where the arc ends, and its bulge.
     """
     x = np.array([s.x for s in shapes])
     made, fits = [], np.ones(len(x), dtype=bool)
@@ -284,9 +301,9 @@ def _across(
     shapes: Sequence[_End], rows: np.ndarray, shoulders: _Shoulders, aside: np.ndarray, left: np.ndarray,
     right: np.ndarray, point: np.ndarray, way: np.ndarray,
 ) -> tuple[list[_Nodes], list[np.ndarray], list[np.ndarray]]:  # fmt: skip
-    """Of some rows the ends of their arms, from the right to the left edge, in the arms' frames: nodes and bulges.
+    """Return the ends of some arms, from the right to the left edge in the arms' frames: nodes and bulges.
 
-    And points on the arcs at both shoulders, complex, their last points left out.
+    Also return complex points on the arcs at both shoulders, without their last points.
     """
     x = np.array([shapes[i].x for i in rows.tolist()])
     (right_y, right_bulge), (left_y, left_bulge) = ((y[rows], bulge[rows]) for y, bulge in shoulders)
@@ -296,19 +313,19 @@ def _across(
         inner = point[i] + way[i] * (shapes[i].nodes + 1j * aside[i])
         nodes = np.concatenate([[right[i], one[k]], inner, [two[k], left[i]]])
         found.append((nodes, np.concatenate([[right_bulge[k], 0.0], shapes[i].bulge, [left_bulge[k], 0.0]])))
-    turned = _sampled(pairs(right[rows]), pairs(one), right_bulge)
-    back = _sampled(pairs(two), pairs(left[rows]), left_bulge)
+    turned = _sample_arcs(pairs(right[rows]), pairs(one), right_bulge)
+    back = _sample_arcs(pairs(two), pairs(left[rows]), left_bulge)
     return found, turned, back
 
 
-def _sampled(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
-    """Complex points on every arc from ``a`` to ``b`` (n, 2), its end left out."""
+def _sample_arcs(a: np.ndarray, b: np.ndarray, bulge: np.ndarray) -> list[np.ndarray]:
+    """Return complex points on every arc from ``a`` to ``b`` (n, 2), without its end."""
     points, count = along_arcs(a, b, bulge, _TOLERANCE)
     return np.split(complexes(points), np.cumsum(count)[:-1])
 
 
 def _walls(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(n,) metres: the thinnest places between sockets and the edges (n, M) of their arms, which are bent where the arm is."""
+    """Return the minimum distance (n,) in metres between sockets and the edges (n, M) of their arms."""
     import shapely
 
     if not len(inner):
@@ -319,7 +336,7 @@ def _walls(inner: Sequence[np.ndarray], left: np.ndarray, right: np.ndarray) -> 
 
 
 def _polygons(rings: Sequence[np.ndarray]) -> list[Any]:
-    """Polygons of rings, complex; ``None`` for those that touch themselves."""
+    """Return polygons of complex rings; None for rings that touch themselves."""
     import shapely
 
     if not len(rings):

@@ -1,7 +1,8 @@
-"""Where the cutter has to go so that the parts come out as drawn: offsets of arcs as arcs, and relieved inside corners.
+"""Paths of the cutter for parts with the drawn size: offsets of arcs as arcs, and relief of inside corners.
 
-A beam or a mill takes away half of its width on either side of its path, so the path runs that far beside the material.
-An arc beside an arc is an arc about the same centre: the curves keep their nodes. In here points are complex numbers.
+A beam or a mill removes half of its width on either side of its path, so the path runs at that distance from the
+material. The offset of an arc is an arc about the same centre, so curves keep their nodes. Points are complex numbers
+here.
 """
 
 from __future__ import annotations
@@ -12,25 +13,25 @@ from ...errors import FlexMapsError
 from ...spirals.arcs import Curve
 from ...spirals.contours import Outline
 
-SMOOTH = 2e-3  # radians; a smaller change of direction from one segment to the next is taken for none
-SHORT = 2e-5  # metres; controllers stutter on shorter segments, and longer ones would be seen to go
-_LEAST = 1e-9  # metres; what is shorter is no segment
+SMOOTH = 2e-3  # radians; a smaller change of direction between segments counts as smooth
+SHORT = 2e-5  # metres; controllers stutter on shorter segments, while removing longer ones would be visible
+_MIN_LENGTH = 1e-9  # metres; shorter segments are dropped
 
 Arc = tuple[complex, complex, float]  # start, end, bulge
 
 
 def cleaned(curve: Curve) -> Curve:
-    """The same curve without segments of no length."""
-    kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > _LEAST
+    """Return the curve without segments of zero length."""
+    kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > _MIN_LENGTH
     if not curve.closed:
         kept[-1] = True
     return curve if kept.all() else Curve(curve.points[kept], curve.bulge[kept], curve.closed)
 
 
 def without_short(curve: Curve) -> Curve:
-    """The same curve without segments shorter than ``SHORT``; the ends of an open one stay.
+    """Return the curve without segments shorter than ``SHORT``; the ends of an open curve stay.
 
-    The neighbours of a short segment run on until they meet, or meet in its middle where they never do.
+    The neighbours of a short segment are extended until they meet, or else meet in its middle.
     """
     points, bulge = curve.points @ np.array([1.0, 1.0j]), curve.bulge.copy()
     while len(points) > 3:
@@ -52,17 +53,20 @@ def without_short(curve: Curve) -> Curve:
                 first, last = np.array([start[0], middle]), np.array([middle, end[1]])
                 bulge[[before, j]] = _shortened(start, end, sides, first, last)
         points[j] = middle
-        # the node that stays is the one from which the next segment goes on
+        # keep the node at which the next segment begins
         points, bulge = np.delete(points, i), np.delete(bulge, i)
     return Curve(np.column_stack([points.real, points.imag]), bulge, curve.closed)
 
 
 def offset(curve: Curve, distance: float) -> Curve:
-    """The curve ``distance`` metres to the right of a curve, or to its left if negative; arcs stay arcs.
+    """Return the offset of a curve by ``distance`` metres to the right, to the left if negative; arcs stay arcs.
 
-    Where the curve turns away from the offset, an arc about the corner fills the gap; where it turns towards it, the
-    neighbours are cut off where they meet, and arcs too small for the offset vanish. Raises ``FlexMapsError`` where
-    neighbours that should meet do not.
+    Where the curve turns away from the offset, an arc about the corner fills the gap; where it turns towards the
+    offset, the neighbours are cut off at their intersection, and arcs too small for the offset vanish.
+
+    Raises
+    ------
+    FlexMapsError : neighbours that should meet do not
     """
     if distance == 0.0:
         return curve
@@ -70,8 +74,8 @@ def offset(curve: Curve, distance: float) -> Curve:
     start, end, bulge = _segments(curve)
     before, after = _directions(start, end, bulge)
     begins, ends = start - 1j * distance * before, end - 1j * distance * after
-    # an arc that bends away from the offset by less than the offset would turn inside out
-    row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > _LEAST * np.abs(end - start))
+    # an arc with a radius below the offset would turn inside out
+    row = np.flatnonzero(((ends - begins) * (end - start).conj()).real > _MIN_LENGTH * np.abs(end - start))
     if len(row) < 1 + curve.closed:
         raise FlexMapsError(f"A curve is too small for an offset of {abs(distance) * 1e3:g} mm")
     ahead = np.roll(row, -1)
@@ -84,9 +88,9 @@ def offset(curve: Curve, distance: float) -> Curve:
     joined = row[smooth & inner], ahead[smooth & inner]
     last[joined[0]] = first[joined[1]] = 0.5 * (ends[joined[0]] + begins[joined[1]])
     for i, j in zip(row[~smooth & ~fill & inner].tolist(), ahead[~smooth & ~fill & inner].tolist()):
-        last[i] = first[j] = _meeting((begins[i], ends[i], bulge[i]), (begins[j], ends[j], bulge[j]))
+        last[i] = first[j] = _intersection((begins[i], ends[i], bulge[i]), (begins[j], ends[j], bulge[j]))
     kept = _shortened(begins, ends, bulge, first, last)
-    # a filled corner adds the end of its segment as a node, and an arc from there
+    # a filled corner adds a node at the end of its segment, where its arc begins
     count = np.ones(len(row), dtype=int) + (fill & inner)
     place = np.cumsum(count) - count
     nodes, bulges = np.empty(int(count.sum()), dtype=complex), np.empty(int(count.sum()))
@@ -99,7 +103,7 @@ def offset(curve: Curve, distance: float) -> Curve:
 
 
 def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start and end (N,) complex and bulge of every segment."""
+    """Return start and end (N,), complex, and bulge of every segment."""
     points = np.ascontiguousarray(curve.points).view(np.complex128)[:, 0]
     if curve.closed:
         return points, np.roll(points, -1), curve.bulge
@@ -107,33 +111,33 @@ def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _directions(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit directions (N,) complex in which segments begin and end."""
+    """Return the complex unit directions (N,) at the start and at the end of segments."""
     chord, turn = end - start, np.exp(2j * np.arctan(bulge))
     chord = chord / np.maximum(np.abs(chord), 1e-300)
     return chord / turn, chord * turn
 
 
 def _centre(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> np.ndarray:
-    """Centres (N,) complex of arcs; bulges of 0 must not come in."""
+    """Return the complex centres (N,) of arcs; no bulge may be 0."""
     return 0.5 * (start + end) + 0.25j * (end - start) * (1.0 / bulge - bulge)
 
 
 def _shortened(
     start: np.ndarray, end: np.ndarray, bulge: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
-    """Bulges (N,) of the same arcs between other ends (N,) on their circles."""
+    """Return the bulges (N,) of arcs after moving their ends (N,) along their circles."""
     round_ = np.abs(bulge) > 1e-9
     centre = _centre(start, end, np.where(round_, bulge, 1.0))
-    tiny = np.abs(start - centre) < _LEAST
+    tiny = np.abs(start - centre) < _MIN_LENGTH
     centre = np.where(tiny, centre + 1.0, centre)
     change = np.angle((last - centre) / (end - centre)) - np.angle((first - centre) / (start - centre))
     return np.where(round_, np.tan(0.25 * (4.0 * np.arctan(bulge) + change)), bulge)
 
 
-def _meeting(one: Arc, two: Arc) -> complex:
-    """Where two segments, drawn out to whole circles and lines, meet nearest to the end of the first and the start of the second."""
+def _intersection(one: Arc, two: Arc) -> complex:
+    """Return the intersection of two segments, extended to lines and circles, nearest to where they should meet."""
     near = 0.5 * (one[1] + two[0])
-    if abs(one[1] - two[0]) < _LEAST:
+    if abs(one[1] - two[0]) < _MIN_LENGTH:
         return near
     found = _crossings(one, two)
     if not found:
@@ -145,6 +149,7 @@ def _meeting(one: Arc, two: Arc) -> complex:
 
 
 def _crossings(one: Arc, two: Arc) -> list[complex]:
+    """Return the intersections of two segments extended to whole lines and circles."""
     flat = [abs(a[2]) < 1e-9 for a in (one, two)]
     if flat[0] and flat[1]:
         d, e = one[1] - one[0], two[1] - two[0]
@@ -162,7 +167,7 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
     else:
         other = complex(_centre(np.array(one[0]), np.array(one[1]), np.array(one[2])))
         apart = abs(other - centre)
-        if apart < _LEAST:
+        if apart < _MIN_LENGTH:
             return []
         x = (apart**2 + radius**2 - abs(one[0] - other) ** 2) / (2.0 * apart)
         foot, d = centre + x * (other - centre) / apart, 1j * (other - centre) / apart
@@ -171,11 +176,14 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
 
 
 def relieved(curve: Curve, radius: float) -> Curve:
-    """An open curve, material on its left, whose inside corners between straight lines are opened to ``radius`` metres.
+    """Open the inside corners between straight lines of an open curve to ``radius`` metres; material on its left.
 
-    A dogbone holds all of the former corner: its circle goes through the middle of the corner's arc. In an acute corner
-    it stands at the end of a corridor, wide enough for the mill to get there. Raises ``FlexMapsError`` where the lines are too
-    short for it.
+    A dogbone contains all of the original corner: its circle passes through the middle of the corner's arc. In an acute
+    corner it stands at the end of a corridor wide enough for the mill.
+
+    Raises
+    ------
+    FlexMapsError : the lines are too short for a dogbone
     """
     start, end, bulge = _segments(curve)
     tight = (bulge < 0.0) & (np.abs(end - start) * (1.0 + bulge**2) < 4.0 * radius * np.abs(bulge))
@@ -194,8 +202,11 @@ def relieved(curve: Curve, radius: float) -> Curve:
 
 
 def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) -> tuple[list[complex], list[float]]:
-    """Nodes and bulges in the place of an arc between two straight lines; starts and ends (3,) complex of all three."""
-    half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # of the angle between the lines
+    """Return nodes and bulges that replace an arc between two straight lines.
+
+    Complex starts and ends (3,) of line, arc and line.
+    """
+    half = 0.5 * np.pi + 2.0 * np.arctan(bulge)  # half of the angle between the lines
     middle = 0.5 * (start[1] + end[1]) - 0.5j * (end[1] - start[1]) * bulge
     arc = complex(_centre(start[1], end[1], np.array(bulge)))
     inwards = (arc - middle) / abs(arc - middle)
@@ -205,7 +216,7 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
     if radius / np.tan(half) > abs(centre - corner):
         reach = radius / np.sin(half)
         enter, leave = (corner + reach * line / abs(line) for line in lines)
-        # the free side is on the right of the way in, so one enters on the left of the way to the corner
+        # the free side is on the right of the way in, so the path enters to the left of the way to the corner
         made = [enter, centre - 1j * inwards * radius, centre + 1j * inwards * radius, leave]
         curved = [0.0, -1.0, 0.0]
     else:
@@ -220,7 +231,7 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
 
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
-    """Paths for a cutter that takes away ``outer`` metres along the outline and ``holes`` metres in the holes."""
+    """Return paths for a kerf of ``outer`` metres along the outline and ``holes`` metres in the holes."""
     return Outline(
         offset(cleaned(outline.outer), 0.5 * outer), tuple(offset(cleaned(h), 0.5 * holes) for h in outline.holes)
     )

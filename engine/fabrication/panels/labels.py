@@ -1,4 +1,4 @@
-"""Panel numbers and seam labels, engraved where the material has room for them: on hubs and along arms."""
+"""Panel numbers and seam labels, engraved on hubs and along arms where there is room."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from ...spirals.contours import Hubs
 from ...spirals.spiral import Arms, centre_line, width_at
 from .lettering import along, length, straight
 
-_FILL = 0.62  # height of the letters along an arm, as a share of its width
-_SAMPLES = 97  # places along an arm between which the line of a label is straight; not measured
-LEGIBLE = 0.002  # metres; letters that anybody reads without a lens
-_TICK = 8  # samples of an arm that its tick is long, from the hub on
-_PLACES = 8  # ends of arms that a panel's number beside it may point at
-_TOGETHER = 1000  # quads whose arms are followed together
+_FILL = 0.62  # height of letters along an arm as a share of its width
+_SAMPLES = 97  # samples along an arm; the line of a label is straight between them; not measured
+LEGIBLE = 0.002  # metres; height of letters legible without a lens
+_TICK = 8  # length of a tick in samples of its arm, from the hub
+_PLACES = 8  # ends of arms to which the tick of a panel's number may point
+_TOGETHER = 1000  # quads whose arms are sampled together
 _SEAM_LETTERS = "ABCDEFGHJKLMNPQRSTUVWXYZ"
 _UPSIDE_DOWN = str.maketrans("69", "96")
 
 
 @dataclass(frozen=True, eq=False)
 class SmallLabel:
-    """A label whose letters are hardly read, or have no room: its text, its patch, and places (metres, patch frame) that it may point at.
+    """A label with letters too small to read, or without room.
 
-    placed : whether it stands on the material all the same
+    patch : of the label
+    places : points (metres, patch frame) to which a tick may point
+    placed : whether it is engraved on the material nevertheless
     """
 
     text: str
@@ -43,11 +45,12 @@ class SmallLabel:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The strokes of every patch's labels in its frame, and how many labels had no room.
+    """The strokes of the labels of every patch in its frame.
 
-    strokes : one tuple of open curves per patch; on_hubs : those of them that stand on hubs and are legible
-    placed, left_out : numbers of labels
-    small : those that may stand beside their panels too
+    strokes : a tuple of open curves per patch
+    placed, left_out : numbers of labels engraved, and without room
+    on_hubs : legible labels on hubs, contained in ``strokes``
+    small : labels that may also be written beside their panels
     """
 
     strokes: tuple[tuple[Curve, ...], ...]
@@ -58,7 +61,7 @@ class Labels:
 
 
 def seam_name(number: int) -> str:
-    """A, B, ... Z, AA, AB, ... without I and O, which look like numbers."""
+    """Return A, B, ... Z, AA, AB, ... without I and O, which look like digits."""
     name = ""
     number += 1
     while number:
@@ -68,14 +71,17 @@ def seam_name(number: int) -> str:
 
 
 def marked(name: str, mark: str) -> str:
-    """What is engraved for a name of a piece that has a letter, so that no other piece on the same sheets bears it too."""
+    """Return the name preceded by the letter of its piece, which makes it unique on common sheets."""
     return f"{mark}-{name}" if mark else name
 
 
 def panel_name(number: int, mark: str = "") -> str:
-    """What is engraved for a panel's number; with a dot after numbers that are others upside down.
+    """Return the text engraved for a panel's number, with a dot if it reads as another number upside down.
 
-    mark : letter of its piece, where several lie on common sheets; then nothing is the same upside down
+    Parameters
+    ----------
+    number : of the panel
+    mark : letter of its piece on common sheets, which makes the dot unnecessary
     """
     name = str(number)
     if mark:
@@ -84,7 +90,7 @@ def panel_name(number: int, mark: str = "") -> str:
 
 
 def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
-    """The name of every joint on a seam by (quad, side): the seam's letter and the joint's number, the same on both sides."""
+    """Return the name of every joint on a seam by (quad, side): seam letter and joint number, equal on both sides."""
     mesh, names = layout.mesh, {}
     for number, edges in enumerate(layout.seams):
         for place, edge in enumerate(edges.tolist()):
@@ -103,13 +109,14 @@ def make_labels(
     mark: str = "",
     pierced: Sequence[int] = (),
 ) -> Labels:
-    """All labels: the number of every panel on its roomiest hub or arm, and the name of every seam joint on its arm.
+    """Make all labels: every panel's number on its roomiest hub or arm, and every joint's name on its arm.
 
-    Where an arm is too narrow for letters that are easily read and its hub has room for larger ones, the name stands there, with
-    a tick on the arm that is meant. What is smaller than that all the same is named as ``small``.
+    Where an arm is too narrow for legible letters and its hub has room for larger ones, the name is placed on the hub,
+    with a tick on the arm. Labels that are still too small are listed in ``small``.
 
-    ``taken`` is how many metres of every arm, from its joint on, a connector needs; ``mark`` as in ``panel_name``;
-    ``pierced`` are quads whose hubs have a hole.
+    taken : metres of every arm, from its joint, that a connector occupies
+    mark : see ``panel_name``
+    pierced : quads whose hubs have a hole
     """
     taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
     lines = _Lines(arms, hubs, taken, progress.part(0.0, 0.2))
@@ -120,7 +127,7 @@ def make_labels(
     legible = min(LEGIBLE, params.label_height)
     names, numbers = seam_labels(layout), panel_numbers(layout)
 
-    def add(label: _Written, text: str, patch: int, places: np.ndarray) -> None:
+    def add(label: _PlacedLabel, text: str, patch: int, places: np.ndarray) -> None:
         strokes[patch] += [*label.letters, *label.tick]
         on_hubs[patch] += label.letters if label.hub and label.height >= legible else ()
         if label.height < legible:
@@ -142,16 +149,17 @@ def make_labels(
 
 
 def hub_circles(arms: Arms, roots: Hubs) -> Float[np.ndarray, " quads"]:
-    """Metres: radius of the circle about every hub's centre that its four fillets leave."""
+    """Return the radius in metres of the circle about every hub's centre that its four fillets leave free."""
     return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
 
 
 def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:
+    """Return strokes as open curves."""
     return (Curve(s, np.zeros(len(s)), closed=False) for s in strokes)
 
 
 def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
-    """The name of a loose key's joint, across its middle; nothing where it is too small. Width and length in metres."""
+    """Return the name of a loose key's joint across its middle; empty if too small. Neck and length in metres."""
     height = min(params.label_height, _FILL * neck, 0.8 * long / length(name))
     if not params.labels or height < params.label_min:
         return ()
@@ -160,7 +168,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 
 
 class _Lines:
-    """Where letters may stand: the free part of every arm, from its joint to its hub."""
+    """Free part of every arm for letters, from its joint to its hub."""
 
     def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray, progress: Progress):
         self.taken = taken
@@ -174,21 +182,26 @@ class _Lines:
         self.length = np.linalg.norm(np.diff(self.points, axis=2), axis=-1).sum(axis=-1)
         self.narrowest = self.width.min(axis=-1)
         self.centre = arms.centre
-        # the hub is at least as wide as the circle inside its four fillets
+        # the hub contains the circle inside its four fillets
         self.hub = hub_circles(arms, hubs)
 
     def height(self, quad: int, side: int, text: str, largest: float) -> float:
-        """Metres: how high the letters of a text along this arm may be."""
+        """Return the maximum height in metres of the letters of a text along this arm."""
         room = 0.9 * (self.length[quad, side] - self.taken[quad, side] - 0.4 * self.width[quad, side, 0])
         return float(min(largest, _FILL * self.narrowest[quad, side], room / length(text)))
 
     def on_hub(self, quad: int, text: str, largest: float) -> float:
-        """Metres: how high the letters of a text on this hub may be; 0 where something stands there."""
+        """Return the maximum height in metres of the letters of a text on this hub; 0 if it is occupied."""
         return min(largest, 1.8 * float(self.hub[quad]) / float(np.hypot(length(text), 1.0)))
 
 
-class _Written(NamedTuple):
-    """A label on the material: its letters, their height in metres, whether they stand on a hub, and a tick; no letters without room."""
+class _PlacedLabel(NamedTuple):
+    """A label on the material; without letters if there is no room.
+
+    height : of the letters, metres
+    hub : whether it is on a hub
+    tick : stroke that points to the arm
+    """
 
     letters: tuple[Curve, ...] = ()
     height: float = 0.0
@@ -196,26 +209,29 @@ class _Written(NamedTuple):
     tick: tuple[Curve, ...] = ()
 
 
-def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetParams) -> _Written:
-    """The name of a joint on its arm, or on its hub where that has room for larger letters and the arm's are hardly read."""
+def _joint_label(text: str, quad: int, side: int, lines: _Lines, params: SheetParams) -> _PlacedLabel:
+    """Return the name of a joint on its arm, or on its hub if that allows larger letters and the arm's are not legible."""
     height = lines.height(quad, side, text, params.label_height)
     on_hub = lines.on_hub(quad, text, params.label_height)
     if height < min(LEGIBLE, params.label_height) and max(height, params.label_min) < on_hub:
-        lines.hub[quad] = 0.0  # taken
+        lines.hub[quad] = 0.0  # occupied
         tick = lines.points[quad, side, -_TICK:]
         letters = straight(text, on_hub, lines.centre[quad], np.array([1.0, 0.0]))
-        return _Written(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
+        return _PlacedLabel(tuple(_curves(letters)), on_hub, True, tuple(_curves([tick])))
     if height < params.label_min:
-        return _Written()
+        return _PlacedLabel()
     width = float(lines.width[quad, side, 0])
     middle = float(lines.taken[quad, side]) + 0.4 * width + 0.5 * height * length(text)
-    return _Written(tuple(_curves(along(text, height, lines.points[quad, side], middle))), height)
+    return _PlacedLabel(tuple(_curves(along(text, height, lines.points[quad, side], middle))), height)
 
 
 def _panel_label(
     text: str, quads: np.ndarray, lines: _Lines, taken: dict[tuple[int, int], str], largest: float
-) -> _Written:
-    """The number of a panel, as large as it goes: on the roomiest hub, or else along the roomiest arm without a seam label."""
+) -> _PlacedLabel:
+    """Return a panel's number as large as possible.
+
+    It stands on the roomiest hub, or along the roomiest arm without a seam label.
+    """
     roomiest = int(quads[np.argmax(lines.hub[quads])])
     on_hub = lines.on_hub(roomiest, text, largest)
     free = [(q, k) for q in quads[np.argsort(-lines.narrowest[quads].min(axis=1))[:8]].tolist() for k in range(4)]
@@ -223,8 +239,8 @@ def _panel_label(
     quad, side = max(free, key=lambda a: lines.height(a[0], a[1], text, largest))
     on_arm = lines.height(quad, side, text, largest)
     if on_hub >= on_arm:
-        lines.hub[roomiest] = 0.0  # taken
+        lines.hub[roomiest] = 0.0  # occupied
         letters = straight(text, on_hub, lines.centre[roomiest], np.array([1.0, 0.0]))
-        return _Written(tuple(_curves(letters)), on_hub, True)
+        return _PlacedLabel(tuple(_curves(letters)), on_hub, True)
     line, middle = lines.points[quad, side], 0.5 * float(lines.length[quad, side])
-    return _Written(tuple(_curves(along(text, on_arm, line, middle))), on_arm)
+    return _PlacedLabel(tuple(_curves(along(text, on_arm, line, middle))), on_arm)

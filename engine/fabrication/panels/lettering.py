@@ -1,4 +1,4 @@
-"""Engraved letters: a small font of single strokes, and laying text along a line or a curved arm."""
+"""Engraved letters: a small single-stroke font, and text along a line or a curved arm."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 
 from ...arrays import Float
 
-ADVANCE = 0.85  # from one letter to the next, as a share of the letters' height
-_SQUEEZE = 0.6  # letters are drawn on a square of height 1 and set this wide
+ADVANCE = 0.85  # distance between letters as a share of their height
+_SQUEEZE = 0.6  # width of a letter as a share of its height
 
-# every letter is a few strokes on a 5 x 7 grid: column a-e, row 0-6 from the baseline up
+# strokes of each letter on a 5 x 7 grid: column a-e, row 0-6 from the baseline up
 _STROKES = {
     "A": "a0c6e0 b2d2", "B": "a0a6d6e5e4d3a3 d3e2e1d0a0", "C": "e5d6b6a5a1b0d0e1", "D": "a0a6c6e4e2c0a0",
     "E": "e0a0a6e6 a3d3", "F": "a0a6e6 a3d3", "G": "e5d6b6a5a1b0d0e1e3c3", "H": "a0a6 e0e6 a3e3",
@@ -24,9 +24,9 @@ _STROKES = {
 
 
 def strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
-    """The strokes of a text of height 1; it begins at x = 0, stands on y = 0, and is ``length(text)`` long.
+    """Return the strokes of a text of height 1 from x = 0 on the baseline y = 0; its length is ``length(text)``.
 
-    Letters that the font lacks are left blank.
+    Letters missing in the font are left blank.
     """
     found = []
     for place, letter in enumerate(text.upper()):
@@ -37,21 +37,21 @@ def strokes(text: str) -> list[Float[np.ndarray, "_ 2"]]:
 
 
 def length(text: str) -> float:
-    """How long a text of height 1 is."""
+    """Return the length of a text of height 1."""
     return ADVANCE * (len(text) - 1) + _SQUEEZE if text else 0.0
 
 
 def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray) -> list[Float[np.ndarray, "_ 2"]]:
-    """The strokes of a text of this height in metres, its middle at ``centre`` (2,), running along ``direction`` (2,)."""
+    """Return the strokes of a text of this height (metres), centred on ``centre`` (2,) along ``direction`` (2,)."""
     along = np.asarray(direction) / np.linalg.norm(direction)
     frame = height * np.array([along, [-along[1], along[0]]])
     return [(s - [0.5 * length(text), 0.5]) @ frame + centre for s in strokes(text)]
 
 
 def along(text: str, height: float, line: Float[np.ndarray, "points 2"], middle: float) -> list[np.ndarray]:
-    """The strokes of a text that follows a curve: ``line`` in metres runs through the middle of the letters.
+    """Return the strokes of a text that follows a curve: ``line`` (metres) runs through the middle of the letters.
 
-    ``middle`` is where the text's middle lies, in metres along the line.
+    ``middle`` is the position of the text's middle in metres along the line.
     """
     step = np.diff(line, axis=0)
     size = np.linalg.norm(step, axis=1)

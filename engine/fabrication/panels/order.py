@@ -1,4 +1,4 @@
-"""The order of the cuts of one pass: a short tour by nearest neighbours and 2-opt (Croes 1958), and where closed cuts begin."""
+"""Order the cuts of one pass in a short tour by nearest neighbours and 2-opt (Croes 1958)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 
 ORDER = "the order of the cuts"
-_FIRST = 32  # nodes that are asked for first around the end of a cut; more only if all belong to cuts that are done
-_WINDOW = 1000  # cuts between which a part of the tour is turned round; longer parts gain next to nothing
-_ROUNDS = 8  # of turning parts round and choosing starts; later ones gain less than 1 %
+_FIRST = 32  # nodes searched first around the end of a cut; more only if all of them belong to finished cuts
+_WINDOW = 1000  # maximum number of cuts in a reversed part of the tour; longer parts gain almost nothing
+_MAX_ROUNDS = 8  # rounds of reversing parts and choosing start points; later ones gain less than 1 %
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
     """Curves that are cut one after the other.
 
-    group : cuts of one group follow each other
-    turns : whether a single open curve may be cut from its end
+    group : cuts of one group are consecutive
+    turns : whether a single open curve may be cut from its other end
     """
 
     curves: tuple[Curve, ...]
@@ -31,14 +31,14 @@ class Cut:
 
     @property
     def nodes(self) -> Float[np.ndarray, "nodes 2"]:
-        """Where it may begin."""
+        """Points at which the cut may begin."""
         first, last = self.curves[0], self.curves[-1]
         if first.closed:
             return first.points
         return np.stack([first.points[0], last.points[-1]]) if self.turns else first.points[:1]
 
     def begun(self, node: int) -> tuple[Curve, ...]:
-        """The curves from one of its nodes on."""
+        """Return the curves, beginning at one of the nodes."""
         first = self.curves[0]
         if first.closed:
             return (Curve(np.roll(first.points, -node, axis=0), np.roll(first.bulge, -node)),)
@@ -46,25 +46,25 @@ class Cut:
 
 
 class _Tour:
-    """Cuts in an order, each begun at a node."""
+    """Cuts in an order, each with its start node."""
 
     def __init__(self, cuts: Sequence[Cut], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
         self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDER)]
-        # a closed cut ends where it begins, an open one at its other end
+        # a closed cut ends where it begins, an open cut at its other end
         self.far = [complex(*c.curves[-1].points[-1]) for c in cuts]
         self.closed = np.array([c.curves[0].closed for c in cuts])
         self.order: Int[np.ndarray, " cuts"] = np.arange(len(cuts))
         self.node = np.zeros(len(cuts), dtype=int)
 
     def ends(self, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where some cuts begin and end, as complex numbers."""
+        """Return the complex start and end points of some cuts."""
         start = np.array([self.nodes[i][self.node[i]] for i in which.tolist()])
         far = [self.nodes[i][1 - self.node[i]] if self.cuts[i].turns else self.far[i] for i in which.tolist()]
         return start, np.where(self.closed[which], start, far)
 
     def nearest(self, progress: Progress) -> None:
-        """Go to the nearest cut that is left, and to others of its group while there are any."""
+        """Order the cuts: always the nearest remaining cut, of the same group while there are any."""
         from scipy.spatial import cKDTree
 
         points = np.concatenate(self.nodes)
@@ -82,7 +82,8 @@ class _Tour:
             if len(own):
                 found = int(own[np.argmin(np.abs(points[own] - here))])
             else:
-                if left[owner[alive]].sum() < 0.5 * len(alive):  # what is done would only be in the way
+                # rebuild the tree when most nodes belong to finished cuts
+                if left[owner[alive]].sum() < 0.5 * len(alive):
                     alive = alive[left[owner[alive]]]
                     tree = cKDTree(np.column_stack([points[alive].real, points[alive].imag]))
                 found, count = -1, _FIRST
@@ -97,17 +98,17 @@ class _Tour:
         self.order = np.array(order)
 
     def untangle(self, progress: Progress) -> bool:
-        """Turn parts of the tour round as long as that makes it shorter; groups stay together."""
+        """Reverse parts of the tour as long as that shortens it; return whether it did. Groups stay together."""
         order = self.order
         group = np.array([self.cuts[i].group for i in order.tolist()])
         start, end = self.ends(order)
-        ahead = np.append(np.abs(end[:-1] - start[1:]), 0.0)  # the last cut may end anywhere
+        ahead = np.append(np.abs(end[:-1] - start[1:]), 0.0)  # the end of the last cut is free
         gained = False
         for i in progress.each(range(len(order) - 1), ORDER):
             before = end[i - 1] if i else self.begin
             here = float(np.abs(before - start[i]))
             window = slice(i + 1, i + _WINDOW)
-            # a turned part must end so near to the cut before it that this alone can be a gain
+            # only parts that end close enough to the previous cut can gain
             far, most = end[window] - before, here + ahead[window]
             last = i + 1 + np.flatnonzero((np.abs(far.real) < most) & (np.abs(far.imag) < most))
             after = (last + 1) % len(order)
@@ -131,7 +132,7 @@ class _Tour:
         return gained
 
     def begin_well(self, progress: Progress) -> None:
-        """Begin every closed cut where the ways to it and on from it are shortest together."""
+        """Begin every closed cut at the node with the shortest ways from the previous and to the next cut."""
         start, end = self.ends(self.order)
         for k in progress.each(range(len(self.order)), ORDER):
             i = int(self.order[k])
@@ -146,7 +147,7 @@ class _Tour:
 
     @property
     def travel(self) -> float:
-        """Metres between the cuts, and to the first of them."""
+        """Metres travelled to the first cut and between cuts."""
         start, end = self.ends(self.order)
         return float(np.abs(start - np.append(self.begin, end[:-1])).sum())
 
@@ -154,16 +155,16 @@ class _Tour:
 def in_order(
     cuts: Sequence[Cut], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:
-    """The curves of some cuts in the order in which the cutter goes along them, and where it ends.
+    """Return the curves of some cuts in a short order, and the complex end point.
 
-    begin : where it comes from, x + iy in metres
+    begin : x + iy in metres where the cutter starts
     """
     if not cuts:
         return (), begin
     tour = _Tour(cuts, begin, progress.part(0.0, 0.05))
     tour.nearest(progress.part(0.05, 0.3))
-    for k in range(_ROUNDS):
-        within = progress.part(0.3 + 0.7 * k / _ROUNDS, 0.3 + 0.7 * (k + 1) / _ROUNDS)
+    for k in range(_MAX_ROUNDS):
+        within = progress.part(0.3 + 0.7 * k / _MAX_ROUNDS, 0.3 + 0.7 * (k + 1) / _MAX_ROUNDS)
         gained = tour.untangle(within.part(0.0, 0.8))
         tour.begin_well(within.part(0.8, 1.0))
         if not gained:

@@ -1,4 +1,4 @@
-"""One flat panel as it is cut: outline, holes, engraved strokes, and where it may be held."""
+"""One flat panel ready to cut: outline, holes, engraved strokes, and places for holding tabs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from ...spirals.arcs import Curve
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One flat panel, in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's.
+    """One flat panel in its patch's frame or, from ``CutSheets.on_sheet``, in its sheet's frame.
 
-    number : what is engraved on it, from 1 in the order in which panels are joined; patch : index of its patch in the layout; 0 and -1 for other parts
-    outline : counter-clockwise; holes : clockwise; labels : open single strokes; area : square metres of material
-    kind : panel, key for the loose key of a joint, base for a plate that the piece stands on
-    holds : where a holding tab may be: x and y in metres, and how little it is liked there
-    on_hubs : the legible labels that stand on hubs; beside : strokes of labels in the waste round the panel
-    piece, mark : of several pieces on common sheets the one that it belongs to, and that one's letter
+    number : engraved number, from 1 in the order of joining; 0 for other parts
+    patch : index in the layout; -1 for other parts
+    outline, holes : counter-clockwise; clockwise
+    labels : open strokes
+    area : of the material, m2
+    kind : panel, key (loose key of a joint) or base (plate that the piece stands on)
+    holds : places for holding tabs: x and y in metres, and how undesirable a tab is there (1 or more)
+    on_hubs : legible labels on hubs
+    beside : strokes of labels in the waste around the panel
+    piece, mark : index and letter of the piece, if several lie on common sheets
     """
 
     number: int
@@ -36,7 +40,7 @@ class Panel:
     beside: tuple[Curve, ...] = ()
 
     def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Panel:
-        """Turned by ``rotation`` radians about the origin, then shifted, in metres."""
+        """Return the panel turned by ``rotation`` radians about the origin, then shifted by ``shift`` metres."""
         return replace(
             self,
             outline=self.outline.moved(rotation, shift),
@@ -49,5 +53,6 @@ class Panel:
 
 
 def _moved(points: np.ndarray, rotation: float, shift: np.ndarray) -> np.ndarray:
+    """Return points turned by ``rotation`` radians, then shifted."""
     cos, sin = np.cos(rotation), np.sin(rotation)
     return points @ np.array([[cos, sin], [-sin, cos]]) + shift

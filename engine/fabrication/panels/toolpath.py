@@ -1,6 +1,6 @@
-"""How the cutter runs along its paths: where it enters, and where it leaves a bridge that holds the part in its sheet.
+"""Toolpaths: where the cutter enters a path, and where it leaves a tab that holds the part in its sheet.
 
-Paths come as closed curves with the material on their left. A lead-in begins in the waste, on their right.
+Paths are closed curves with the material on their left. A lead-in begins in the waste, on their right.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from .kerf import without_short
 from .order import Cut, in_order
 
 WAY = "the way of the cutter"
-_STARTS, _SHARES = 24, (1.0, 0.5)  # places that are tried for a lead-in, and shares of its length
-WIDEST = 0.95  # gaps that either half of a tab may take along its outline round a tip that is narrower than the tab
-WIDE = 2.5  # the same in bays, which open outwards; places are at least twice that apart
-_LAST = 1e6  # how little places are liked where a tab is narrower than asked: the others are taken before
-_HALVINGS = 20  # of the length of a tab along its outline: to a millionth of its width
-_ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # between a lead-in and its path
+_STARTS, _SHARES = 24, (1.0, 0.5)  # start points tried for a lead-in, and shares of its length
+WIDEST = 0.95  # maximum length of either half of a tab along the outline, in gaps, around a tip narrower than the tab
+WIDE = 2.5  # the maximum in bays, which open outwards; tabs are at least twice as far apart
+_NARROW_PENALTY = 1e6  # penalty on places where a tab is narrower than requested: other places are taken first
+_HALVINGS = 20  # bisections of the length of a tab: to a millionth of its width
+_ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles between a lead-in and its path
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """What the cutter does on one sheet, in this order.
+    """The cuts of one sheet, in this order.
 
-    engraved, inner, outer : open and closed curves; outlines are in pieces where they have holding tabs
-    without_lead : how many runs begin on their path, because a lead-in has no room; tabs : how many were left
+    engraved, inner, outer : open and closed curves; outlines with holding tabs are in parts
+    without_lead : number of cuts that begin on their path because a lead-in has no room
+    tabs : number of holding tabs
     """
 
     engraved: tuple[Curve, ...]
@@ -50,12 +51,13 @@ def plan(
     cut: CutParams,
     progress: Progress = SILENT,
 ) -> Runs:
-    """The runs of one sheet: closed paths beside the material, with the tabs and lead-ins that are asked for.
+    """Plan the cuts of one sheet along closed paths beside the material, with the requested tabs and lead-ins.
 
-    The holes of a panel are cut one after the other, and all before the first outline, in a tour that is short.
+    The holes of a panel are cut consecutively, and all holes before the first outline, in a short tour.
 
-    holes : of every panel; places : of every outline: x, y in metres where a tab may be, and how little it is liked there (1 or more)
-    size : metres, width and height of the sheet
+    holes : by panel
+    places : by outline, x and y in metres for tabs, and how undesirable each is (1 or more)
+    size : width and height of the sheet, metres
     """
     pieces = [[o] for o in outlines]
     if cut.tabs:
@@ -84,28 +86,28 @@ def plan(
 
 
 def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
-    """The curve as one open run that begins ``length`` metres beside it, or at half of that; ``None`` without room.
+    """Return the curve as an open cut that begins ``length`` metres beside it, or half of that; None without room.
 
-    A closed curve may begin anywhere. ``free`` tells which of some straight lines, shapely's, lie in the waste.
+    A closed curve may begin at any node. ``free`` tells which straight lines of shapely lie in the waste.
     """
     import shapely
 
     points = curve.points @ np.array([1.0, 1.0j])
-    # after a holding tab straight to the side, or the way in would cut into the tab
+    # enter at a right angle after a holding tab, or the lead-in would cut into the tab
     angles = _ANGLES if curve.closed else _ANGLES[-1:]
     starts = np.unique(np.linspace(0, len(points) - 1, _STARTS).astype(int)) if curve.closed else np.zeros(1, dtype=int)
     following = points[(starts + 1) % len(points)]
     way = (following - points[starts]) * np.exp(-2j * np.arctan(curve.bulge[starts]))
     way = way / np.abs(way)
     for share in _SHARES:
-        # back from where the path sets out, and to its right
+        # backwards from the start of the path, and to its right
         offset = share * length * -way[:, None] * np.exp(1j * angles)
         begin, end = points[starts][:, None] + offset, points[starts][:, None] + 0.02 * offset
         lines = np.stack([begin, end], axis=-1).reshape(-1, 2)
         found = np.flatnonzero(free(shapely.linestrings(np.stack([lines.real, lines.imag], axis=-1))))
         if not len(found):
             continue
-        # the flattest that fits, at the earliest place
+        # the smallest angle that fits, at the first place
         best = int(found[np.argmin(found % len(angles))])
         start, lead = int(starts[best // len(angles)]), lines[best, 0]
         order = (np.arange(len(points) + curve.closed) + start) % len(points)
@@ -116,6 +118,7 @@ def with_lead(curve: Curve, length: float, free: Any) -> Curve | None:
 
 
 def _inside(hole: Curve) -> Any:
+    """Return the test for lines that lie inside a hole."""
     import shapely
 
     waste = shapely.Polygon(hole.sampled(5e-6))
@@ -124,6 +127,7 @@ def _inside(hole: Curve) -> Any:
 
 
 def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progress) -> Any:
+    """Return the test for lines that lie on the sheet outside of all outlines."""
     import shapely
 
     parts = shapely.STRtree([shapely.Polygon(o.sampled(5e-6)) for o in progress.each(outlines, WAY)])
@@ -141,16 +145,16 @@ def _outside(outlines: list[Curve], size: tuple[float, float], progress: Progres
 
 
 def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve]:
-    """The outline in pieces, with a gap at each of the places chosen; whole where there is none.
+    """Return the outline in parts with gaps at the best places for tabs; whole without any.
 
-    Places where the outline turns back before its ends are as far apart as asked, as round thin tips, come last.
+    Places where the outline turns back before the gap is as wide as requested, as around thin tips, are used last.
     """
     gap, length = cut.tab_width + cut.kerf_outline, outline.length
     if not len(places):
         return [outline]
-    at = _along(outline, places[:, :2])
-    wide = _apart(outline, at, WIDE * gap) >= gap
-    liked = np.where(wide, 1.0, _LAST) * places[:, 2]
+    at = _nearest_along(outline, places[:, :2])
+    wide = _chord_across(outline, at, WIDE * gap) >= gap
+    liked = np.where(wide, 1.0, _NARROW_PENALTY) * places[:, 2]
     chosen: list[float] = []
     reach: dict[float, float] = {}
     for _ in range(cut.tabs):
@@ -172,8 +176,8 @@ def _with_tabs(outline: Curve, places: np.ndarray, cut: CutParams) -> list[Curve
     ]
 
 
-def _apart(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
-    """Metres (K,) between the points of a closed curve so far along it before and behind places (K,)."""
+def _chord_across(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
+    """Return (K,) metres between the points ``half`` metres before and after places (K,) on a closed curve."""
     line = outline.sampled(1e-6)
     line = np.concatenate([line, line[:1]])
     run = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
@@ -183,7 +187,7 @@ def _apart(outline: Curve, middle: np.ndarray, half: float) -> np.ndarray:
 
 
 def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float:
-    """Metres along the outline on either side of a place so that the ends lie ``gap`` metres apart, round a bend too."""
+    """Return the metres along the outline to either side of a place so that the ends are ``gap`` metres apart."""
     low, high = 0.5 * gap, widest * gap
     for _ in range(_HALVINGS):
         half = 0.5 * (low + high)
@@ -192,8 +196,8 @@ def _half_gap(outline: Curve, middle: float, gap: float, widest: float) -> float
     return high
 
 
-def _along(curve: Curve, points: np.ndarray) -> np.ndarray:
-    """(K,) metres along a closed curve to the places nearest to points (K, 2)."""
+def _nearest_along(curve: Curve, points: np.ndarray) -> np.ndarray:
+    """Return (K,) the metres along a closed curve to its points nearest to points (K, 2)."""
     from scipy.spatial import cKDTree
 
     line = curve.sampled(1e-6)
@@ -204,13 +208,13 @@ def _along(curve: Curve, points: np.ndarray) -> np.ndarray:
     share = (np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)) / count[which]
     dense = line[which] + share[:, None] * np.diff(line, axis=0)[which]
     found = cKDTree(dense).query(points)[1]
-    # measured along the chords, which are as long as the curve but for a millionth
+    # lengths of chords differ from the curve's by a millionth
     run = np.concatenate([[0.0], np.cumsum(step)])
     return (run[which[found]] + share[found] * step[which[found]]) * curve.length / run[-1]
 
 
 def piece(curve: Curve, begin: float, end: float) -> Curve:
-    """The open part of a closed curve from ``begin`` to ``end`` metres along it; ``end`` may lie beyond its last point."""
+    """Return the open part of a closed curve from ``begin`` to ``end`` metres; ``end`` may lie beyond its last point."""
     lengths = _lengths(curve)
     run = np.concatenate([[0.0], np.cumsum(np.tile(lengths, 3))]) - lengths.sum()
     first, last = np.searchsorted(run, begin, side="right") - 1, np.searchsorted(run, end, side="left") - 1
@@ -227,10 +231,12 @@ def piece(curve: Curve, begin: float, end: float) -> Curve:
 
 
 def _lengths(curve: Curve) -> np.ndarray:
+    """Return the length of every segment in metres."""
     chord = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1)
     half = 2.0 * np.abs(np.arctan(curve.bulge))
     return chord * np.where(half > 1e-9, half / np.maximum(np.sin(half), 1e-300), 1.0)
 
 
 def _point(a: np.ndarray, b: np.ndarray, quarter: float, share: float) -> np.ndarray:
+    """Return the point at a share of the arc from ``a`` to ``b``."""
     return arc_points(a[None], b[None], np.tan(np.array([quarter])), np.array([[share]]))[0, 0]

@@ -1,4 +1,4 @@
-"""The base: plates on the ground with a slot for the tongue of every foot, where the simulated piece stands."""
+"""The base: plates on the ground with a slot for the tongue of every foot."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from .eyelets import Eyelet, eyelets_report
 from .feet import Foot, make_feet
 from .frame import planks
 
-FILL = 0.62  # height of a foot's number as a share of its foot's width, as along arms
+FILL = 0.62  # height of a foot's number as a share of the foot's width, as for labels along arms
 BESIDE = 0.001  # metres between a slot and its number
 
 
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """One plate, seen from above where it lies in space, metres.
+    """One plate, seen from above in its place, metres.
 
-    feet : whose tongues enter it; slots : their corners, counter-clockwise
+    feet : feet whose tongues enter it
+    slots : their corners, counter-clockwise
     """
 
     outline: Curve
@@ -45,11 +46,13 @@ class Plate:
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What a piece stands on.
+    """Base that a piece stands on or hangs from.
 
-    design : the design with its feet; feet : all of them
-    ground : metres, height of the upper side of the plates; thickness : metres, theirs and the sheet's
-    eyelets : by which it hangs instead; framed : whether the plates are the planks of a frame
+    design : the design with its feet
+    ground : height of the upper side of the plates, metres
+    thickness : of plates and sheet, metres
+    eyelets : holes to hang the piece by, instead of feet
+    framed : whether the plates are planks of a frame
     """
 
     design: SpiralDesign
@@ -61,7 +64,7 @@ class Base:
     framed: bool = False
 
     def holes(self, patch: int) -> tuple[Curve, ...]:
-        """The eyelets of a panel."""
+        """Return the eyelets of a panel."""
         return tuple(one.hole for one in self.eyelets if one.patch == patch)
 
     @property
@@ -80,11 +83,20 @@ class Base:
         }
 
     def plate_labels(self, params: SheetParams, mark: str) -> list[tuple[Curve, ...]]:
-        """What is engraved on every plate of a piece that has this letter."""
+        """Return the strokes engraved on every plate; ``mark`` is the letter of the piece.
+
+        Parameters
+        ----------
+        params : height of the letters, and whether there are labels
+        mark : letter of the piece on common sheets
+        """
         return [_numbers(p.feet, p.slots, p.outline, params, mark) for p in self.plates]
 
     def foot_labels(self, params: SheetParams, mark: str = "") -> dict[int, list[Curve]]:
-        """The number of every foot, engraved along it, by patch; ``mark`` is the letter of its piece."""
+        """Return the number of every foot as strokes along it, by patch.
+
+        Parameters as for ``plate_labels``.
+        """
         found: dict[int, list[Curve]] = {}
         for foot in self.feet if params.labels else ():
             text, height = foot_name(foot, mark), _height(foot, params, mark)
@@ -96,11 +108,18 @@ class Base:
 
 
 def foot_name(foot: Foot, mark: str = "") -> str:
-    """What is engraved on a foot and beside its slot, with its piece's letter: no panel and no seam is called so."""
+    """Return the text on a foot and beside its slot; it differs from all names of panels and seams.
+
+    Parameters
+    ----------
+    foot : the foot
+    mark : letter of the piece on common sheets
+    """
     return f"-{mark}{foot.number}-"
 
 
 def _height(foot: Foot, params: SheetParams, mark: str = "") -> float:
+    """Return the height in metres of the letters of a foot's number."""
     return min(params.label_height, FILL * foot.width, 0.4 * foot.shoulder / length(foot_name(foot, mark)))
 
 
@@ -114,10 +133,17 @@ def make_base(
     lowest: float,
     clearance: float,
 ) -> Base:
-    """Feet for all supports of a design whose hubs stand in a pose, and the plates under them.
+    """Make feet for all supports of a design whose hubs are in a pose, and the plates under them.
 
-    lowest : metres, height of the piece's lowest point; clearance : metres all round a tongue in its slot. Raises
-    ``FlexMapsError`` where nothing is supported, a foot cannot be, or slots would run into each other.
+    Parameters
+    ----------
+    supports : supported quads
+    lowest : height of the piece's lowest point, metres
+    clearance : metres all around a tongue in its slot
+
+    Raises
+    ------
+    FlexMapsError : nothing is supported, a foot has no room, or slots would overlap
     """
     if supports is None or not len(supports):
         raise FlexMapsError(
@@ -131,15 +157,17 @@ def make_base(
     footed = replace(design, feet=tuple(foot.cap for foot in feet))
     if params.base == "frame":
         cut = planks(slots, params.base_edge, clearance, thickness, sheet)
-        made = tuple(_of(feet, slots, rows, outline, sheet) for outline, rows in cut)
+        made = tuple(_plate_with_slots(feet, slots, rows, outline, sheet) for outline, rows in cut)
         return Base(footed, feet, made, ground, thickness, framed=True)
-    groups = [np.arange(len(feet))] if params.base == "plate" else _together(design, feet, slots, params.base_edge)
+    groups = (
+        [np.arange(len(feet))] if params.base == "plate" else _feet_per_plate(design, feet, slots, params.base_edge)
+    )
     plates = [_plate(feet, slots, rows, params.base_edge, sheet, thickness) for rows in groups]
     return Base(footed, feet, tuple(plate for some in plates for plate in some), ground, thickness)
 
 
 def refuse_rim(params: SpiralParams) -> None:
-    """Raise where arms at the border cannot become feet, for a rim joins them."""
+    """Raise ``FlexMapsError`` if a rim joins the arms at the border, so that they cannot become feet."""
     if params.border == "rim":
         raise FlexMapsError(
             "Feet begin from arms at the border, which a rim joins; choose Stubs or Left out for the border, or no base: a rim can "
@@ -147,14 +175,16 @@ def refuse_rim(params: SpiralParams) -> None:
         )
 
 
-def _of(feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, outline: Curve, sheet: SheetParams) -> Plate:
-    """A plate of this outline with some of the slots."""
+def _plate_with_slots(
+    feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, outline: Curve, sheet: SheetParams
+) -> Plate:
+    """Return a plate of this outline with the slots ``rows``."""
     some = tuple(feet[k] for k in rows.tolist())
     return Plate(outline, some, slots[rows], _numbers(some, slots[rows], outline, sheet))
 
 
 def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> None:
-    """Raise where less than ``wall`` metres would be left between two slots."""
+    """Raise ``FlexMapsError`` if less than ``wall`` metres would be left between two slots."""
     import shapely
 
     shapes = shapely.polygons(slots)
@@ -168,8 +198,8 @@ def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> No
         )
 
 
-def _together(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, margin: float) -> list[np.ndarray]:
-    """Rows of the feet whose plates are one: neighbours in the mesh, and those whose plates would overlap."""
+def _feet_per_plate(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, margin: float) -> list[np.ndarray]:
+    """Group the feet that share a plate: neighbours in the mesh, and feet whose plates would overlap."""
     import shapely
 
     corners = [set(design.flat.layout.mesh.quads[foot.quad].tolist()) for foot in feet]
@@ -192,13 +222,13 @@ def _together(design: SpiralDesign, feet: Sequence[Foot], slots: np.ndarray, mar
 def _plate(
     feet: Sequence[Foot], slots: np.ndarray, rows: np.ndarray, margin: float, sheet: SheetParams, thickness: float
 ) -> list[Plate]:
-    """One plate round some slots, or several where it would be larger than the sheet."""
+    """Return a plate around some slots, or several if it would be larger than the sheet."""
     import shapely
 
     outline = hull(slots[rows].reshape(-1, 2), margin)
     size = sheet.sheet_width, sheet.sheet_height
     if turn_that_fits(outline.sampled(1e-4), size, sheet.margin, sheet.rotation) is not None:
-        return [_of(feet, slots, rows, outline, sheet)]
+        return [_plate_with_slots(feet, slots, rows, outline, sheet)]
     middles = slots[rows].mean(axis=1)
     along = np.linalg.svd(middles - middles.mean(axis=0))[2][0]
     order = np.argsort(middles @ along)
@@ -220,7 +250,7 @@ def _plate(
 def _numbers(
     feet: Sequence[Foot], slots: np.ndarray, outline: Curve, sheet: SheetParams, mark: str = ""
 ) -> tuple[Curve, ...]:
-    """The numbers of the feet beside their slots, on whichever side of them there is room."""
+    """Return the numbers of the feet beside their slots, on a side with room."""
     import shapely
 
     if not sheet.labels:

@@ -1,4 +1,4 @@
-"""Closed and open lines with rounded corners, and outlines about convex shapes, as curves of arcs."""
+"""Lines with rounded corners, and outlines around convex hulls, as curves of arcs."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from ...arrays import Float
 from ...spirals.arcs import Curve
 
-STRAIGHT = 1e-6  # radians; what turns by less is no corner
+STRAIGHT = 1e-6  # radians; smaller turns are not corners
 
 
 def rounded(points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | float, *, closed: bool = True) -> Curve:
-    """A line through points, metres, whose corners are arcs of these radii, metres, that touch both of their sides.
+    """Return a polyline (metres) whose corners are rounded by arcs of these radii (metres).
 
-    A radius of 0 leaves its corner as it is, and so are both ends of an open line. No arc takes more than half of a side.
+    A radius of 0 keeps its corner; both ends of an open line stay. An arc takes at most half of a side.
     """
     points, radius = np.asarray(points, dtype=float), np.broadcast_to(radius, len(points))
     nodes: list[np.ndarray] = []
@@ -32,7 +32,7 @@ def rounded(points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | 
             nodes.append(point)
             bulges.append(0.0)
             continue
-        left = before[1] * after[0] - before[0] * after[1] > 0.0  # way in is -before
+        left = before[1] * after[0] - before[0] * after[1] > 0.0  # the incoming direction is -before
         reach = min(r * np.tan(0.5 * turn), 0.499 * min(sides))
         nodes += [point + reach * before, point + reach * after]
         bulges += [(1.0 if left else -1.0) * np.tan(0.25 * turn), 0.0]
@@ -40,7 +40,7 @@ def rounded(points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | 
 
 
 def hull(points: Float[np.ndarray, "n 2"], margin: float) -> Curve:
-    """The outline ``margin`` metres round the convex hull of points, counter-clockwise: straight sides and round corners."""
+    """Return the outline ``margin`` metres around the convex hull of points, counter-clockwise, with round corners."""
     import shapely
 
     ring = shapely.get_coordinates(shapely.orient_polygons(shapely.convex_hull(shapely.multipoints(points))))[:-1]

@@ -1,4 +1,4 @@
-"""What of a base can be refused before anything is simulated: its supports, seen on the surface that the piece is to take."""
+"""Refuse an impossible base before simulation: its supports as seen on the target surface."""
 
 from __future__ import annotations
 
@@ -10,13 +10,19 @@ from ...surface.mesh import QuadMesh
 from .base import refuse_rim
 from .feet import FLATTEST, SIDEWAYS, footed, refuse_flat, refuse_inside, refuse_sideways
 
-# Radians by which a simulated piece may stand otherwise than its surface: what is nearer to a limit is judged once it is simulated.
-# By eye, several times what optimised pieces are off
+# Radians by which the simulated piece may deviate from its target: supports closer to a limit are judged after
+# simulation. By eye, several times the deviation of optimised pieces
 SLACK = np.radians(10.0)
 
 
 def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
-    """Raise ``FlexMapsError`` where supports are simulated otherwise than the base holds them."""
+    """Raise ``FlexMapsError`` if supports are simulated differently from how the base holds them.
+
+    Parameters
+    ----------
+    base : kind of base
+    simulate : whether supports are clamped
+    """
     if base.stands and not simulate.clamped:
         raise FlexMapsError(
             "A base clamps the feet that stand in it, but the supports are simulated as hinges; clamp the supports, or "
@@ -32,7 +38,14 @@ def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
 def check_early(
     mesh: QuadMesh, supports: np.ndarray | None, base: BaseParams, simulate: SimulateParams, spiral: SpiralParams
 ) -> None:
-    """Raise ``FlexMapsError`` where no shape near to the mesh, metres, could stand or hang by these supports."""
+    """Raise ``FlexMapsError`` if no shape close to the mesh could stand or hang by these supports.
+
+    Parameters
+    ----------
+    mesh : target, metres
+    supports : supported quads
+    base, simulate, spiral : settings of the base, the supports and the border
+    """
     if base.base == "none":
         return
     if base.stands:
@@ -49,14 +62,14 @@ def check_early(
 
 
 def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
-    """As ``feet`` checks a simulated pose, with some slack."""
+    """Check supports of feet on the target with the criteria of ``feet`` and some slack."""
     refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
     corners = mesh.vertices[mesh.quads[supports]]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     slope = np.linalg.norm(normal[:, :2], axis=1)
     refuse_flat(supports[slope < np.sin(FLATTEST - SLACK)])
-    # down the slope, and to the middles of the sides, both in the plane of the quad
+    # directions down the slope and to the middles of the sides, in the plane of the quad
     down = normal[:, 2:] * normal - np.array([0.0, 0.0, 1.0])
     down /= np.linalg.norm(down, axis=1)[:, None]
     sides = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1)[:, None]

@@ -1,7 +1,8 @@
 """Eyelets: a hole in the hub of every supported spiral, by which the piece hangs.
 
-The simulation holds a hinged hub at its centre, so that is where the hole is: a cord or a hook in it holds the piece where it is
-simulated. Between the hole and the edge of the hub there is at least one diameter of material, as is usual for pins in sheets.
+The simulation holds a hinged hub at its centre, and the hole is there: a cord or hook holds the piece where it is
+simulated. Between the hole and the edge of the hub there is at least one diameter of material, as usual for pins in
+sheets.
 """
 
 from __future__ import annotations
@@ -21,20 +22,20 @@ from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import counted
 from ..panels.labels import hub_circles
 
-EDGE = (
-    1.0  # diameters of material round a hole at the least: what handbooks ask for between a pin and the edge of a plate
-)
-ROUNDED = 1e-3  # share of the hole by which the room of a hub may be smaller, for it is found by iteration
+EDGE = 1.0  # minimum material around a hole in diameters, as handbooks require between a pin and the edge of a plate
+ROUNDED = 1e-3  # tolerance on the room in a hub as a share of the hole, because the room is found by iteration
 
 
 @dataclass(frozen=True, eq=False)
 class Eyelet:
     """One hole.
 
-    number : from 1 on, as the assembly sheet has it; quad, patch : where it is
-    centre : metres, in the flat frame of its patch; diameter, edge : metres, of the hole and of the material round it
-    place : metres, of its middle in the simulated shape
-    pull : newtons with which the piece is held there; None where that is not known
+    number : from 1, as on the assembly sheet
+    quad, patch : where it is
+    centre : metres, in the flat frame of its patch
+    diameter, edge : of the hole, and minimum material around it, metres
+    place : centre in the simulated shape, metres
+    pull : force in N that holds the piece there; None if unknown
     """
 
     number: int
@@ -48,22 +49,22 @@ class Eyelet:
 
     @property
     def name(self) -> str:
-        """What it is called in words: no panel, seam or foot is called so."""
+        """Name in texts, different from names of panels, seams and feet."""
         return f"o{self.number}"
 
     @property
     def hole(self) -> Curve:
-        """Two halves of a circle, clockwise."""
+        """Circle of two arcs, clockwise."""
         beside = np.array([0.5 * self.diameter, 0.0])
         return Curve(np.stack([self.centre - beside, self.centre + beside]), np.array([-1.0, -1.0]))
 
     @property
     def force(self) -> float | None:
-        """Newtons."""
+        """Magnitude of the force in N, or None."""
         return None if self.pull is None else float(np.linalg.norm(self.pull))
 
     def stress(self, thickness: float) -> float | None:
-        """Pa, the larger one of the bearing stress behind the pin and the shear of the two planes in which it would tear out."""
+        """Return the larger of bearing stress and shear stress of tear-out behind the pin, Pa; None if unknown."""
         if self.force is None:
             return None
         return self.force / thickness * max(1.0 / self.diameter, 1.0 / (2.0 * self.edge))
@@ -77,9 +78,18 @@ def make_eyelets(
     cut: CutParams,
     pull: Float[np.ndarray, "quads 3"] | None = None,
 ) -> tuple[Eyelet, ...]:
-    """A hole in the hub of every supported spiral of a design whose hubs stand in a pose.
+    """Make a hole in the hub of every supported spiral of a design whose hubs are in a pose.
 
-    diameter : metres; pull : newtons with which every hub is held. Raises ``FlexMapsError`` with the faces whose hubs are too small.
+    Parameters
+    ----------
+    supports : supported quads
+    diameter : metres
+    cut : kerf and mill, which bound the diameter
+    pull : N, force that holds every hub
+
+    Raises
+    ------
+    FlexMapsError : nothing is supported, or with the faces whose hubs are too small
     """
     if supports is None or not len(supports):
         raise FlexMapsError(
@@ -111,7 +121,7 @@ def make_eyelets(
 
 
 def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
-    """The figures of report.json: places in the simulated shape, and what every eyelet bears."""
+    """Return the figures of report.json: places in the simulated shape, and the force on every eyelet."""
     found: dict[str, Any] = {
         "eyelets": len(eyelets),
         "eyelet_mm": round(1e3 * eyelets[0].diameter, 3),
@@ -125,7 +135,14 @@ def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
 
 
 def overloaded(eyelets: tuple[Eyelet, ...], thickness: float, material: Material) -> list[str]:
-    """A warning where eyelets bear more than their material."""
+    """Return a warning if eyelets bear more than the strength of their material.
+
+    Parameters
+    ----------
+    eyelets : with their forces
+    thickness : of the sheet, metres
+    material : with its strength
+    """
     found = [(one.stress(thickness) or 0.0) / material.strength for one in eyelets]
     worst = int(np.argmax(found)) if found else 0
     if not found or found[worst] <= 1.0:

@@ -1,8 +1,8 @@
-"""Feet: at a supported spiral the sheet goes on from the hub, straight down the slope, with a tongue that enters a slot.
+"""Feet: at a supported spiral the sheet continues from the hub straight down the slope, ending in a tongue for a slot.
 
-A foot takes the place of the arm at the open border. It runs down the steepest way of its hub's plane, so that its cross line is
-level: shoulders at right angles to it stand on the ground with their whole edge, and the slot for its tongue is a rectangle.
-The wound arms of a spiral go round its hub and would cross any straight way out, so supported spirals are not wound.
+A foot replaces the arm at the open border. It runs down the steepest direction in the plane of its hub, so its cross
+direction is level: perpendicular shoulders rest on the ground with their whole edge, and the slot for its tongue is a
+rectangle. Wound arms around a hub would cross any straight way out, so supported spirals are not wound.
 """
 
 from __future__ import annotations
@@ -24,29 +24,33 @@ from ...surface.checking.finding import counted
 from ...surface.mesh import QuadMesh
 from .corners import rounded
 
-# Radians. Flatter sheets would lie on the base rather than stand, and their slots were wider than three sheets
+# Minimum slope in radians. Flatter sheets would lie on the base instead of standing, with slots wider than three
+# thicknesses
 FLATTEST = np.radians(25.0)
-# Radians between a foot and the way to the middle of its side: at a corner of the border both sides have 45 degrees
+# Maximum angle in radians between a foot and the direction to the middle of its side: at a corner of the border both
+# sides are at 45 degrees
 SIDEWAYS = np.radians(60.0)
-UNWOUND = 0.02  # radians; what a spiral may be wound to count as not wound
-TONGUE = 0.6  # width of the tongue as a share of its foot's: shoulders of a fifth on both sides; by eye
-FLARE = 0.8  # length over which a foot widens from its hub, as a share of how much it widens to one side; by eye
-BEYOND = 1.0  # how far the tongue reaches out of the slot, in sheets
-CORNER = 0.0006  # metres, rounding of the outer corners of shoulders and tongue
+UNWOUND = 0.02  # maximum twist in radians of a spiral that counts as not wound
+TONGUE = 0.6  # width of the tongue as a share of the foot's, leaving shoulders of a fifth on both sides; by eye
+FLARE = 0.8  # length over which a foot widens from its hub, as a share of the widening on one side; by eye
+BEYOND = 1.0  # length of the tongue beyond the slot in thicknesses
+CORNER = 0.0006  # metres, radius of the outer corners of shoulders and tongue
 
 
 @dataclass(frozen=True, eq=False)
 class Foot:
     """One foot.
 
-    number : from 1 on, as it is engraved; quad, side : where the border's arm would be
+    number : engraved, from 1
+    quad, side : of the arm that it replaces
     cap : its outline in its panel
-    shoulder, aside : metres from the hub's centre to the shoulders, along the tongue, and to the left to its middle
-    width, tongue : metres, width of the foot and of its tongue
+    shoulder, aside : metres from the hub's centre to the shoulders along the tongue, and to the left to the tongue's
+        middle
+    width, tongue : widths of the foot and of its tongue, metres
     way : unit vector along the foot in its patch
-    down, across : unit vectors in space along the foot and along its shoulders, which are level
-    place : metres, where its middle line meets the ground
-    lean : radians between the sheet and the ground
+    down, across : unit vectors in space along the foot and along its level shoulders
+    place : intersection of its middle line with the ground, metres
+    lean : angle between sheet and ground, radians
     """
 
     number: int
@@ -64,7 +68,10 @@ class Foot:
     lean: float
 
     def slot(self, thickness: float, clearance: float) -> Float[np.ndarray, "4 2"]:
-        """Corners, counter-clockwise, of the upright slot in a base as thick as the sheet: what a leaning tongue sweeps there, metres."""
+        """Return the corners of the slot, counter-clockwise, metres: the area swept by the leaning tongue.
+
+        The base is as thick as the sheet, and the slot is vertical.
+        """
         ahead = np.array([self.across[1], -self.across[0]])
         ahead *= np.sign(ahead @ self.down[:2]) or 1.0
         half = 0.5 * thickness / np.sin(self.lean)
@@ -77,16 +84,23 @@ class Foot:
 
 
 def footed(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np.ndarray, " feet"]:
-    """The supported quads that lie at an open border, where a foot can leave the piece."""
+    """Return the supported quads at an open border, where a foot can leave the piece.
+
+    Parameters
+    ----------
+    mesh : target
+    supports : supported quads
+    """
     return supports[mesh.border[mesh.quad_edges[supports]].any(axis=1)]
 
 
 def make_feet(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"], lowest: float, params: BaseParams
 ) -> tuple[Foot, ...]:
-    """A foot for every supported spiral of a design whose hubs stand in a pose.
+    """Make a foot for every supported spiral of a design whose hubs are in a pose.
 
-    lowest : metres, height of the piece's lowest point. Raises ``FlexMapsError`` with the faces where there can be none.
+    ``lowest`` is the height of the piece's lowest point in metres. Raises ``FlexMapsError`` with the faces where a foot
+    is impossible.
     """
     side, way = _sides(design, pose, supports)
     wound = supports[design.twist[supports] > UNWOUND]
@@ -115,7 +129,7 @@ def make_feet(
 
 
 def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
-    """The side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch: down the slope."""
+    """Return the side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch, down the slope."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
     refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
     way = -rotations[:, 2, :2]  # minus z, seen in the plane of the hub
@@ -130,7 +144,7 @@ def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"])
 
 
 def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
-    """Raise ``FlexMapsError`` with supports away from the open border, if there are any."""
+    """Raise ``FlexMapsError`` if there are supports away from the open border."""
     if len(faces):
         raise FlexMapsError(
             f"{counted(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
@@ -140,7 +154,7 @@ def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
-    """The same with supports that lie too flat."""
+    """Raise ``FlexMapsError`` if there are supports that are too flat."""
     if len(faces):
         raise FlexMapsError(
             f"{counted(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
@@ -150,7 +164,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
 
 
 def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
-    """The same with supports whose open border does not lie below them."""
+    """Raise ``FlexMapsError`` if there are supports whose open border is not below them."""
     if len(faces):
         raise FlexMapsError(
             f"The open border of {len(faces)} supported spirals does not lie below them, so that their feet cannot reach the "
@@ -162,8 +176,11 @@ def refuse_sideways(faces: Int[np.ndarray, " some"]) -> None:
 def _cap(
     design: SpiralDesign, quad: int, side: int, way: np.ndarray, shoulder: float, slope: float, width: float
 ) -> tuple[Cap, float]:
-    """The outline of a foot from the right to the left edge of the arm in whose place it is, and how far to the left of its hub
-    its tongue is, metres: a foot leaves its quad by the middle of the side, and turns down the slope there."""
+    """Return the outline of a foot from the right to the left edge of the arm that it replaces, and its offset.
+
+    The offset is the distance in metres of the tongue to the left of the hub: a foot leaves its quad through the middle
+    of the side and turns down the slope there.
+    """
     begin = stumps(design.roots)[quad, side]
     arm = design.arms.one_by_one(np.array([quad]), np.array([side]))
     (right, right_way), (left, left_way) = (
@@ -174,7 +191,7 @@ def _cap(
     normal, knee = np.array([-out[1], out[0]]), out * arm.radius[0, 0]
     starts = [frame @ (p - arm.centre[0]) for p in (right, left)]
     wide = max(float(p @ out) for p in starts) + FLARE * (half - min(abs(float(p @ normal)) for p in starts))
-    turn = half * abs(out[1]) / (1.0 + out[0])  # what the inner side of the bend takes of both of its sides
+    turn = half * abs(out[1]) / (1.0 + out[0])  # length by which the inner side of the bend shortens both of its sides
     short = max(knee[0] + turn + 2.0 * CORNER - shoulder, wide + turn - arm.radius[0, 0])
     if short > 0.0:
         raise FlexMapsError(
@@ -182,7 +199,7 @@ def _cap(
             "feet narrower, or the height of the base's feet larger",
             faces=[quad],
         )
-    # through the base, whose lower side a leaning tongue reaches with its other face
+    # through the base; the far face of a leaning tongue reaches its lower side later
     thickness, level = design.params.thickness, np.sqrt(max(1.0 - slope**2, 0.0))
     end, bend = shoulder + thickness * (1.0 + level + BEYOND) / slope, (normal + np.array([0.0, 1.0])) / (1.0 + out[0])
     aside = knee[1]
@@ -207,13 +224,13 @@ def _cap(
 
 
 def _flare(start: np.ndarray, first: np.ndarray, end: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and bulges of two arcs from a point and a direction to others, without the last point."""
+    """Return nodes and bulges of two arcs from one point and direction to another, without the last point."""
     nodes, bulge = biarcs(np.stack([start, end])[None], np.stack([first, last])[None])
     return nodes[0], bulge[0]
 
 
 def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
-    """Raise where a foot comes nearer to another one, or to an arm of its panel, than the smallest slot."""
+    """Raise ``FlexMapsError`` if a foot is closer to another foot or an arm of its panel than the smallest slot."""
     import shapely
 
     slot, layout = 0.999 * slot_needed(design.params), design.flat.layout
@@ -224,7 +241,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     bodies = np.array([shapely.Polygon(o.outer.sampled(1e-5), [h.sampled(1e-5) for h in o.holes]) for o in drawn])
     patch = np.array([foot.cap.patch for foot in feet])
     shapes = np.array([foot.cap.polygon for foot in feet])
-    # round its own hub a foot begins, and its neighbours lead away from it
+    # ignore the surroundings of its own hub, where a foot begins and neighbouring arms lead away
     quads = np.array([foot.quad for foot in feet])
     root = np.linalg.norm(design.roots.centre[quads] - design.arms.centre[quads][:, None], axis=2).max(axis=1)
     discs = shapely.buffer(shapely.points(design.arms.centre[quads]), root + 2.0 * design.width[quads].max(axis=1))

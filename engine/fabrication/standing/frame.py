@@ -1,7 +1,7 @@
-"""The frame: a closed ring of planks under the feet, instead of a whole plate; planks lock into each other with a dovetail.
+"""The frame: a closed ring of planks under the feet instead of a whole plate, joined by dovetails.
 
-The ring goes from slot to slot on the shortest way round, which never crosses itself. It is as wide as a plate is round its slots: the
-union of the convex hulls of neighbouring slots, with a margin. It is cut between slots, where the way has turned or the sheet ends.
+The ring visits the slots in the shortest order, which never crosses itself. It is the union of the convex hulls of
+consecutive slots, with a margin, and is cut between slots where it has turned far enough or the sheet ends.
 """
 
 from __future__ import annotations
@@ -18,33 +18,37 @@ from ...spirals.arcs import Curve
 from ..nesting.packing import turn_that_fits
 from .corners import rounded
 
-TURN = np.radians(75.0)  # how far a plank may turn before the next begins, so that it stays slender; by eye
+TURN = np.radians(75.0)  # maximum turn of a plank, so that it stays slender; by eye
 NECK, HEAD, DEEP = (
     0.3,
     0.42,
     0.25,
-)  # of a dovetail, as shares of the plank's width: narrowest, widest, and how deep; by eye
-WIDER = 1.4  # how much wider than between straight slots a ring may be at a cut: more is a corner, where a cut would run along it
-SMALLEST = 0.4  # share of that size to which dovetails may shrink where feet stand near to each other; by eye
-CORNER = 0.0006  # metres, rounding of corners, as those of feet
+)  # narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
+# maximum width of the ring at a cut relative to a straight part: a wider place is a corner, where a cut would run along
+# the ring
+WIDER = 1.4
+SMALLEST = 0.4  # minimum size of a dovetail as a share of its usual size, where feet are close together; by eye
+CORNER = 0.0006  # metres, radius of corners, as for feet
 CHORDS, STRAY = (
     12,
     1e-5,
-)  # of a quarter round a slot's corner, before they are rounded again; and metres that these may stray
-BEHIND = 1e-7  # metres by which what is cut goes on beyond an edge, so that nothing of no width is left
-ROUNDS = (
-    60  # passes over all pairs of the search for the shortest way, which ends where none helps; a bound, not measured
-)
-LEAST = 3  # slots that a ring goes round
+)  # chords per quarter circle around a slot's corner before corners are rounded again, and their tolerance in metres
+BEHIND = 1e-7  # metres by which cutting shapes extend beyond an edge, so that no slivers are left
+ROUNDS = 60  # maximum passes of the search for the shortest order, which ends earlier without improvement; not measured
+LEAST = 3  # minimum number of slots for a ring
 
 
 def planks(
     slots: Float[np.ndarray, "slots 4 2"], margin: float, clearance: float, wall: float, sheet: SheetParams
 ) -> list[tuple[Curve, np.ndarray]]:
-    """Outlines of the planks, counter-clockwise, metres, and the rows of the slots in each.
+    """Return the outlines of the planks, counter-clockwise, metres, and the rows of the slots in each.
 
-    slots : their corners; margin : metres of material round them; clearance : metres all round a dovetail; wall : metres that
-    have to be left between a slot and a dovetail. Raises ``FlexMapsError`` where slots make no ring, or it cannot be cut.
+    slots : corners
+    margin : metres of material around the slots
+    clearance : metres all around a dovetail
+    wall : minimum metres between a slot and a dovetail
+
+    Raises ``FlexMapsError`` where slots form no ring, or it cannot be cut.
     """
     import shapely
 
@@ -61,18 +65,21 @@ def planks(
         raise FlexMapsError(
             "The feet stand so near to each other that a frame under them has no hole; choose a plate, or a narrower edge"
         )
-    # only the ring's own hole; slivers between links are filled
+    # keep only the hole of the ring; slivers between links are filled
     ring = shapely.Polygon(ring.exterior, [max(inner, key=lambda one: one.area).exterior])
     parts = _cuts(slots, ring, margin, wall, sheet)
     if len(parts) < 2:
         raise FlexMapsError(
             "The feet stand too near to each other to cut a frame between them; choose a plate, or feet"
         )
-    return _pieces(slots, ring, parts, order, clearance, margin)
+    return _cut_into_planks(slots, ring, parts, order, clearance, margin)
 
 
 def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """The order of points on a short closed way that does not cross itself: 2-opt (Croes 1958) from their order round the middle."""
+    """Order points on a short closed path that does not cross itself.
+
+    2-opt (Croes 1958), starting with their order around the middle.
+    """
     seen = points - points.mean(axis=0)
     order = np.argsort(np.arctan2(seen[:, 1], seen[:, 0]))
     count = len(order)
@@ -93,7 +100,12 @@ def shortest_round(points: Float[np.ndarray, "n 2"]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Cut:
-    """A place where the ring may be cut, after a slot: its middle and the way ahead there, metres its width and its dovetail's size."""
+    """A place where the ring may be cut, after a slot.
+
+    middle, way : point, and direction of the ring there
+    width : of the ring, metres
+    size : of the dovetail, metres
+    """
 
     after: int
     middle: Float[np.ndarray, " 2"]
@@ -103,10 +115,11 @@ class _Cut:
 
     @property
     def aside(self) -> Float[np.ndarray, " 2"]:
+        """Direction to the left of the way."""
         return np.array([-self.way[1], self.way[0]])
 
     def dovetail(self, behind: float) -> Any:
-        """Shapely's: a tongue from ``behind`` the cut to ahead of it."""
+        """Return the shapely polygon of a tongue from ``behind`` metres behind the cut."""
         import shapely
 
         neck, head, deep = 0.5 * NECK * self.size, 0.5 * HEAD * self.size, DEEP * self.size
@@ -114,8 +127,8 @@ class _Cut:
         return shapely.Polygon([self.middle + u * self.way + v * self.aside for u, v in rows])
 
 
-def _joint(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _Cut | None:
-    """Where the ring may be cut between slot k and the next; None where there is no room."""
+def _cut_between(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> _Cut | None:
+    """Return the cut of the ring between slot k and the next; None without room."""
     import shapely
 
     pair = shapely.polygons(slots[[k, (k + 1) % len(slots)]])
@@ -135,11 +148,11 @@ def _joint(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> 
 
     width, room = float(np.linalg.norm(np.ptp(across(middle), axis=0))), gap - 2.0 * wall
     size = min(width, room / DEEP)
-    # what the ring is wide where it is straight
+    # width of a straight part of the ring
     usual = 2.0 * margin + float(np.ptp(slots[[k, (k + 1) % len(slots)]] @ aside, axis=1).max())
     if not 0.0 < width < WIDER * usual or size < SMALLEST * width:
         return None
-    # the dovetail reaches ahead only, so the cut lies nearer to the slot behind
+    # the dovetail extends only ahead, so the cut lies closer to the slot behind
     ends = across(middle - 0.5 * DEEP * size * way)
     there = float(np.linalg.norm(np.ptp(ends, axis=0)))
     if not 0.0 < there < WIDER * usual:
@@ -149,18 +162,18 @@ def _joint(slots: np.ndarray, k: int, ring: Any, margin: float, wall: float) -> 
 
 
 def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: SheetParams) -> list[_Cut]:
-    """Where the ring is cut: as seldom as planks stay slender and fit the sheet."""
+    """Return the cuts of the ring: as few as possible while planks are slender and fit the sheet."""
     import shapely
 
     count, size = len(slots), (sheet.sheet_width, sheet.sheet_height)
-    open_ = {k: found for k in range(count) if (found := _joint(slots, k, ring, margin, wall)) is not None}
+    open_ = {k: found for k in range(count) if (found := _cut_between(slots, k, ring, margin, wall)) is not None}
     if len(open_) < 2:
         return []
     way = np.roll(slots.mean(axis=1), -1, axis=0) - slots.mean(axis=1)
     angle = np.arctan2(way[:, 1], way[:, 0])
     turns = np.abs((np.roll(angle, -1) - angle + np.pi) % (2.0 * np.pi) - np.pi)
     places = sorted(open_)
-    # begin where the way turns most, so that corners of the ring become ends of planks
+    # begin where the ring turns most, so that its corners become ends of planks
     start = max(places, key=lambda k: turns[k] + turns[k - 1])
     places = [k for k in places if k > start] + [k + count for k in places if k <= start]
     parts: list[_Cut] = []
@@ -183,10 +196,10 @@ def _cuts(slots: np.ndarray, ring: Any, margin: float, wall: float, sheet: Sheet
     return parts
 
 
-def _pieces(
+def _cut_into_planks(
     slots: np.ndarray, ring: Any, cuts: list[_Cut], order: np.ndarray, clearance: float, margin: float
 ) -> list[tuple[Curve, np.ndarray]]:
-    """The ring cut into planks: each has a dovetail at its end, and a socket for that of the plank before it at its beginning."""
+    """Cut the ring into planks, each with a dovetail at its end and a socket at its beginning."""
     import shapely
 
     count = len(slots)
@@ -213,7 +226,7 @@ def _pieces(
 
 
 def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
-    """The gap between two planks: a strip across the ring in its own place, which ends where the ring does."""
+    """Return the gap between two planks: a strip across the ring that ends at its edges."""
     import shapely
 
     reach = 4.0 * cut.width * cut.aside
@@ -223,11 +236,11 @@ def _gate(cut: _Cut, ring: Any, clearance: float) -> Any:
 
 
 def _radii(corners: np.ndarray, sharp: np.ndarray, margin: float) -> np.ndarray:
-    """Of every corner: ``CORNER`` where planks meet, else as large as its sides allow, up to the margin."""
+    """Return the radius of every corner: ``CORNER`` where planks meet, else as large as fits, up to the margin."""
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     sides, turn = np.minimum(ahead, np.roll(ahead, 1)), np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(turn[:, 1], turn[:, 0])
     angle = np.abs((angle - np.roll(angle, 1) + np.pi) % (2.0 * np.pi) - np.pi)
-    # what an arc takes of both sides is its radius times the tangent of half the turn
+    # an arc shortens both sides by its radius times the tangent of half the turn
     most = 0.45 * sides / np.maximum(np.tan(0.5 * np.minimum(angle, 3.0)), 1e-6)
     return np.minimum(np.where(sharp, CORNER, margin), most)

@@ -16,11 +16,19 @@ from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from .operations import FRAME, OPERATIONS, Drawn, Operation, frame, on_sheet
 
-FLAT = 1e-4  # bulge; FreeCAD loses whole polylines at flatter arcs, and one of 20 mm is then 1 um off
+FLAT = 1e-4  # minimum bulge; FreeCAD loses polylines with flatter arcs, and a chord of 20 mm is then 1 um off
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as R2010, which knows its units."""
+    """Write one sheet as R2010, which stores its units.
+
+    Parameters
+    ----------
+    sheets : the sheets
+    index : of the sheet
+    path : to write to
+    progress : receives the share done
+    """
     document = _document(sheets, index, "R2010")
     owner, handles = document.modelspace().layout_key, document.entitydb.handles
     parts, handle = list[str](), int(str(handles), 16)
@@ -31,30 +39,33 @@ def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) ->
         )
         parts.extend(f" 10\n{x}\n 20\n{y}\n{_bulge(bulge, 17)}" for x, y, bulge in _rows(curve))
         handle += 1
-    handles.reset(f"{handle:X}")  # the header names the next one
+    handles.reset(f"{handle:X}")  # the header stores the next free handle
     path.write_text(_framed(document, parts), encoding=document.output_encoding)
 
 
 def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as R12, which every cutter's program reads, with one entity per node."""
+    """Write one sheet as R12, which programs of all cutters read, with one entity per node.
+
+    Parameters as for ``write``.
+    """
     parts = list[str]()
     for name, curve in _entities(sheets, index, progress):
         parts.append(f"  0\nPOLYLINE\n  8\n{name}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n{int(curve.closed)}\n")
         head = f"  0\nVERTEX\n  8\n{name}\n 10\n"
         parts.extend(f"{head}{x:.10g}\n 20\n{y:.10g}\n 30\n0.0\n{_bulge(bulge, 12)}" for x, y, bulge in _rows(curve))
         parts.append(f"  0\nSEQEND\n  8\n{name}\n")
-    # a comment: R12 has no place for the program's name
+    # R12 has no field for the program's name, so it is a comment
     text = f"999\n{MARK}\n{_framed(_document(sheets, index, 'R12'), parts)}"
     path.write_text(text, encoding="ascii", newline="\r\n")
 
 
 def _bulge(bulge: float, digits: int) -> str:
-    """The tag of a bulge; none for a straight segment, for some programs lose every polyline with a bulge of 0."""
+    """Return the tag of a bulge; empty for a straight segment, because some programs lose polylines with a bulge of 0."""
     return f" 42\n{bulge:.{digits}g}\n" if bulge else ""
 
 
 def _framed(document: Any, entities: Sequence[str]) -> str:
-    """The text of a document of ezdxf's, with entities that are text already: ezdxf takes ten times as long for them."""
+    """Return the text of a document with these entities as text; ezdxf takes ten times as long to write them."""
     stream = io.StringIO()
     document.write(stream)
     before, mark, after = stream.getvalue().partition("  2\nENTITIES\n")
@@ -63,17 +74,17 @@ def _framed(document: Any, entities: Sequence[str]) -> str:
 
 
 def _document(sheets: Drawn, index: int, version: str) -> Any:
-    """A document of ezdxf's with header and layers for one sheet."""
+    """Return a document with header and layers for one sheet."""
     import ezdxf
     from ezdxf import units
 
-    with _quiet():  # R12 has no units, millimetres are its custom, and ezdxf warns of that every time
+    with _quiet():  # R12 has no units, millimetres are customary, and ezdxf warns about that every time
         document = ezdxf.new(version, units=units.MM)
     if version != "R12":
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("Program", MARK)
     size = tuple(float(x) * 1e3 for x in sheets.packing.sizes[index])
-    # ezdxf writes those of the modelspace, but the header's where they begin at the origin
+    # ezdxf overwrites the header's extents with those of the modelspace unless they begin at the origin
     document.header["$EXTMIN"], document.header["$EXTMAX"] = (0.0, 0.0, 0.0), (*size, 0.0)
     document.modelspace().reset_extents((0.0, 0.0, 0.0), (*size, 0.0))
     document.modelspace().reset_limits((0.0, 0.0), size)
@@ -86,6 +97,7 @@ def _document(sheets: Drawn, index: int, version: str) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
+    """Suppress warnings of ezdxf."""
     logger = logging.getLogger("ezdxf")
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -96,6 +108,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _entities(sheets: Drawn, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
+    """Yield the layer name and curve of every cut and of the frame."""
     for operation, curves in on_sheet(sheets, index, progress):
         for curve in curves:
             yield _layer(operation), curve
@@ -104,10 +117,11 @@ def _entities(sheets: Drawn, index: int, progress: Progress) -> Iterator[tuple[s
 
 
 def _layer(operation: Operation) -> str:
+    """Return the name of an operation's layer."""
     return operation.name.upper().replace(" ", "_")
 
 
 def _rows(curve: Curve) -> list[list[float]]:
-    """x and y in mm, and the bulge, of every node; 0 for arcs that are flatter than FreeCAD reads."""
+    """Return x and y in mm and the bulge of every node; 0 for arcs flatter than FreeCAD reads."""
     bulge = np.where(np.abs(curve.bulge) < FLAT, 0.0, curve.bulge)
     return np.column_stack([np.round(curve.points * 1e3, 6), bulge]).tolist()

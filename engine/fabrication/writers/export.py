@@ -1,4 +1,4 @@
-"""The sheets as files: the table of the formats, and writing all that are asked for together, every one or none."""
+"""Write sheets to files: the table of formats, and writing of all requested files together, all or none."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from . import dxf, pdf, series, solids, svg
 
 
 class Format(NamedTuple):
-    """A kind of file, one a sheet.
+    """A kind of file, one per sheet.
 
-    ending : what a file's name has after the base; the number of the sheet comes before its last dot
-    setting, values : the setting of ``ExportParams`` that chooses it, and the values that do
-    write : writes the sheet of an index to a path
-    usual : whether scripts and the command line write it unless other formats are asked for
+    ending : of the file's name after the base; the number of the sheet precedes its last dot
+    setting, values : setting of ``ExportParams`` that selects the format, and its values that do
+    write : function that writes a sheet
+    usual : whether scripts and the command line write it unless other formats are requested
     """
 
     ending: str
@@ -32,7 +32,7 @@ class Format(NamedTuple):
     usual: bool = False
 
 
-# R12 is the DXF that every program reads, R2010 the one that knows its units
+# every program reads DXF R12; R2010 stores its units
 TABLE = {
     "svg": Format(".svg", "svg", {True}, svg.write, usual=True),
     "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write, usual=True),
@@ -46,7 +46,7 @@ USUAL = tuple(key for key, kind in TABLE.items() if kind.usual)
 
 
 def chosen(params: ExportParams) -> tuple[str, ...]:
-    """The formats that the settings ask for; raises ``FlexMapsError`` where they ask for none."""
+    """Return the formats selected by the settings; raises ``FlexMapsError`` if there are none."""
     formats = tuple(key for key, kind in TABLE.items() if getattr(params, kind.setting) in kind.values)
     if not formats:
         raise FlexMapsError("No kind of file is chosen; switch SVG, DXF or PDF on")
@@ -60,10 +60,21 @@ def write(
     new: NewFile | None = None,
     progress: Progress = SILENT,
 ) -> list[Path]:
-    """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-01.dxf, out/sheet-r12-01.dxf, ...
+    """Write every sheet in every format: base out/sheet gives out/sheet-01.svg, out/sheet-r12-01.dxf, ...
 
-    Files of an earlier run with more sheets go. ``new`` comes from ``files.replacing_many`` where the files shall appear
-    together with others. Raises ``FlexMapsError`` for an unknown format, for none, or where files cannot be written.
+    Surplus files of an earlier run with more sheets are removed.
+
+    Parameters
+    ----------
+    sheets : the sheets
+    base : path without ending
+    formats : keys of ``TABLE``
+    new : from ``files.replacing_many``, if the files must appear together with others
+    progress : receives the share done
+
+    Raises
+    ------
+    FlexMapsError : an unknown format, none, or files that cannot be written
     """
     unknown = set(formats) - set(FORMATS)
     if unknown or not formats:
@@ -84,14 +95,14 @@ def write(
 
 
 def stale(base: Path, count: int) -> list[Path]:
-    """The files of an earlier run that had more sheets than ``count``."""
+    """Return the files of an earlier run with more sheets than ``count``."""
     return [path for key in FORMATS for path in series.numbered_before(_named(base, key), count)]
 
 
 def present(base: Path, formats: Collection[str]) -> list[Path]:
-    """The files that are there already and that sheets in these formats, however many, may replace.
+    """Return existing files that sheets in these formats may replace, whatever their number.
 
-    Raises ``FlexMapsError`` where the folder cannot be looked into.
+    Raises ``FlexMapsError`` if the folder cannot be read.
     """
     try:
         names = sorted(os.listdir(base.parent))
@@ -110,4 +121,5 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
 
 
 def _named(base: Path, key: str) -> Path:
+    """Return the path of a format before numbering."""
     return base.with_name(base.name + TABLE[key].ending)

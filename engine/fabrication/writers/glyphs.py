@@ -1,7 +1,8 @@
-"""Letters that the fonts of every reader lack, drawn as outlines.
+"""Outlines of letters that the standard fonts of PDF readers lack.
 
-Helvetica, which needs no embedding, has the letters of western Europe. Runs of others are drawn from outlines that whoever has a
-font gave before (Blender has one for most scripts, see ``bridge/hosts/letters.py``); without any they become question marks.
+Helvetica needs no embedding and has the letters of western Europe. Other letters are drawn from outlines registered in
+``known`` beforehand (Blender has a font for most scripts, see ``bridge/hosts/letters.py``); without outlines they
+become question marks.
 """
 
 from __future__ import annotations
@@ -17,21 +18,23 @@ from ...arrays import Float
 
 @dataclass(frozen=True, eq=False)
 class Outlines:
-    """A run of letters of size 1, from x = 0 on along y = 0: its length, and closed cubic splines.
+    """The outlines of a run of letters of size 1, from x = 0 along y = 0.
 
-    splines : of every node the handle before it, the node and the handle after it; filled by the non-zero rule
+    width : length of the run
+    splines : closed cubic splines: for every node the handle before, the node and the handle after; filled by the
+        non-zero rule
     """
 
     width: float
     splines: tuple[Float[np.ndarray, "nodes 3 2"], ...]
 
 
-known: dict[str, Outlines] = {}  # by run; filled on the main thread before a job begins, only read afterwards
+known: dict[str, Outlines] = {}  # by run; filled on the main thread before a job begins, read-only afterwards
 
 
-@cache  # asked of every letter of every page
+@cache  # called for every letter of every page
 def plain(text: str) -> bool:
-    """Whether Helvetica has all letters of a text."""
+    """Return whether Helvetica has all letters of a text."""
     try:
         text.encode("cp1252")
     except UnicodeEncodeError:
@@ -40,7 +43,7 @@ def plain(text: str) -> bool:
 
 
 def runs(text: str) -> Iterator[str]:
-    """A text in runs of letters that Helvetica has, and of letters that it lacks."""
+    """Split a text into runs of letters that Helvetica has or lacks."""
     run = ""
     for letter in text:
         if run and plain(letter) != plain(run[-1]):
@@ -52,7 +55,7 @@ def runs(text: str) -> Iterator[str]:
 
 
 def path(run: Outlines, x: float, y: float, size: float) -> str:
-    """The operators that lay the outlines at (x, y), all in units of the page."""
+    """Return the PDF operators that draw the outlines at (x, y), in units of the page."""
     parts = []
     for spline in run.splines:
         nodes = spline * size + [x, y]

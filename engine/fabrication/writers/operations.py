@@ -1,4 +1,4 @@
-"""What is done to a sheet, operation by operation, and how every kind of flat file tells the operations apart."""
+"""The operations on a sheet, and how flat files distinguish them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..panels.toolpath import Runs
 
 
 class Drawn(Protocol):
-    """What flat files are written from: ``CutSheets``, or any other sheets whose runs are known."""
+    """Input of the flat files: ``CutSheets``, or other sheets with known cuts."""
 
     @property
     def packing(self) -> Packing: ...
@@ -29,27 +29,27 @@ class Drawn(Protocol):
 
 
 class Operation(NamedTuple):
-    """Its name, the colour "#rrggbb" that programs of laser cutters know it by, and AutoCAD's colour index (ACI)."""
+    """Name, colour "#rrggbb" by which laser cutters' programs identify it, and AutoCAD's colour index (ACI)."""
 
     name: str
     colour: str
     aci: int
 
 
-# in the order of the work: nothing moves before it is engraved, and a panel comes loose last; ACI 7 is black on white
+# In the order of the work: engrave before anything can move, and release panels last. ACI 7 is black on white
 OPERATIONS = (
     Operation("engrave", "#000000", 7),
     Operation("cut inner", "#0000ff", 5),
     Operation("cut outer", "#ff0000", 1),
 )
-# LightBurn's first tool layer, whose lines it shows and never cuts; in DXF the layer is one that is not plotted
+# LightBurn's first tool layer, which is shown and never cut; in DXF a layer that is not plotted
 FRAME = Operation("sheet", "#f36926", 30)
-ORIGIN = 0.005  # metres, length of the mark at the sheet's origin; the letters of a label are half as high
-WRITING = "writing the sheets"  # what the progress says
+ORIGIN = 0.005  # length in metres of the mark at the sheet's origin; letters of a label are half as high
+WRITING = "writing the sheets"  # text of the progress
 
 
 def frame(sheets: Drawn, index: int) -> list[Curve]:
-    """The edge of one sheet, and a stroke from its origin, the lower left corner of its box, into the sheet; none if not wanted."""
+    """Return the edge of one sheet and a stroke from its lower left corner inwards; empty if not requested."""
     if not sheets.params.frame:
         return []
     width, height = sheets.packing.sizes[index].tolist()
@@ -63,7 +63,7 @@ def frame(sheets: Drawn, index: int) -> list[Curve]:
 
 
 def on_sheet(sheets: Drawn, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
-    """Every operation with its curves on one sheet; ``progress`` hears of the curves as they are asked for."""
+    """Yield every operation with its curves on one sheet; ``progress`` advances as the curves are consumed."""
     runs = sheets.runs(index, progress.part(0.0, 0.5))
     curves = [runs.engraved, runs.inner, runs.outer]
     total = max(sum(map(len, curves)), 1)

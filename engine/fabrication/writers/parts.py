@@ -1,4 +1,4 @@
-"""The parts list: a row for every panel, plate and loose key, for spreadsheets and for whoever orders or counts the parts."""
+"""Parts list: a row for every panel, plate and loose key, for spreadsheets, orders and checks."""
 
 from __future__ import annotations
 
@@ -32,24 +32,31 @@ COLUMNS = (
 
 
 def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material, path: Path) -> Path:
-    """Write the list as CSV (RFC 4180), the sums in its last row; ``designs`` are those of the pieces on the sheets.
+    """Write the list as CSV (RFC 4180), with the sums in its last row.
 
-    Width and height are those of the box that a part takes as it lies on its sheet; the area is that of the material.
+    Width and height are those of the bounding box of a part as it lies on its sheet; the area is that of the material.
+
+    Parameters
+    ----------
+    sheets : the sheets
+    designs : of the pieces on them, by ``Panel.piece``
+    material : of the sheets
+    path : to write to
     """
     rows = _rows(sheets, designs, material)
     numbers = range(COLUMNS.index("spirals"), COLUMNS.index("note"))
     boxes = {COLUMNS.index("width_mm"), COLUMNS.index("height_mm")}
-    sums = ["" if i in boxes else _said(sum(row[i] for row in rows)) for i in numbers]
+    sums = ["" if i in boxes else _format(sum(row[i] for row in rows)) for i in numbers]
     with open(path, "w", encoding="utf-8", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(COLUMNS)
-        table.writerows([*row[: numbers.start], *map(_said, row[numbers.start :]), ""] for row in rows)
+        table.writerows([*row[: numbers.start], *map(_format, row[numbers.start :]), ""] for row in rows)
         table.writerow([f"{counted(len(rows), 'part', 'parts')}", "", sheets.count, *sums, MARK])
     return path
 
 
 def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material) -> list[list[float]]:
-    """The values of every part, in the order of the columns, but for the note."""
+    """Return the values of every part in the order of the columns, without the note."""
     where, found, of_kind = sheets.packing, [], Counter[tuple[int, str]]()
     for number, panel in enumerate(sheets.panels):
         layout = designs[panel.piece].flat.layout
@@ -69,6 +76,6 @@ def _rows(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
     return found
 
 
-def _said(value: float) -> str:
-    """A number with as many digits as can be measured."""
+def _format(value: float) -> str:
+    """Return a number with two decimals, integers unchanged."""
     return str(value) if isinstance(value, int) else f"{value:.2f}"

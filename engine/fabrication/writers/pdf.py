@@ -1,7 +1,7 @@
-"""PDF at true size: a small writer of pages with lines, areas and text, and the sheets as pages of their own size.
+"""PDF at true size: a small writer of pages with lines, areas and text, and the sheets as pages.
 
-Only what is needed of ISO 32000-1: cubic curves for arcs, one of the fonts that every reader has and outlines of the letters that it
-lacks, optional content groups as layers.
+It covers only the part of ISO 32000-1 needed here: cubic curves for arcs, a standard font, outlines of letters that the
+font lacks, and optional content groups as layers.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from . import glyphs
 from .operations import Drawn, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
-LARGEST = 14400.0  # points; larger pages need another unit
-LEVEL = 4  # of the compression; sheets are 2 % smaller with 6, which takes three times as long
-# widths of Helvetica's characters from the space on, in thousandths of the font's size (Adobe Font Metrics)
+LARGEST = 14400.0  # points; larger pages need a larger unit
+LEVEL = 4  # compression level; with 6, sheets are 2 % smaller and take three times as long
+# widths of Helvetica's characters, starting at the space, in thousandths of the font size (Adobe Font Metrics)
 _WIDTHS = (
     "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 278 278 584 "
     "584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778 667 778 722 667 611 722 667 944 667 667 "
@@ -34,7 +34,7 @@ WIDTHS = tuple(int(w) for w in _WIDTHS.split())
 
 @dataclass
 class Page:
-    """One page that is drawn on, in metres, origin lower left; what is drawn later lies on top.
+    """One page in metres, origin lower left; later drawing covers earlier drawing.
 
     width, height : metres
     """
@@ -46,20 +46,21 @@ class Page:
 
     @property
     def unit(self) -> float:
-        """Metres of one unit of the page's coordinates."""
+        """Metres per unit of the page's coordinates."""
         return POINT * max(1.0, np.ceil(max(self.width, self.height) / POINT / LARGEST))
 
     def begin_layer(self, name: str) -> None:
-        """What is drawn up to ``end_layer`` belongs to a layer of that name."""
+        """Begin a layer of this name, which ends at ``end_layer``."""
         if name not in self.layers:
             self.layers.append(name)
         self.commands.append(f"/OC /L{self.layers.index(name)} BDC")
 
     def end_layer(self) -> None:
+        """End the current layer."""
         self.commands.append("EMC")
 
     def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4, dash: float = 0.0) -> None:
-        """Draw a curve of arcs in a colour "#rrggbb"; width and length of the dashes in metres."""
+        """Draw a curve in a colour "#rrggbb"; width and length of the dashes in metres."""
         dashes = f"[{dash / self.unit:.4g}]" if dash else "[]"
         self.commands.append(
             f"{_colour(colour)} RG {width / self.unit:.5g} w {dashes} 0 d {path(curve, self.unit)} "
@@ -76,7 +77,7 @@ class Page:
     def text(
         self, text: str, at: tuple[float, float], size: float, colour: str = "#000000", middle: bool = False
     ) -> None:
-        """Write a line from ``at`` on, or centred on it; ``size`` is the font's, all in metres."""
+        """Write a line starting at ``at`` or, with ``middle``, centred there; ``size`` of the font; in metres."""
         x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
         for run in glyphs.runs(text):
             outlines = glyphs.known.get(run)
@@ -94,7 +95,7 @@ class Page:
 
 
 def text_width(text: str, size: float) -> float:
-    """Metres that a line of text is long."""
+    """Return the length in metres of a line of text; ``size`` of the font in metres."""
     drawn = [run for run in glyphs.runs(text) if run in glyphs.known]
     known = (ord(c) - 32 for run in glyphs.runs(text) if run not in glyphs.known for c in run)
     plain = 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
@@ -103,11 +104,15 @@ def text_width(text: str, size: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _colour(text: str) -> str:
+    """Return the components of a colour "#rrggbb"."""
     return " ".join(f"{int(text[i : i + 2], 16) / 255:.4g}" for i in (1, 3, 5))
 
 
 def path(curve: Curve, unit: float) -> str:
-    """The path of a curve in units of ``unit`` metres; arcs as cubics of up to an eighth of a turn, within 1e-6 of the radius."""
+    """Return the path of a curve in units of ``unit`` metres.
+
+    Arcs become cubics of up to an eighth of a turn, within 1e-6 of the radius.
+    """
     count = len(curve.points) if curve.closed else len(curve.points) - 1
     (x, y), *following = nodes = (curve.points / unit).tolist()
     first, bulge = f"{x:.10g} {y:.10g} m ", curve.bulge[:count]
@@ -119,7 +124,7 @@ def path(curve: Curve, unit: float) -> str:
 
 
 def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str]:
-    """Lines and cubics from ``start`` to ``end`` (N,) complex, in order."""
+    """Return lines and cubics from ``start`` to ``end`` (N,), complex, in order."""
     straight = np.abs(bulge) < 1e-9
     angle = 4.0 * np.arctan(np.where(straight, 1.0, bulge))
     centre = start + 0.5 * (end - start) * (1.0 + 1.0j / np.tan(0.5 * angle))
@@ -141,7 +146,7 @@ def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str
 
 
 def document(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
-    """The whole file."""
+    """Return the content of a PDF file with these pages."""
     names = list(dict.fromkeys(name for page in pages for name in page.layers))
     first = 4 + len(names)  # 1 catalogue, 2 pages, 3 font, then the layers, then page and content in turns
     bodies = [
@@ -161,18 +166,20 @@ def document(pages: list[Page], title: str, progress: Progress = SILENT) -> byte
             f"/Resources<</Font<</F 3 0 R>>/Properties<<{used}>>>>/Contents {first + 2 * i + 1} 0 R>>".encode()
         )
         bodies.append(b"<</Filter/FlateDecode/Length %d>>stream\n" % len(content) + content + b"\nendstream")
-    # UTF-16 with its mark, in hexadecimal digits: what a reader shows in its window's title, in any script
+    # UTF-16 with byte order mark, in hexadecimal digits: readers show it in the window's title, in any script
     info = (b"\xfe\xff" + title.encode("utf-16-be", "replace")).hex().upper().encode()
     bodies.append(b"<</Title<" + info + b">/Producer(" + MARK.encode() + b")>>")
-    return _assembled(bodies)
+    return _assemble(bodies)
 
 
 def _layer_list(count: int) -> bytes:
+    """Return the catalogue's entry for the layers."""
     listed = " ".join(f"{4 + i} 0 R" for i in range(count)).encode()
     return b"/OCProperties<</OCGs[" + listed + b"]/D<</Order[" + listed + b"]/ON[" + listed + b"]>>>>"
 
 
-def _assembled(bodies: list[bytes]) -> bytes:
+def _assemble(bodies: list[bytes]) -> bytes:
+    """Return the file's bytes: objects, cross-reference table and trailer."""
     data = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n")
     offsets = []
     for number, body in enumerate(bodies, start=1):
@@ -193,7 +200,7 @@ def _assembled(bodies: list[bytes]) -> bytes:
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as a page of its true size, a layer and a colour per operation."""
+    """Write one sheet as a page of true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
     for (name, colour, _), curves in on_sheet(sheets, index, progress):

@@ -1,4 +1,4 @@
-"""The numbered files of a series, one a sheet, and which of an earlier run's may go."""
+"""Numbered files, one per sheet, and the files of an earlier run that may be removed."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pathlib import Path
 
 from ... import PROGRAM
 
-_LOOK = 1 << 16  # bytes at either end of a file in which the program's name stands
+_LOOK = 1 << 16  # bytes at either end of a file that are searched for the program's name
 
 
 def numbered(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """out/sheet.svg -> out/sheet-01.svg, out/sheet-02.svg, ..."""
+    """Return out/sheet-01.svg, out/sheet-02.svg, ... for out/sheet.svg."""
     path = Path(path)
     return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]
 
 
 def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
-    """Files of an earlier run with more sheets than ``count``: without gaps, and only those that this program wrote."""
+    """Return consecutive files of an earlier run with more sheets than ``count``, only those written by this program."""
     found: list[Path] = []
     path = Path(path)
     while os.path.isfile(old := path.with_name(f"{path.stem}-{count + len(found) + 1:02d}{path.suffix}")):
@@ -27,7 +27,7 @@ def numbered_before(path: str | os.PathLike[str], count: int) -> list[Path]:
 
 
 def ours(path: Path) -> bool:
-    """Whether a file names this program as the one that wrote it, as all files of the sheets do."""
+    """Return whether a file contains this program's name, as all files of sheets do."""
     mark = PROGRAM.encode()
     try:
         if path.suffix.lower() == ".3mf":
@@ -38,4 +38,4 @@ def ours(path: Path) -> bool:
             stream.seek(max(path.stat().st_size - _LOOK, 0))
             return mark in head or mark in stream.read()
     except (OSError, KeyError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError):
-        return False  # what cannot be read is not ours to remove
+        return False  # do not remove files that cannot be read

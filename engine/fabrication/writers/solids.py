@@ -1,4 +1,4 @@
-"""The panels as solids for 3D printing: every panel extruded to the sheet's thickness, as binary STL or as 3MF, in millimetres."""
+"""Panels as solids for 3D printing: extruded to the sheet's thickness, as binary STL or 3MF, in millimetres."""
 
 from __future__ import annotations
 
@@ -20,16 +20,18 @@ from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
 
-ROWS = 10_000  # vertices or triangles that are put into words together, some hundredths of a second
-TOLERANCE = 2e-5  # metres between the arcs and the edges of the solid: printers show nothing finer, and less doubles file and slicing
+ROWS = 10_000  # vertices or triangles formatted at once, some hundredths of a second
+# metres between arcs and edges of the solid: printers resolve nothing finer, and half of it doubles file size and time
+# for slicing
+TOLERANCE = 2e-5
 
-GROOVE = 4e-4  # metres, width of engraved letters where no nozzle is given: that of most printers
-DEPTH = 0.2  # share of the thickness that letters are deep: the hub keeps half of its stiffness in bending there
+GROOVE = 4e-4  # width in metres of engraved letters without a given nozzle: that of most printers
+DEPTH = 0.2  # depth of letters as a share of the thickness: the hub keeps half of its bending stiffness there
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed triangle mesh, outward.
+    """A closed triangle mesh with outward normals.
 
     vertices : metres
     """
@@ -40,9 +42,20 @@ class Solid:
 
 
 def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> Solid:
-    """A panel from z = 0 up to ``thickness`` metres, with the labels on its hubs as grooves; every edge has exactly two triangles.
+    """Extrude a panel from z = 0 to ``thickness`` metres, with the labels on its hubs as grooves.
 
-    nozzle : metres, width of the grooves; 0 for the usual one. Raises ``FlexMapsError`` where the panel's outline touches itself.
+    Every edge has exactly two triangles.
+
+    Parameters
+    ----------
+    panel : the panel
+    thickness : metres
+    tolerance : metres between arcs and edges of the solid
+    nozzle : width of the grooves in metres; 0 for the usual one
+
+    Raises
+    ------
+    FlexMapsError : the panel's outline touches itself
     """
     import shapely
 
@@ -51,17 +64,17 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzl
     if not polygon.is_valid:
         raise FlexMapsError(f"Panel {panel.number} cannot be made a solid: its outline touches itself")
     grooves = _grooves(panel, polygon, nozzle or GROOVE)
-    # rings of grooves run with the material on their left, like those of the panel
+    # rings of grooves have the material on their left, like those of the panel
     edges = [_ring(r, way) for g in grooves for way, some in ((-1, [g.exterior]), (1, g.interiors)) for r in some]
     left = shapely.difference(polygon, shapely.MultiPolygon(grooves))
     top = list(getattr(left, "geoms", [left]))
     outer, flat = np.concatenate(rings), np.concatenate([*rings, *edges])
     floor = np.concatenate(edges) if edges else np.zeros((0, 2))
-    # points below, then those above, then those on the floors of grooves
+    # points at the bottom, at the top, and on the floors of grooves
     layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
-    faces = [_filled([polygon], outer)[:, ::-1], _filled(top, flat) + first[1]]
-    faces += [_filled(grooves, floor) + first[2]] if grooves else []
+    faces = [_triangulate([polygon], outer)[:, ::-1], _triangulate(top, flat) + first[1]]
+    faces += [_triangulate(grooves, floor) + first[2]] if grooves else []
     faces += [
         _walls([len(r) for r in rings], 0, int(first[1])),
         _walls([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
@@ -71,7 +84,7 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzl
 
 
 def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
-    """Shapely's polygons of the letters on hubs, drawn so wide; without those that would come nearer than that to an edge."""
+    """Return shapely polygons of the letters on hubs with this stroke width, except letters too close to an edge."""
     import shapely
 
     lines = [shapely.LineString(c.points).buffer(0.5 * width, quad_segs=2) for c in panel.on_hubs]
@@ -81,19 +94,19 @@ def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
 
 
 def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
-    """The points of shapely's ring, counter-clockwise or, for a way of -1, clockwise."""
+    """Return the points of a shapely ring, counter-clockwise, or clockwise for ``way`` -1."""
     points = np.asarray(ring.coords)[:-1]
     return points if ring.is_ccw == (way > 0) else points[::-1]
 
 
-def _filled(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
-    """Triangles of polygons between known points, counter-clockwise."""
+def _triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
+    """Triangulate polygons between known points, counter-clockwise."""
     import shapely
 
     parts = [shapely.get_coordinates(shapely.constrained_delaunay_triangles(one)).reshape(-1, 4, 2) for one in polygons]
     corners = np.concatenate(parts)[:, :3]
     triangles = places(known, corners.reshape(-1, 2)).reshape(-1, 3)
-    assert triangles.min() >= 0  # the triangles' corners are the polygons', exactly
+    assert triangles.min() >= 0  # corners of the triangles are exactly those of the polygons
     a, b, c = known[triangles].transpose(1, 0, 2)
     clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
     triangles[clockwise] = triangles[clockwise, ::-1]
@@ -101,7 +114,7 @@ def _filled(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.
 
 
 def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
-    """Triangles along rings of so many points, between their places below and above, the material on the left."""
+    """Return triangles along rings with these numbers of points, between bottom and top, with the material on the left."""
     start = np.cumsum([0, *counts])
     own = np.arange(start[-1])
     along = np.concatenate([own[:0], *(np.roll(own[a:b], -1) for a, b in pairwise(start.tolist()))])
@@ -114,7 +127,7 @@ def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles
 
 
 def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:
-    """Which of the ``known`` points every one of ``points`` is, exactly; -1 for none."""
+    """Return for every point the index of the exactly equal ``known`` point; -1 without one."""
     keys, wanted = _keys(known), _keys(points)
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
@@ -122,21 +135,23 @@ def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "point
 
 
 def _keys(points: np.ndarray) -> np.ndarray:
+    """Return points as complex numbers, which sort by both parts; adding zero turns -0.0 into 0.0."""
     # adding zero makes -0.0 the same as 0.0; complex numbers sort by both parts
     return np.ascontiguousarray(points + 0.0).view(complex).ravel()
 
 
 def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as binary STL, the panels where they lie on it."""
+    """Write one sheet as binary STL, with the panels in their places."""
     stl(_solids(sheets, index, progress), path, progress)
 
 
 def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as 3MF, which keeps the panels apart by their numbers."""
+    """Write one sheet as 3MF, with each panel as a numbered object."""
     package_3mf(_solids(sheets, index, progress), path, progress)
 
 
 def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
+    """Return the panels of one sheet as solids."""
     panels = sheets.on_sheet(index)
     solids = []
     for number, panel in enumerate(panels):
@@ -146,7 +161,7 @@ def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
 
 
 def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
-    """All solids in one binary STL file, in millimetres."""
+    """Write all solids into one binary STL file, in millimetres."""
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
     with open(path, "wb") as stream:
@@ -162,7 +177,7 @@ def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = 
 
 
 def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
-    """A 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
+    """Write a 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     kinds = (
         "application/vnd.openxmlformats-package.relationships+xml",
@@ -195,9 +210,10 @@ def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Pro
 
 
 def _object(number: int, solid: Solid, progress: Progress) -> Iterator[str]:
+    """Yield the XML of one object."""
     yield f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>'
     for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS, WRITING):
-        # a tenth of a micrometre; and no two vertices may fall together
+        # nine digits resolve a tenth of a micrometre and keep vertices distinct
         points = (solid.vertices[part] * 1e3).tolist()
         yield "".join(f'<vertex x="{x:.9g}" y="{y:.9g}" z="{z:.9g}"/>' for x, y, z in points)
     yield "</vertices><triangles>"

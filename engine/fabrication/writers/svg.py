@@ -13,17 +13,25 @@ from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from .operations import FRAME, Drawn, frame, on_sheet
 
-UNITS = {"mm": 1e-3, "in": 0.0254}  # metres of the units of a drawing
-DIGITS = {1e-3: 4, 0.0254: 6}  # after the point, by the unit: a tenth of a micrometre or finer
+UNITS = {"mm": 1e-3, "in": 0.0254}  # metres per unit
+DIGITS = {1e-3: 4, 0.0254: 6}  # decimals by unit: a tenth of a micrometre or finer
 
 
 def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet."""
+    """Write one sheet as SVG.
+
+    Parameters
+    ----------
+    sheets : the sheets
+    index : of the sheet
+    path : to write to
+    progress : receives the share done
+    """
     path.write_text(text(sheets, index, progress), encoding="utf-8")
 
 
 def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
-    """The SVG document of one sheet."""
+    """Return the SVG document of one sheet."""
     size = sheets.packing.sizes[index]
     unit = UNITS[sheets.cut.svg_unit]
     width, height = (float(x) / unit for x in size)
@@ -36,7 +44,7 @@ def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
         f"<metadata>{MARK}</metadata>",
     ]
     edge = frame(sheets, index)
-    # last: nothing lies above what is cut, and who selects layers by their order finds them where they were
+    # the frame comes last: it covers no cuts, and layers selected by their order keep their numbers
     layers = chain(on_sheet(sheets, index, progress), [(FRAME, iter(edge))] if edge else [])
     for (name, colour, _), curves in layers:
         lines.append(
@@ -50,7 +58,7 @@ def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
 
 
 def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
-    """The path of a curve on a sheet of this height, in units of so many metres, y pointing down as SVG has it."""
+    """Return the path of a curve on a sheet of this height (metres), in units of ``unit`` metres, y downwards."""
     digits = DIGITS[unit]
     points = np.round(curve.points / unit, digits)
     x, y = points[:, 0], np.round(height - points[:, 1], digits)
@@ -59,7 +67,7 @@ def path_data(curve: Curve, height: float, unit: float = UNITS["mm"]) -> str:
     chord = np.linalg.norm(after - points, axis=1)
     size = np.abs(bulge)
     radius = chord * (1.0 + size * size) / (4.0 * np.maximum(size, 1e-12))
-    # flatter than a thousandth of the rounding: a straight line
+    # sagitta below a thousandth of the rounding: a straight line
     straight = size * chord < 1e-6
     # Z draws the last side of a closed curve if that is straight
     count = len(points) if curve.closed and not straight[-1] else len(points) - 1
