@@ -1,1 +1,1 @@
-"""Putting the panels together: order, check, assembly sheet and film."""
+"""Assembly of the panels: check of the seams, assembly sheet and film."""

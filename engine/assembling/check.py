@@ -1,7 +1,7 @@
-"""Looking ahead to the assembly: seam by seam, how well both sides fit, what their joints have to bear, what will be hard.
+"""Check the assembly in advance: how well both sides of every seam fit, the load on its joints, and difficulties.
 
-Both sides of a seam were flattened with lengths that differ a little; whoever joins them has to stretch the one and to
-press the other together. What the joints carry at rest is told by ``structure/joints``.
+Both sides of a seam were flattened to slightly different lengths; to join them, one side is stretched and the other
+compressed. ``structure/joints`` computes the load on joints at rest.
 """
 
 from __future__ import annotations
@@ -20,22 +20,26 @@ from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..structure import joints
 
-# share of an edge by which its two sides may differ: with more, two joints 20 mm apart are off by a whole thin arm
+# maximum difference of both sides of an edge as a share: beyond it, two joints 20 mm apart are off by a whole thin arm
 STRETCH = 0.05
-HAND = 20.0  # newtons: a third of what finger and thumb of an adult can pinch, which can be kept up joint after joint
-BEARS = 1.0  # of the strain that the material bears
+HAND = 20.0  # newtons: a third of the pinch strength of an adult, sustainable joint after joint
+BEARS = 1.0  # maximum load as a share of the strain limit
 
 
 @dataclass(frozen=True)
 class SeamCheck:
-    """One seam, before anybody has cut it.
+    """Prediction for one seam.
 
-    name : its letters; panels : numbers of the panels on its sides, the same twice for a cut within a panel
-    joints : how many arms meet; lengths : metres of both flat sides, from corner to corner
-    stretch : largest difference of the two sides of one edge, as a share of their mean
-    force, moment : N and N m, the largest of its joints at rest; load : largest strain of a neck, as a share of what the
-        material bears; all three ``None`` without an equilibrium to be trusted
-    hard : what makes it hard to join: "stretch", "force", "load"
+    name : letters of the seam
+    panels : numbers of the panels on both sides, equal for a cut within a panel
+    joints : number of joints
+    lengths : of both flat sides from corner to corner, metres
+    stretch : largest difference of both sides of an edge as a share of their mean
+    force, moment : largest of its joints at rest, N and N m
+    load : largest strain of a neck as a share of the material's limit
+    hard : reasons why it is hard to join: "stretch", "force", "load"
+
+    force, moment and load are None without a reliable equilibrium.
     """
 
     name: str
@@ -50,19 +54,19 @@ class SeamCheck:
 
     @property
     def mismatch(self) -> float:
-        """Difference of both sides' whole lengths as a share of their mean."""
+        """Difference of the whole lengths of both sides as a share of their mean."""
         return 2.0 * abs(self.lengths[0] - self.lengths[1]) / sum(self.lengths)
 
 
 @dataclass(frozen=True)
 class AssemblyCheck:
-    """All seams, in the order of ``layout.seams``."""
+    """All seams in the order of ``layout.seams``."""
 
     seams: tuple[SeamCheck, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences for the user: which seams are hard to join, why, and what helps."""
+        """Sentences for the user: seams that are hard to join, the reason and a remedy."""
         limits = (
             ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
              "a lower distortion limit or smaller panels help"),
@@ -79,7 +83,7 @@ class AssemblyCheck:
         return tuple(found)
 
     def report(self) -> dict[str, Any]:
-        """The ``assembly`` block of report.json."""
+        """Return the ``assembly`` block of report.json."""
         loads = [s for s in self.seams if s.force is not None]
         block: dict[str, Any] = {
             "mismatch_max": round(max((s.mismatch for s in self.seams), default=0.0), 5),
@@ -92,6 +96,7 @@ class AssemblyCheck:
 
 
 def _row(seam: SeamCheck) -> dict[str, Any]:
+    """Return the entry of one seam in the report."""
     return {
         "seam": seam.name,
         "panels": [panel_name(p) for p in seam.panels],
@@ -105,6 +110,7 @@ def _row(seam: SeamCheck) -> dict[str, Any]:
 
 
 def _loads(seam: SeamCheck) -> dict[str, float]:
+    """Return force, moment and load of a seam in the report's units; empty if unknown."""
     if seam.force is None or seam.moment is None or seam.load is None:
         return {}
     return {"force_n": round(seam.force, 4), "moment_n_mm": round(seam.moment * 1e3, 4), "load": round(seam.load, 4)}
@@ -113,9 +119,9 @@ def _loads(seam: SeamCheck) -> dict[str, float]:
 def check_assembly(
     design: SpiralDesign, made: Connections | None = None, simulation: Simulation | None = None
 ) -> AssemblyCheck:
-    """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if they are there.
+    """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if given.
 
-    Forces are told only of the arm model, and only of a state that can be believed: converged and not locked.
+    Forces need the arm model and a reliable state: converged and not locked.
     """
     layout = design.flat.layout
     numbers, lengths = panel_numbers(layout), _lengths(design)
@@ -138,7 +144,10 @@ def check_assembly(
 
 
 def _lengths(design: SpiralDesign) -> list[np.ndarray]:
-    """For every seam (N, 2) metres: its edges' lengths on the side of the first edge's first quad, and on the other side."""
+    """Return for every seam (N, 2) metres: the lengths of its edges on both sides.
+
+    The first column is the side of the first edge's first quad.
+    """
     layout = design.flat.layout
     mesh, corners = layout.mesh, design.flat.corners
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -146,28 +155,28 @@ def _lengths(design: SpiralDesign) -> list[np.ndarray]:
     for edges in layout.seams:
         pair, side = mesh.edge_quads[edges], mesh.edge_sides[edges]
         length = sides[pair, side]
-        found.append(np.where(_turned(layout, edges)[:, None], length[:, ::-1], length))
+        found.append(np.where(_is_swapped(layout, edges)[:, None], length[:, ::-1], length))
     return found
 
 
-def _turned(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
-    """(N,) bool for the edges of a seam: whether its second quad lies where the first one of the first edge does.
+def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
+    """Return (N,) whether the second quad of an edge of a seam lies on the side of the first edge's first quad.
 
-    The quads on one side of a path all run along it in the same direction.
+    All quads on one side of a path run along it in the same direction.
     """
     mesh = layout.mesh
     quad, side = mesh.edge_quads[edges, 0], mesh.edge_sides[edges, 0]
     start, end = mesh.quads[quad, side].tolist(), mesh.quads[quad, (side + 1) % 4].tolist()
     turned = [False]
     for k in range(1, len(edges)):
-        # both run on where the end of the one is the start of the other
+        # consecutive edges run in the same direction where the end of one is the start of the other
         same = end[k - 1] == start[k] or start[k - 1] == end[k]
         turned.append(turned[-1] if same else not turned[-1])
     return np.array(turned)
 
 
 def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
-    """(E, 3) at every edge of the mesh: force in N, moment in N m, strain of the neck as a share of the material's limit."""
+    """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
     model, rest = simulation.model, simulation.equilibrium
     if not isinstance(model, ArmModel) or not rest.converged or rest.locked:
         return None

@@ -1,10 +1,9 @@
-"""How the panels come together, as a film: from the table they fly to their places, and seam by seam they are joined.
+"""Film of the assembly: panels fly from the table to their places and are joined seam by seam.
 
-The order is that of ``joining.steps``. After some joints each, what is joined has the shape in which it rests
-(``stages``): every stage is an equilibrium of the panels that are there, afloat, without weight. Between two stages hubs
-turn evenly and joints that are closed in the first stay closed (``blend``); arms are bent anew in every shape as in
-``bent_arms``, and those of a seam that is being closed take up the wrench that they carry in the end, so that their tips
-meet as it closes.
+The order is that of ``joining.steps``. After every few joints the joined part has its shape at rest (``stages``): an
+equilibrium of the panels present, floating and without weight. Between two stages hubs turn evenly, and joints closed
+in the first stay closed (``blend``). Arms are bent anew in every shape as in ``bent_arms``; arms of a seam that is
+being closed gradually take up their final wrench, so that their tips meet as it closes.
 """
 
 from __future__ import annotations
@@ -30,25 +29,28 @@ from .blend import Blend, means
 from .flight import flight, lowest
 from .stages import Stage, Stages, find_stages, lying
 
-# how long a panel flies and is joined, in steps, chosen by eye; the next panel flies meanwhile
+# durations of flight and of joining in steps, chosen by eye; the next panel flies during joining
 FLIGHT, CLOSING = 0.6, 0.9
-# how far outside its place a panel arrives, as a share of the piece's size; chosen by eye
+# distance outside its place at which a panel arrives, as a share of the piece's size; chosen by eye
 HOVER = 0.15
-# shapes are the same if no hub, seen from its panel or from over a seam, differs by so many quad edges or radians; not measured
-SAME = 0.05
-# from stage to stage a panel gets so many shapes, eight at most, that it strays by this share of an edge in between; by eye
+# shapes count as equal if no hub differs more, relative to its panel or across a joint, in quad edges or radians; not
+# measured
+SHAPE_TOLERANCE = 0.05
+# between stages a panel gets as many shapes, MOST at most, as keep its deviation from linear motion below this share of
+# an edge; by eye
 STRAIGHT, MOST = 0.05, 8
-# how near tips are brought between two stages before the rest is spread, in quad edges: less is not to be seen
-NEAR = 1e-3
+# maximum gap of tips between two stages, in quad edges, before the rest is distributed: smaller gaps are invisible
+TIP_GAP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What becomes of one panel. Times are in steps.
+    """Motion of one panel. Times are in steps.
 
     vertices : its vertices in the film's mesh
-    shapes : metres, in the panel's own frame, one after the other; shape_times and which : when it has which of them
-    times, turns and places in metres, of the panel's own frame
+    shapes : in the panel's own frame, metres
+    shape_times, which : times, and the index of the shape at each
+    times, turns, places : times, and rotation and position (metres) of the panel's own frame
     """
 
     patch: int
@@ -62,7 +64,7 @@ class Track:
 
 
 class Actors(Protocol):
-    """What is filmed: points that follow from where the hubs are, and the quad of each."""
+    """Points that follow the poses of the hubs, and the quad of each."""
 
     @property
     def vertex_quad(self) -> np.ndarray: ...
@@ -70,12 +72,12 @@ class Actors(Protocol):
     def placed(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The points (V, 3) metres, and the wrenches (A, 6) of the arms; arguments as of ``Bender.bent``."""
+        """Return the points (V, 3), metres, and the wrenches (A, 6) of the arms; arguments as for ``Bender.bent``."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The panels with their thickness, and arms that bend."""
+    """Panels with thickness and bending arms."""
 
     panels: PanelMesh
     bender: Bender
@@ -93,9 +95,11 @@ class Bodies:
 
 @dataclass(frozen=True, eq=False)
 class Shots:
-    """tracks : one a panel, in the order in which they are joined; length : in steps
+    """Tracks of all panels.
 
-    stages : the shapes in which half-finished pieces rest; stage_times : when each is reached
+    tracks : one per panel, in the order of joining
+    length : in steps
+    stages, stage_times : shapes at rest of unfinished pieces, and when each is reached
     """
 
     tracks: tuple[Track, ...]
@@ -106,7 +110,7 @@ class Shots:
 
 @dataclass(frozen=True, eq=False)
 class Film(Shots):
-    """``panels`` : the mesh of all panels, whose vertices the tracks move."""
+    """Tracks of all panels, and the mesh ``panels`` whose vertices they move."""
 
     panels: PanelMesh
 
@@ -121,10 +125,12 @@ def film(
     progress: Progress = SILENT,
     tips: Sequence[Tip] = (),
 ) -> Film:
-    """The film of an assembly that ends in a pose, with the elastic model and the solver of a simulation.
+    """Return the film of an assembly that ends in a pose, with the elastic model and solver of a simulation.
 
-    table : metres, where the origin of every patch lies at first, parallel to the xy plane; tips : the ends of arms
-    with connectors. Raises FlexMapsError where a spiral is outside the elastic model's range.
+    table : initial position of the origin of every patch, parallel to the xy plane, metres
+    tips : ends of arms with connectors
+
+    Raises ``FlexMapsError`` where a spiral is outside the elastic model's range.
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
     panels = panel_mesh(design, detail, tips)
@@ -140,7 +146,15 @@ def shoot(
     actors: Actors,
     progress: Progress = SILENT,
 ) -> Shots:
-    """What becomes of ``actors`` on the way through stages that were found; other arguments as of ``film``."""
+    """Return the tracks of ``actors`` on the way through known stages.
+
+    Parameters
+    ----------
+    design, pose : spirals, and the final pose of their hubs
+    table : initial position of the origin of every patch, metres
+    found : the stages
+    actors : points to move
+    """
     order = steps(design.flat.layout)
     shot = _Shooting(design, actors, table, float(np.linalg.norm(np.ptp(pose.centres, axis=0))))
     for number, step in enumerate(order):
@@ -157,7 +171,7 @@ Moment = tuple[float, np.ndarray, np.ndarray]
 
 @dataclass(eq=False)
 class _Reel:
-    """A track that grows."""
+    """A track under construction."""
 
     patch: int
     vertices: np.ndarray
@@ -169,7 +183,7 @@ class _Reel:
     places: list[np.ndarray] = field(default_factory=list)
 
     def bend(self, before: float, time: float, shape: np.ndarray) -> None:
-        """A new shape at a time; until ``before`` it kept the last one."""
+        """Add a shape at a time; until ``before`` the last shape is kept."""
         if self.shapes and self.shape_times[-1] < before - 1e-9:
             self.shape_times.append(before)
             self.which.append(self.which[-1])
@@ -178,12 +192,13 @@ class _Reel:
         self.shapes.append(shape)
 
     def move(self, time: float, turn: np.ndarray, place: np.ndarray) -> None:
+        """Add rotation and position at a time."""
         self.times.append(time)
         self.turns.append(turn)
         self.places.append(place)
 
     def shape(self, time: float) -> np.ndarray:
-        """(n, 3) metres: the shape at a time, on the straight way between those before and after it."""
+        """Return the shape (n, 3), metres, at a time by linear interpolation."""
         after = int(np.searchsorted(self.shape_times, time))
         if after in (0, len(self.shape_times)):
             return self.shapes[self.which[min(after, len(self.which) - 1)]]
@@ -192,12 +207,13 @@ class _Reel:
         return first if first is last else first + (time - begin) / (end - begin) * (last - first)
 
     def track(self) -> Track:
+        """Return the finished track."""
         arrays = (self.shapes, self.shape_times, self.which, self.times, self.turns, self.places)
         return Track(self.patch, self.vertices, *(np.array(values) for values in arrays))
 
 
 class _Shooting:
-    """The film as it is made: where everything is, and what was last recorded of it."""
+    """State of the film while it is made: poses of all hubs, and what was last recorded of every panel."""
 
     def __init__(self, design: SpiralDesign, actors: Actors, table: np.ndarray, size: float):
         self.design, self.actors, self.size = design, actors, size
@@ -209,7 +225,7 @@ class _Shooting:
         self.middle = means(flat, self.patch)
         self.table, self.ground = table + self.middle, float(table[:, 2].min()) - 0.5 * design.params.thickness
         self.pose = Pose(flat - self.middle[self.patch], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
-        # the flat panels: inner joints are closed, and nothing is bent
+        # flat panels: joints inside a panel are closed, and nothing is bent
         self.inside = self.patch[self.pairs[:, 0]] == self.patch[self.pairs[:, 1]]
         self.inside &= ~design.flat.layout.cut[inner]
         self.closed = np.zeros(len(self.pairs), bool)
@@ -218,15 +234,17 @@ class _Shooting:
         owner = self.patch[actors.vertex_quad]
         self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
-        self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())  # from the panels, as last recorded
-        self.over = np.zeros((len(self.pairs), 2, 6))  # the joints, as when the panel on either side was recorded
+        # hubs relative to their panels, as last recorded
+        self.seen = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
+        # motion across joints when the panel on either side was last recorded
+        self.over = np.zeros((len(self.pairs), 2, 6))
         self.stage_times: list[float] = []
         self.lift = 0.0
 
     def fly(self, number: int, panel: int, first: Stage) -> None:
-        """Bring a flat panel from the table to where it is joined in its first stage, a little outside."""
+        """Move a flat panel from the table to just outside its place in its first stage."""
         hubs = np.flatnonzero(self.patch == panel)
-        there = self._with(first)
+        there = self._with_stage(first)
         dock = lying(self.design, hubs, there)
         turn, place = dock.rotations[0], dock.centres.mean(axis=0)
         alone = len(hubs) == len(first.hubs)
@@ -243,22 +261,22 @@ class _Shooting:
         self.pose.centres[hubs], self.pose.rotations[hubs] = dock.centres + off, dock.rotations
         self.closed |= self.inside & (self.patch[self.pairs[:, 0]] == panel)
         for p in np.unique(self.patch[first.hubs]).tolist():
-            if p != panel:  # what is there keeps still until now
+            if p != panel:  # panels already there do not move until now
                 held = self.reels[p]
                 held.move(number + FLIGHT, held.turns[-1], held.places[-1])
 
     def join(self, start: float, stages: list[Stage], progress: Progress) -> None:
-        """Go through the stages of a step, evenly in time."""
+        """Go through the stages of a step at even intervals."""
         long = CLOSING / len(stages)
         for k, stage in enumerate(stages):
-            self._go(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
+            self._go_to_stage(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
             self.stage_times.append(start + (k + 1) * long)
 
-    def _go(self, begin: float, long: float, stage: Stage, progress: Progress) -> None:
-        """From the shape that is there to a stage's."""
-        end = self._with(stage)
+    def _go_to_stage(self, begin: float, long: float, stage: Stage, progress: Progress) -> None:
+        """Move from the present shape to that of a stage."""
+        end = self._with_stage(stage)
         blend = Blend.of(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
-        bending = self._bending(end, stage)
+        bending = self._bent_panels(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
         last, wrench = self.actors.placed(end, stage.closed, self.wrench, np.isin(self.patch, bending), CLOSE)
@@ -273,7 +291,7 @@ class _Shooting:
                 points = last
                 if k < count:
                     load = (1.0 - share) * self.wrench + share * wrench
-                    points, _ = self.actors.placed(here, self.closed, load, np.isin(self.patch, some), NEAR)
+                    points, _ = self.actors.placed(here, self.closed, load, np.isin(self.patch, some), TIP_GAP)
                 _, turns, places = moments[-1]
                 for reel in (self.reels[p] for p in some.tolist()):
                     shape = (points[reel.vertices] - places[reel.patch]) @ turns[reel.patch]
@@ -282,21 +300,21 @@ class _Shooting:
         self._remember(end, bending)
         self.pose, self.closed, self.wrench = end, self.closed | stage.closed, wrench
 
-    def _with(self, stage: Stage) -> Pose:
-        """The pose of all hubs, with those of a stage where it has them."""
+    def _with_stage(self, stage: Stage) -> Pose:
+        """Return the pose of all hubs with those of a stage replaced."""
         out = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
         out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         return out
 
     def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) int each, powers of two: in how many pieces every panel's bending and its way as a whole go nearly straight.
+        """Return (N,) each the numbers of linear pieces for every panel's bending and for its motion, powers of two.
 
-        The way of a point bends about evenly: in n pieces it strays by an n-th of an n-th of what it does half way.
+        The path of a point is evenly curved: in n pieces the deviation is 1 / n^2 of that of the whole path.
         """
         poses = (blend.start, blend.at(0.5), blend.end)
         bending = np.zeros(len(self.reels))
-        np.maximum.at(bending, self.patch, _stray(*(self._points(pose) for pose in poses)).max(axis=1))
-        places = _stray(*(self._frames(pose)[1] for pose in poses))
+        np.maximum.at(bending, self.patch, _deviation_from_line(*(self._points(pose) for pose in poses)).max(axis=1))
+        places = _deviation_from_line(*(self._frames(pose)[1] for pose in poses))
         shapes, ways = (
             2 ** np.ceil(0.5 * np.log2(np.maximum(stray / (STRAIGHT * self.edge), 1.0))).astype(int)
             for stray in (bending, places)
@@ -304,29 +322,32 @@ class _Shooting:
         return np.minimum(shapes, MOST), np.minimum(ways, 2 * MOST)
 
     def _points(self, pose: Pose) -> np.ndarray:
-        """(F, 2, 3) metres: two joints of every hub, as its panel sees them."""
-        seen = self._from_panels(pose)
+        """Return (F, 2, 3) two joints of every hub in its panel's frame, metres."""
+        seen = self._relative_to_panels(pose)
         return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
 
-    def _bending(self, end: Pose, stage: Stage) -> np.ndarray:
-        """The panels of a stage that have another shape than when they were last recorded."""
+    def _bent_panels(self, end: Pose, stage: Stage) -> np.ndarray:
+        """Return the panels of a stage whose shape has changed since they were last recorded."""
         there = np.unique(self.patch[stage.hubs])
         if stage.whole:
             return there
-        seen = self._from_panels(end)
+        seen = self._relative_to_panels(end)
         apart = np.linalg.norm(seen.centres - self.seen.centres, axis=1) / self.edge
         turned = np.linalg.norm(rotation_vector(seen.rotations @ np.swapaxes(self.seen.rotations, 1, 2)), axis=1)
-        other = self.patch[np.maximum(apart, turned) > SAME]
-        moved = np.abs(self._over(end)[:, None] - self.over).max(axis=2) > SAME
+        other = self.patch[np.maximum(apart, turned) > SHAPE_TOLERANCE]
+        moved = np.abs(self._across_joints(end)[:, None] - self.over).max(axis=2) > SHAPE_TOLERANCE
         moved[stage.closed & ~self.closed] = True
         moved[~stage.closed] = False
         return np.intersect1d(there, np.concatenate([other, self.patch[self.pairs][moved]]))
 
     def _move(self, moments: list[Moment], panels: list[int], stands: bool) -> None:
-        """Where panels are from moment to moment: over the table, held as high as needs be, until in the end it stands there."""
+        """Record the positions of panels over time, lifted above the table as needed.
+
+        With ``stands`` the piece stands on the table in the end.
+        """
         for time, turns, places in moments:
             low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
-            # a little higher, for ways are straight only nearly
+            # a little higher, because motion is only approximately linear
             self.lift = max(0.0, self.ground + STRAIGHT * self.edge - low)
             if stands and time == moments[-1][0]:
                 self.lift = 0.0
@@ -334,35 +355,35 @@ class _Shooting:
                 self.reels[p].move(time, turns[p], places[p] + [0.0, 0.0, self.lift])
 
     def _remember(self, end: Pose, bending: np.ndarray) -> None:
-        """These panels were recorded in a pose."""
+        """Store a pose as last recorded for these panels."""
         quads = np.isin(self.patch, bending)
-        seen, over = self._from_panels(end), self._over(end)
+        seen, over = self._relative_to_panels(end), self._across_joints(end)
         self.seen.centres[quads], self.seen.rotations[quads] = seen.centres[quads], seen.rotations[quads]
         self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
 
     def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Turns (N, 3, 3) and places (N, 3) metres of the panels as wholes: such that what was last recorded of them fits.
+        """Return rotations (N, 3, 3) and positions (N, 3), metres, of the panels that fit what was last recorded best.
 
-        Hubs are compared with their axes: a row of them has a direction, too.
+        Hubs are compared with their axes, because even hubs in a row define an orientation then.
         """
         places = means(pose.centres, self.patch)
         spread = self.seen.centres[:, :, None] * (pose.centres - places[self.patch])[:, None]
         spread += (0.5 * self.edge) ** 2 * self.seen.rotations @ np.swapaxes(pose.rotations, 1, 2)
         return nearest_rotation(means(spread.reshape(-1, 9), self.patch).reshape(-1, 3, 3)), places
 
-    def _from_panels(self, pose: Pose) -> Pose:
-        """The pose as the panels see it."""
+    def _relative_to_panels(self, pose: Pose) -> Pose:
+        """Return the pose relative to the panels' frames."""
         turns, places = self._frames(pose)
         back = np.swapaxes(turns, 1, 2)[self.patch]
         return Pose(times(back, pose.centres - places[self.patch]), back @ pose.rotations)
 
-    def _over(self, pose: Pose) -> np.ndarray:
-        """(m, 6): way, in quad edges, and turn over every joint."""
+    def _across_joints(self, pose: Pose) -> np.ndarray:
+        """Return (m, 6) translation in quad edges and rotation across every joint."""
         first, second = pose.rotations[self.pairs[:, 0]], pose.rotations[self.pairs[:, 1]]
         back, centres = np.swapaxes(first, 1, 2), pose.centres[self.pairs]
         return np.hstack([times(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
 
 
-def _stray(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(...) metres: how far points (..., 3) are half way from the straight line's middle."""
+def _deviation_from_line(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the distance (...) of the point half-way from the middle of the straight line, metres."""
     return np.linalg.norm(half - 0.5 * (start + end), axis=-1)

@@ -1,4 +1,4 @@
-"""The last page of the assembly sheet: what the piece stands on, or where it hangs."""
+"""Last page of the assembly sheet: the base that the piece stands on, or the eyelets by which it hangs."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from ..fabrication.writers.pdf import Page
 from ..patches.joining import panel_numbers
 from .pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
 
-DOT = 0.0013  # metres on paper, half the size of the mark of an eyelet
-LINE = 0.0045  # metres on paper, from one line of the table to the next
-PICTURE = 0.12  # metres on paper, height of the picture above the table
-COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # metres on paper, of the table
+DOT = 0.0013  # half the size of an eyelet's mark on paper, metres
+LINE = 0.0045  # distance between lines of the table on paper, metres
+PICTURE = 0.12  # height of the picture above the table on paper, metres
+COLUMNS = (0.0, 0.012, 0.03, 0.05, 0.068, 0.086, 0.104)  # positions of the table's columns on paper, metres
 
 
 def held_page(base: Base) -> Page:
-    """The page for a base; what hangs has one of its own kind."""
-    return _hanging(base) if base.eyelets else _standing(base)
+    """Return the page for a base with feet or with eyelets."""
+    return _eyelet_page(base) if base.eyelets else _base_page(base)
 
 
-def _standing(base: Base) -> Page:
-    """The last step: the plates as they lie, seen from above, with the numbers of the feet that enter their slots."""
+def _base_page(base: Base) -> Page:
+    """Draw the plates from above with the numbers of the feet that enter their slots."""
     page, framed = Page(WIDTH, HEIGHT), base.framed
     page.text("Put the feet into the slots of the base", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
     words = (
@@ -49,8 +49,8 @@ def _standing(base: Base) -> Page:
     return page
 
 
-def _hanging(base: Base) -> Page:
-    """Where the eyelets are in space, seen from above, and what each bears."""
+def _eyelet_page(base: Base) -> Page:
+    """Draw the positions of the eyelets from above and tabulate their forces."""
     page = Page(WIDTH, HEIGHT)
     page.text("Hang it by its eyelets", (MARGIN, HEIGHT - MARGIN - 0.006), 0.005, INK)
     first = base.eyelets[0]
@@ -80,7 +80,7 @@ def _hanging(base: Base) -> Page:
 
 
 def _table(page: Page, base: Base, top: float) -> None:
-    """Name, panel, face, place and force of every eyelet, in one column or two."""
+    """Write name, panel, face, position and force of every eyelet, in one column or two."""
     eyelets, numbers = base.eyelets, panel_numbers(base.design.flat.layout)
     rows = int((top - MARGIN) / LINE) - 1
     for first in range(0, min(len(eyelets), 2 * rows), rows):
@@ -96,6 +96,7 @@ def _table(page: Page, base: Base, top: float) -> None:
 
 
 def _row(one: Eyelet, number: int) -> tuple[str, ...]:
+    """Return the cells of an eyelet's row."""
     force = "-" if one.force is None else f"{one.force:.3g}"
     place = (f"{1e3 * float(x):.1f}" for x in one.place)
     return (one.name, panel_name(number), str(one.quad), *place, force)

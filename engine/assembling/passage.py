@@ -1,4 +1,4 @@
-"""The film of the hubs alone: how panels come together, for whoever bends the arms himself (``skin``)."""
+"""Film of the hubs alone: how panels come together, for renderers that bend the arms themselves (``skin``)."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .film import CLOSING, Shots
 
 @dataclass(frozen=True, eq=False)
 class Hubs:
-    """Three points of every hub, as actors of a film: its centre, and one along either axis, ``reach`` metres away."""
+    """Actors of a film with three points per hub: its centre, and a point ``reach`` metres along each in-plane axis."""
 
     design: SpiralDesign
 
     @property
     def reach(self) -> float:
-        """Metres: to the joints, so that nothing of a panel dips under the table."""
+        """Metres to the joints, so that no part of a panel goes below the table."""
         return 0.5 * self.design.flat.layout.mesh.median_edge
 
     @property
@@ -31,12 +31,13 @@ class Hubs:
     def placed(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points of hubs in a pose, and the wrenches unchanged; arguments as for ``Actors.placed``."""
         axes = np.swapaxes(pose.rotations[:, :, :2], 1, 2) * self.reach
         points = np.concatenate([pose.centres[:, None], pose.centres[:, None] + axes], axis=1)
         return points.reshape(-1, 3), wrench
 
     def poses(self, shapes: Float[np.ndarray, "shapes points 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Centres (shapes, n, 3) and rotations (shapes, n, 3, 3) of shapes of n hubs."""
+        """Return centres (shapes, n, 3) and rotations (shapes, n, 3, 3) of n hubs from their points."""
         points = shapes.reshape(len(shapes), -1, 3, 3)
         x, y = (points[:, :, k] - points[:, :, 0] for k in (1, 2))
         axes = np.stack([x, y, np.cross(x, y) / self.reach], axis=-1)
@@ -44,7 +45,13 @@ class Hubs:
 
 
 def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"]:
-    """When every inner joint begins to be closed and is closed, in steps; joints inside a panel always are."""
+    """Return when every inner joint begins to close and is closed, in steps; joints inside a panel always are.
+
+    Parameters
+    ----------
+    design : the spirals
+    shots : film of their hubs
+    """
     mesh, patch = design.flat.layout.mesh, design.flat.layout.patch_of
     inner = ~mesh.border
     out = np.full((int(inner.sum()), 2), np.inf)

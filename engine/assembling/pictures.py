@@ -1,4 +1,4 @@
-"""Pictures of the assembly sheet: the surface as far as it is joined, seen from where the new panel is seen, and the flat panel."""
+"""Pictures of the assembly sheet: the joined part of the surface, and the flat panel."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.joining import Join, Step, panel_numbers
 from ..spirals.arcs import Curve
 
-WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # metres, of a page (A4)
+WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page in metres (A4)
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
-LIFT = 0.35  # how far the view looks down, as the tangent of the angle
-LOOKED_AT = 24  # quads of a panel of which it is found out whether they can be seen
-NUMBER = (0.0065, 0.004)  # metres of paper that a panel's number takes
+LIFT = 0.35  # tangent of the angle by which the view looks down
+LOOKED_AT = 24  # quads per panel tested for visibility
+NUMBER = (0.0065, 0.004)  # width and height of a panel's number on paper, metres
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Look:
 
 @dataclass(frozen=True)
 class Box:
-    """A part of a page, metres, from its lower left corner."""
+    """A rectangle on a page, metres, from its lower left corner."""
 
     x: float
     y: float
@@ -40,7 +40,7 @@ class Box:
 
 
 def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
-    """A place well inside a polygon."""
+    """Return a point well inside a polygon."""
     import shapely
 
     place = shapely.Polygon(points).buffer(0.0).representative_point()
@@ -48,13 +48,13 @@ def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
 
 
 def line(points: list[list[float]] | np.ndarray) -> Curve:
-    """Straight lines from point to point (M, 2)."""
+    """Return the polyline through points (M, 2)."""
     points = np.asarray(points, dtype=float)
     return Curve(points, np.zeros(len(points)), closed=False)
 
 
 def fitted(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
-    """Scale and shift that bring a rectangle into the middle of a box."""
+    """Return scale and shift that centre a rectangle in a box."""
     size = np.maximum(high - low, 1e-9)
     scale = float(min(box.width / size[0], box.height / size[1]))
     return scale, np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height]) - 0.5 * scale * (low + high)
@@ -70,7 +70,7 @@ def model(
     look: Look,
     view: Float[np.ndarray, "3 3"],
 ) -> None:
-    """The target surface as far as it is there, from a camera's axes ``view``; the rest as a pale ghost."""
+    """Draw the part ``there`` of the target surface, seen along the camera's axes ``view``; the rest as a pale ghost."""
     layout, mesh = flat.layout, flat.layout.mesh
     ahead, places = view[2], mesh.vertices @ view.T
     scale, shift = fitted(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
@@ -80,7 +80,7 @@ def model(
     depth = places[mesh.quads, 2].mean(axis=1)
     seam_of = {int(e): j.seam for j in joins for e in layout.seams[j.seam].tolist()}
     items = [(float(d), 0, int(q)) for q, d in enumerate(depth.tolist())]
-    # a seam lies over the quads on its sides
+    # draw a seam over the quads on both sides
     items += [(float(depth[mesh.edge_quads[e]].max()) + 1e-6, 1, e) for e in seam_of]
     for _, kind, index in sorted(items):
         if kind:
@@ -100,18 +100,18 @@ def model(
 def _numbers(
     page: Page, flat: FlatPatches, there: tuple[int, ...], places: np.ndarray, drawn: np.ndarray, towards: np.ndarray
 ) -> None:
-    """The numbers of the panels that are there, where they are seen and no other number stands."""
+    """Write the numbers of the panels that are present where they are visible and do not overlap."""
     layout, mesh, numbers = flat.layout, flat.layout.mesh, panel_numbers(flat.layout)
     candidates = []
-    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small ones have the least choice
+    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels have the fewest places
         quads = layout.patches[patch]
         quads = quads[towards[quads] > 0.2]
-        candidates.append((patch, quads[np.argsort(-_goodness(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
+        candidates.append((patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
     every = np.concatenate([quads for _, quads in candidates])
     open_ = np.zeros(len(mesh.quads), dtype=bool)
     open_[every[seen(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
     middles = drawn[mesh.quads].mean(axis=1)
-    written: dict[tuple[int, int], tuple[float, float]] = {}  # by boxes of the paper, which are as large as a number
+    written: dict[tuple[int, int], tuple[float, float]] = {}  # by cells of the paper as large as a number
     for patch, quads in candidates:
         for x, y in middles[quads[open_[quads]]].tolist():
             box = int(x // NUMBER[0]), int(y // NUMBER[1])
@@ -122,8 +122,8 @@ def _numbers(
                 break
 
 
-def _goodness(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
-    """How good a place every quad is for its patch's number: facing the viewer, in the middle of the patch."""
+def _suitability(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
+    """Return how suitable every quad is for its patch's number: facing the viewer, in the middle of the patch."""
     if not len(centroids):
         return towards
     apart = np.linalg.norm(centroids - centroids.mean(axis=0), axis=1)
@@ -134,9 +134,9 @@ def seen(
     places: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"],
     which: Int[np.ndarray, " m"], shown: Bool[np.ndarray, " quads"],
 ) -> Bool[np.ndarray, " m"]:  # fmt: skip
-    """Quads ``which`` whose middles no quad that is ``shown`` covers.
+    """Return for quads ``which`` whether their middle is not covered by a quad that is ``shown``.
 
-    places : to the right, upwards and towards the viewer
+    places : vertices with axes right, up, and towards the viewer
     """
     import shapely
 
@@ -154,7 +154,7 @@ def seen(
 
 
 def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
-    """The camera's axes from which most of the step's panel is seen; from where it faces, if that is as good."""
+    """Return the camera's axes that show most of the step's panel; the direction that it faces, if equally good."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     some = quads[np.linspace(0, len(quads) - 1, min(len(quads), LOOKED_AT)).astype(int)]
@@ -176,7 +176,7 @@ def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
 
 
 def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rows right, up and towards the viewer of a view with ``facing`` towards the viewer and z upright."""
+    """Return the camera's axes right, up and towards the viewer, with ``facing`` towards the viewer and z upright."""
     level = np.array([facing[0], facing[1], 0.0])
     size, whole = float(np.linalg.norm(level)), float(np.linalg.norm(facing))
     level = level / size if size > 0.15 * max(whole, 1e-12) else np.array([0.6, -0.8, 0.0])
@@ -188,7 +188,7 @@ def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: Look) -> None:
-    """The flat panel, its seams of this step in their colours with the numbers of their first and last joints."""
+    """Draw the flat panel with its seams of this step in their colours and the numbers of their first and last joints."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]
     corners = flat.points[layout.flat_corners[quads]]
@@ -217,6 +217,6 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: Look) -> No
 
 @lru_cache(maxsize=4096)
 def mixed(one: str, two: str, share: float) -> str:
-    """A colour between two."""
+    """Return a colour between two, "#rrggbb"."""
     a, b = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for c in (one, two))
     return "#" + "".join(f"{round(x):02x}" for x in ((1 - share) * a + share * b).tolist())

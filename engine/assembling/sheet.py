@@ -1,4 +1,4 @@
-"""A printable sheet that shows how to put the panels together: what there is, then a picture of every step (A4, PDF)."""
+"""Printable assembly sheet (A4, PDF): an overview, then a picture of every step."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ from .pictures import (
     panel,
 )
 
-ROWS = 3  # steps on a page
-BAY = 0.006  # metres; narrower gaps between the arms on an outline are left out of small pictures
-SMALL = 0.005  # metres on paper; of smaller panels a picture shows the hull, and no number
-# Quads that all pictures of steps together may show, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
-# steps are described in words.
+ROWS = 3  # steps per page
+BAY = 0.006  # metres; narrower gaps between arms are closed in small pictures
+SMALL = 0.005  # metres on paper; smaller panels are drawn as their hull without number
+# Maximum number of quads in all pictures of steps, 15 microseconds and 30 bytes each: 60 panels of 4,000 quads. Further
+# steps are described in words
 SHOWN = 250_000
-LINES = 58  # steps in words on a page, in each of two columns
+LINES = 58  # steps in words per column; a page has two
 
 
 def write(
@@ -56,9 +56,12 @@ def write(
     checked: AssemblyCheck | None = None,
     progress: Progress = SILENT,
 ) -> Path:
-    """Write the assembly sheet of a design; returns its path.
+    """Write the assembly sheet of a design and return its path.
 
-    ``title`` names the object; ``checked`` tells how hard every seam is to join. ``new`` comes from ``files.replacing_many`` where it shall appear together with other files.
+    title : name of the object
+    new : from ``files.replacing_many``, if the sheet must appear together with other files
+    checked : how hard every seam is to join
+
     Raises ``FlexMapsError`` where it cannot be written.
     """
     data = document(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
@@ -78,7 +81,7 @@ def pages(
     checked: AssemblyCheck | None = None,
     progress: Progress = SILENT,
 ) -> list[Page]:
-    """The pages: an overview, where every panel lies on its sheet, and the steps: with pictures, as far as these are not too many."""
+    """Return the pages: an overview with the places of panels on sheets, then the steps, the first with pictures."""
     flat = design.flat
     look = Look(
         hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
@@ -115,6 +118,7 @@ def _overview(
     checked: AssemblyCheck | None,
     progress: Progress,
 ) -> Page:
+    """Draw the page with the whole piece, figures, sheets and seams."""
     page, layout = Page(WIDTH, HEIGHT), flat.layout
     page.text(title, (MARGIN, HEIGHT - 0.022), 0.007, INK)
     page.text("How to put it together", (MARGIN, HEIGHT - 0.029), 0.004, GREY)
@@ -135,7 +139,7 @@ def _overview(
         "A1 goes to A1, A2 to A2. The engraved side is outside.",
         "Work along a seam from one end to the other.",
         *_letters(sheets),
-        *_without_head(sheets),
+        *_glued_or_plain(sheets),
     ):
         page.text(said, (0.135, y), 0.0025, INK)
         y -= 0.0042
@@ -145,7 +149,7 @@ def _overview(
 
 
 def _letters(sheets: CutSheets) -> list[str]:
-    """Lines that say what stands before all labels where several pieces lie on the sheets."""
+    """Return lines about the letter that precedes all labels, if several pieces share the sheets."""
     marks = dict.fromkeys(p.mark for p in sheets.panels if p.patch >= 0 and p.mark)
     if not marks:
         return []
@@ -153,11 +157,11 @@ def _letters(sheets: CutSheets) -> list[str]:
     return textwrap.wrap(said, 52, max_lines=4, placeholder=" ...")
 
 
-def _without_head(sheets: CutSheets) -> list[str]:
-    """Lines that name the joints that do not hold by themselves, where others do."""
+def _glued_or_plain(sheets: CutSheets) -> list[str]:
+    """Return lines with the joints that must be glued or have plain ends, if other joints hold by themselves."""
     made = sheets.connections
     glued = [c.name for c in made.connectors if c.kind == "tab"]
-    if len(glued) == len(made.connectors):  # tabs, or no connectors at all, were asked for
+    if len(glued) == len(made.connectors):  # tabs or no connectors were requested
         return []
     found = []
     for said, names in (("Glue these joints", glued), ("These have plain ends", [name for name, *_ in made.unsolved])):
@@ -168,6 +172,7 @@ def _without_head(sheets: CutSheets) -> list[str]:
 
 
 def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[str, str]]:
+    """Return names and values of the figures."""
     found = [
         ("Panels", str(panels)),
         ("Sheets", f"{sheets.count}, {sheets.thickness * 1e3:g} mm thick"),
@@ -185,7 +190,7 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
 
 
 def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: Progress) -> None:
-    """All sheets with their panels, small."""
+    """Draw all sheets with their panels at a small scale."""
     sizes = sheets.packing.sizes
     scale, columns = max(
         (min(0.95 * box.width / n / sizes[:, 0].max(), 0.92 * box.height / -(-len(sizes) // n) / sizes[:, 1].max()), n)
@@ -212,21 +217,23 @@ def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: P
             one = sheets.panels[i]
             outline = one.outline.moved(float(sheets.packing.rotation[i]), sheets.packing.shift[i]).sampled(1e-4)
             small = scale * float(np.ptp(outline, axis=0).min()) < SMALL
-            points = corner + scale * (_hull(outline) if small else _coarse(outline, 0.15e-3 / scale))
+            points = corner + scale * (_hull(outline) if small else _simplify(outline, 0.15e-3 / scale))
             page.fill(points, look.patches[one.patch] if one.patch >= 0 else GREY)
-            if one.patch < 0 or small:  # a loose key has no number
+            if one.patch < 0 or small:  # loose keys have no number
                 continue
             page.text(panel_name(one.number, one.mark), tuple(middle(points) - [0.0, 0.001]), 0.003, INK, middle=True)
         page.text(str(index + 1), tuple(frame[3] + [0.001, -0.0035]), 0.0028, GREY)
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
+    """Return the convex hull of points."""
     from scipy.spatial import ConvexHull
 
     return points[ConvexHull(points).vertices]
 
 
-def _coarse(points: np.ndarray, tolerance: float) -> np.ndarray:
+def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return an outline without narrow gaps, simplified."""
     import shapely
 
     closed = shapely.Polygon(points).buffer(BAY, quad_segs=2).buffer(-BAY, quad_segs=2)
@@ -235,7 +242,7 @@ def _coarse(points: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: AssemblyCheck | None) -> None:
-    """Every seam with its panels and joints, and what the check found, in columns."""
+    """List every seam with its panels and joints and the result of its check, in columns."""
     layout, seams = flat.layout, () if checked is None else checked.seams
     numbers = panel_numbers(layout)
     forces = any(s.force is not None for s in seams)
@@ -263,11 +270,12 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: Ass
 
 
 def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step: Step, look: Look) -> None:
+    """Draw a step: its title, its seams, the joined part and the flat panel."""
     top = box.y + box.height
     page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
     page.text(f"{number}", (box.x, top - 0.0095), 0.008, INK)
     numbers = panel_numbers(flat.layout)
-    page.text(_done(step, number), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
+    page.text(_step_title(step, number), (box.x + 0.004 + text_width(str(number), 0.008), top - 0.0075), 0.004, INK)
     x, y = box.x + 0.004 + text_width(str(number), 0.008), top - 0.0125
     for join in step.joins:
         text = _sentence(join, numbers)
@@ -292,7 +300,7 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step
 
 
 def _in_words(order: list[Step], numbers: tuple[int, ...], first: int, look: Look, progress: Progress) -> list[Page]:
-    """Pages with the steps from ``first`` on without pictures, in two columns."""
+    """Return pages with the steps from ``first`` on without pictures, in two columns."""
     found = []
     width = 0.5 * (WIDTH - 2 * MARGIN)
     for start in range(first, len(order), 2 * LINES):
@@ -301,7 +309,7 @@ def _in_words(order: list[Step], numbers: tuple[int, ...], first: int, look: Loo
             progress(0.9, "writing the steps of the assembly")
             column, row = divmod(place, LINES)
             x, y = MARGIN + column * width, HEIGHT - MARGIN - (row + 1) * (HEIGHT - 2 * MARGIN) / (LINES + 1)
-            page.text(f"{start + place + 1}. {_done(step, start + place + 1)}", (x, y), 0.0028, INK)
+            page.text(f"{start + place + 1}. {_step_title(step, start + place + 1)}", (x, y), 0.0028, INK)
             end, x = x + width - 0.004, x + 0.034
             for join in step.joins:
                 text = f"{seam_name(join.seam)} to {panel_name(numbers[join.other])}"
@@ -314,12 +322,14 @@ def _in_words(order: list[Step], numbers: tuple[int, ...], first: int, look: Loo
     return found
 
 
-def _done(step: Step, number: int) -> str:
+def _step_title(step: Step, number: int) -> str:
+    """Return the title of a step."""
     joined = len(step.there) > 1 and any(join.other != step.panel for join in step.joins)
     return f"{'Add' if joined else 'Take'} panel {panel_name(number)}"
 
 
 def _sentence(join: Join, numbers: tuple[int, ...]) -> str:
+    """Return the description of a seam to join."""
     joints = f"{join.joints} joint" + "s" * (join.joints > 1)
     where = "within the panel" if join.other == join.panel else f"to panel {panel_name(numbers[join.other])}"
     return f"{seam_name(join.seam)}: {joints} {where}"

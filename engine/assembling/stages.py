@@ -1,14 +1,14 @@
-"""Half-finished pieces: the shapes in which the panels that are joined so far come to rest.
+"""Unfinished pieces: the shapes at rest of the panels joined so far.
 
-A stage is a static equilibrium of the elastic model of the whole piece without the joints that are still open; every other
-joint is as it will be in the end, and nothing forces those that are open. Pieces float freely: neither weight nor supports
-nor forces act on them, and each lies where it fits its place in the finished piece best. A loose panel lies flat.
+A stage is a static equilibrium of the elastic model of the whole piece without its open joints; every other joint is as
+in the finished piece. Pieces float freely, without weight, supports or forces, and each is placed to fit its position
+in the finished piece best. A loose panel is flat.
 
-The stages are sought backwards. The finished piece is taken apart joint by joint, seam by seam, in the opposite order of
-``joining.steps``, and after some joints what is left relaxes from where it was: nothing has to be pulled together over a
-gap, and energy is only given away. What springs open too far to be followed at once, such as a ring, is let go slowly: the
-joints that are opened become weaker and weaker first. Where a half-finished piece could rest in several shapes, this is the
-one from which the finished one is reached.
+The stages are computed backwards. The finished piece is taken apart joint by joint in the reverse order of
+``joining.steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
+energy only decreases. Where a part springs open too far for the solver, such as a ring, the opened joints are weakened
+gradually first. If an unfinished piece could rest in several shapes, this is the shape from which the finished piece is
+reached.
 """
 
 from __future__ import annotations
@@ -32,26 +32,27 @@ from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
 from ..surface.checking.finding import counted
 
-# about so many stages, one after the other, in which an arriving panel is joined; every seam has one at least; by eye
+# approximate number of stages in which a panel is joined, at least one per seam; by eye
 PARTS = 3
-# Newton steps that a piece may take to its rest after joints were opened, and after they were made weaker; not measured
+# maximum Newton steps to equilibrium after opening joints, and after weakening them; not measured
 AT_ONCE, SLOWLY = 150, 40
-# shares of their stiffness of joints that are let go slowly; shifts at a joint are far stiffer than turns: many decades
+# shares of stiffness for gradual opening; joints are far stiffer in translation than in rotation, hence many decades
 WEAKER = 10.0 ** -np.arange(1.0, 13.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """What is joined after some joints, and where it rests.
+    """Unfinished piece after some joints, at rest.
 
-    step : number of the step of ``joining.steps`` in which its last panel comes; seam : name of its last seam, empty
-        before the first
-    hubs : the spirals of its panels; closed : of all inner edges, those whose joints are closed
-    share : of the joints of the step that are closed
-    pose : of the hubs, laid over their places in the finished piece
-    energy : joules, of the elastic model
-    whole : whether it is the finished body, which is in the pose that it was given
-    solved : whether it is an equilibrium; if not, it has the shape of the next one that is
+    step : index of the step of ``joining.steps`` in which its last panel arrives
+    seam : name of its last seam, empty before the first
+    hubs : spirals of its panels
+    closed : by inner edge, whether its joint is closed
+    share : of the step's joints that are closed
+    pose : of the hubs, fitted to their places in the finished piece
+    energy : of the elastic model, J
+    whole : whether it is a finished body, whose pose is given
+    solved : whether it is an equilibrium; otherwise it has the shape of the next equilibrium
     """
 
     step: int
@@ -69,8 +70,8 @@ class Stage:
 class Stages:
     """All stages of a piece.
 
-    all : in the order in which it is put together; skipped : panels and seams, by their names, of those that found no
-        equilibrium
+    all : in the order of assembly
+    skipped : names of panel and seam of stages without equilibrium
     """
 
     all: tuple[Stage, ...]
@@ -80,10 +81,16 @@ class Stages:
 def find_stages(
     design: SpiralDesign, pose: Pose, material: Material, params: SimulateParams, progress: Progress = SILENT
 ) -> Stages:
-    """All stages of a piece whose hubs rest in a pose, which is the last stage of every body.
+    """Compute all stages of a piece; the given pose of its hubs is the last stage of every body.
 
-    params : the elastic model and its solver; weight and other shapes are left out. Raises FlexMapsError where a spiral is
-    outside the elastic model's range.
+    Parameters
+    ----------
+    design, pose : spirals, and the pose of their hubs at rest
+    material, params : elastic model and solver; weight and other shapes are ignored
+
+    Raises
+    ------
+    FlexMapsError : a spiral is outside the elastic model's range
     """
     model = build_model(of_design(design), material, params.model, slopes=False)
     search = _Search(design, pose, model, replace(params, restarts=0))
@@ -91,7 +98,7 @@ def find_stages(
     found: list[Stage] = []
     for done, (number, k) in enumerate(reversed(plan)):
         panel = panel_name(number + 1)
-        # many joints are many hubs: the first stages that are sought are the longest
+        # the first stages computed have most hubs and take longest
         share = 1.0 - (1.0 - done / len(plan)) ** 2
         progress(
             share,
@@ -104,7 +111,12 @@ def find_stages(
 
 
 def at_once(design: SpiralDesign, pose: Pose) -> Stages:
-    """Stages that nothing was sought for: every panel takes its final shape as it comes, and all its seams are closed with it."""
+    """Return stages without equilibria: every panel has its final shape on arrival, with all seams closed.
+
+    Parameters
+    ----------
+    design, pose : spirals, and the final pose of their hubs
+    """
     layout, found = design.flat.layout, []
     order, bodies, sides = steps(layout), _bodies(layout), layout.mesh.edge_quads[~layout.mesh.border]
     for number, step in enumerate(order):
@@ -119,7 +131,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
 
 
 class _Search:
-    """The piece as it is taken apart."""
+    """Disassembly of the piece."""
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
@@ -129,11 +141,11 @@ class _Search:
         self.bodies = _bodies(self.layout)
         self.closed = np.ones(len(self.pairs), dtype=bool)
         self.now = Pose(pose.centres.copy(), pose.rotations.copy())
-        self.before = self.closed.copy()  # where ``now`` rests
+        self.before = self.closed.copy()  # joints closed in the equilibrium ``now``
         self.skipped: list[tuple[str, str]] = []
 
     def stage(self, number: int, k: int, progress: Progress) -> Stage | None:
-        """The stage after the batches up to ``k`` of a step; then those of ``k`` are opened. None where it is left out."""
+        """Return the stage after the batches up to ``k`` of a step, or None; then open batch ``k``."""
         step, batches_ = self.order[number], self.batches[number]
         body, last = self.bodies[step.panel], k >= len(batches_) - 1
         patches = [p for p in step.there if self.bodies[p] == body]
@@ -145,15 +157,15 @@ class _Search:
         here = Stage(number, seam, hubs, closed, share, self.now.part(hubs), np.nan)
         made: Stage | None
         if last and all(self.bodies[later.panel] != body for later in self.order[number + 1 :]):
-            made = self._standing(replace(here, pose=self.end.part(hubs), whole=True))
+            made = self._with_energy(replace(here, pose=self.end.part(hubs), whole=True))
         elif not batches_:
-            made = self._standing(replace(here, pose=lying(self.design, hubs, self.end)))
+            made = self._with_energy(replace(here, pose=lying(self.design, hubs, self.end)))
         else:
-            made = self._solved(here, step.panel, progress)
+            made = self._relax(here, step.panel, progress)
             if made is None:
                 self.skipped.append((panel_name(number + 1), seam))
-                # something has to be there before the panel comes
-                made = self._standing(replace(here, solved=False)) if last else None
+                # the panel needs something to be joined to
+                made = self._with_energy(replace(here, solved=False)) if last else None
         if made is not None:
             self.now.centres[hubs], self.now.rotations[hubs] = made.pose.centres, made.pose.rotations
             self.before = self.closed.copy()
@@ -161,15 +173,17 @@ class _Search:
             self.closed[batches_[k][1]] = False
         return made
 
-    def _standing(self, here: Stage) -> Stage:
-        """With the energy of where it is."""
+    def _with_energy(self, here: Stage) -> Stage:
+        """Return the stage with the energy of its pose."""
         part = self._model(here)
         return replace(here, energy=part.energy(part.start(here.pose)))
 
     def _model(self, here: Stage) -> ElasticModel:
+        """Return the elastic model of a stage."""
         return self.model.part(here.hubs, np.flatnonzero(here.closed))
 
-    def _solved(self, here: Stage, panel: int, progress: Progress) -> Stage | None:
+    def _relax(self, here: Stage, panel: int, progress: Progress) -> Stage | None:
+        """Return the stage at rest; None without equilibrium."""
         loads, quiet = Loads.of(len(here.hubs)), progress.quiet()
         found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
         if not found.converged:
@@ -182,23 +196,24 @@ class _Search:
             found = solve(self._model(here), pose, loads, self.params, quiet, iterations=AT_ONCE)
         if not found.converged:
             return None
-        # a panel that hangs on by a few joints has little to say about where the piece lies
+        # a panel held by few joints counts little for the position of the piece
         weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
-        pose = _laid(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
+        pose = _fit_rigidly(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
         return replace(here, pose=pose, energy=found.energy)
 
 
 def lying(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
-    """Hubs of one panel, flat, laid over their places in a pose of all hubs."""
+    """Return hubs of one panel, flat, fitted to their places in a pose of all hubs."""
     centres = np.c_[design.arms.centre[hubs], np.zeros(len(hubs))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(hubs), 3, 3)))
-    return _laid(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
+    return _fit_rigidly(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
 
 
-def _laid(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
-    """A pose moved rigidly so that hubs with these weights (n,) lie as near as possible to those of another one.
+def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
+    """Move a pose rigidly so that hubs with weights (n,) come closest to those of another pose.
 
-    What is compared are the ends of the hubs' axes, of length ``reach`` in metres: a row of hubs has a direction, too.
+    The ends of the hubs' axes, ``reach`` metres long, are compared, because even hubs in a row define an orientation
+    then.
     """
     share = weight / weight.sum()
     own, aim = share @ pose.centres, share @ there.centres
@@ -209,7 +224,7 @@ def _laid(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
 
 
 def _bodies(layout: PatchLayout) -> np.ndarray:
-    """(N,) int: which body every patch belongs to."""
+    """Return (N,) the body of every patch."""
     body = np.arange(len(layout.patches))
     for edges in layout.seams:
         one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]
@@ -221,10 +236,10 @@ def _bodies(layout: PatchLayout) -> np.ndarray:
 
 
 def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
-    """The joints, of all inner edges, that a step closes one after the other, with the names of their seams.
+    """Return the joints (indices of inner edges) that a step closes in turn, with the names of their seams.
 
-    Seam by seam as the step says, those within the panel last, for it hangs on nothing before the others; along a seam from
-    the end at which the panel is already joined.
+    Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed
+    from the end where the panel is already joined.
     """
     mesh = layout.mesh
     joint = np.cumsum(~mesh.border) - 1

@@ -1,1 +1,1 @@
-"""The calibration sheet, and what is measured on it: kerf, clearance and stiffness of the user's own machine and material."""
+"""Calibration sheet, and its evaluation: kerf, clearance and stiffness of the user's own machine and material."""

@@ -1,15 +1,15 @@
-"""From what was measured on a calibration sheet to the user's own kerf, clearance and stiffness, with how sure they are.
+"""Compute kerf, clearance and stiffness, with standard errors, from measurements on a calibration sheet.
 
-Kerf: a window of n squares is cut apart by n + 1 lines, its own ends among them, and every line takes one kerf away. Pushed to one
-side, the squares leave a gap of n + 1 kerfs.
+Kerf: a window of n squares is cut apart by n + 1 lines including its ends, and every line removes one kerf. Pushed to
+one side, the squares leave a gap of n + 1 kerfs.
 
-Clearance: the rung that fits best was drawn with a clearance c and an allowance for a kerf k0; if the kerf is k, its true gap is
-c + k - k0. Once the outlines allow for k, that gap is the clearance to ask for.
+Clearance: the rung that fits best was drawn with a clearance c and an allowance for a kerf k0; with the true kerf k its
+gap is c + k - k0. Once outlines allow for k, that gap is the clearance to use.
 
-Stiffness: ``bending``. All pieces count as wide as they came out, k0 - k wider than drawn. Strip and spirals are two measurements
-of one modulus. Where they agree within what their spread allows, their mean counts, each weighed by one over its variance. Where they
-do not, the spirals are believed: they bend and twist in all directions of the sheet and are what a piece is made of, while the
-strip bends in one direction only, and wood is stiffer along its grain.
+Stiffness: see ``bending``. All pieces count as wide as they were cut, k0 - k wider than drawn. Strip and spirals are
+two measurements of one modulus. If they agree within their errors, their mean counts, weighted by inverse variance.
+Otherwise the spirals count: they bend and twist in all directions of the sheet as the piece does, while the strip bends
+in one direction only, and wood is stiffer along its grain.
 """
 
 from __future__ import annotations
@@ -27,24 +27,26 @@ from ..params import Settings, changed
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
-READING = 0.02  # of a value, the error of a reading of a sag; more where readings scatter more: three of them seldom tell their own error
-RULER = 2e-5  # metres, error of a reading of calipers
-# What the formulas themselves may stray by, as shares of the modulus, against solids (``bench workshop``): added to the spread before
-# strip and spirals are said to contradict each other
+# error of a sag reading as a share of its value; more if readings scatter more, but three readings seldom show their
+# own error
+READING = 0.02
+RULER = 2e-5  # error of a caliper reading, metres
+# Error of the formulas as a share of the modulus, against solids (``bench workshop``): added to the errors before strip
+# and spirals count as contradictory
 MODEL = 0.02
 SURE = 3.0  # combined standard errors beyond which two values contradict each other
-USED = 3  # fewest figures that a number of a preset has
+DIGITS = 3  # minimum significant digits of a number in a preset
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What was measured: lengths in metres, masses in kg. What was not measured is left empty or None.
+    """Measurements: lengths in metres, masses in kg; empty or None if not measured.
 
-    kerf_gaps : in the comb, the squares pushed to one side
-    clearance : value of the rung that fits best; kind : of its connector
-    thickness : of the sheet, at several places
-    strip_sags : how much lower the strip's end came by its weight; strip_load, strip_mass : kg, of the weight and the whole strip
-    spiral_sags : the same of spirals A and B, a pair a round of measuring; spiral_loads : their weights
+    kerf_gaps : in the comb, with the squares pushed to one side
+    clearance, kind : value of the rung that fits best, and kind of its connector
+    thickness : of the sheet at several places
+    strip_sags, strip_load, strip_mass : sinking of the strip's end, its weight, and mass of the whole strip
+    spiral_sags, spiral_loads : sinking of spirals A and B, a pair per round, and their weights
     """
 
     kerf_gaps: Sequence[float] = ()
@@ -71,9 +73,12 @@ class Readings:
         spiral_sag: Sequence[Sequence[float]] = (),
         spiral_weight: Sequence[float] | None = None,
     ) -> Readings:
-        """From millimetres and grams, as a person measures them: single numbers or several readings.
+        """Convert measurements in mm and g, single numbers or several readings; raises ``FlexMapsError``.
 
-        spiral_sag : of A and of B, or several such pairs; spiral_weight : of A and of B. Raises ``FlexMapsError``.
+        Parameters
+        ----------
+        kerf_comb, clearance, kind, thickness, strip_sag, strip_weight, strip_mass : see ``Readings``
+        spiral_sag, spiral_weight : of A and B; several pairs of sags
         """
         pairs = [spiral_sag] if spiral_sag and not isinstance(spiral_sag[0], Sequence) else spiral_sag
         weights = _numbers(spiral_weight, "spirals' weights")
@@ -93,7 +98,7 @@ class Readings:
 
 
 def numbers(text: str) -> list[float]:
-    """The numbers of a text such as "1.02, 1.04", for forms; raises ``FlexMapsError``."""
+    """Return the numbers in a text such as "1.02, 1.04"; raises ``FlexMapsError``."""
     try:
         return [float(word) for word in text.replace(",", " ").replace(";", " ").split()]
     except ValueError:
@@ -101,7 +106,7 @@ def numbers(text: str) -> list[float]:
 
 
 def _numbers(value: Any, what: str) -> list[float]:
-    """Thousandths of one number or of several: metres from millimetres, kilograms from grams."""
+    """Return a thousandth of one or several numbers: metres from mm, kg from g."""
     some = (
         []
         if value is None
@@ -129,11 +134,13 @@ class Measured:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What came out, SI; None for what was not measured.
+    """Results in SI units; None if not measured.
 
-    strip, spirals : Young's modulus by either, Pa; youngs : the one that counts; believed : which, and why
-    warnings : sentences about what contradicts
-    settings : "section.name" -> value as ``params.changed`` takes it: only what was measured
+    strip, spirals : Young's modulus by each, Pa
+    youngs : modulus that counts, Pa
+    believed : which of them counts, and why
+    warnings : sentences about contradictions
+    settings : "section.name" -> value for ``params.changed``, only measured settings
     """
 
     kerf: Measured | None
@@ -148,7 +155,7 @@ class Calibration:
     settings: dict[str, Any] = field(default_factory=dict)
 
     def report(self) -> dict[str, Any]:
-        """The figures as people read them, for JSON."""
+        """Return the figures in usual units, for JSON."""
 
         def shown(one: Measured | None, factor: float) -> dict[str, float] | None:
             return (
@@ -170,7 +177,12 @@ class Calibration:
 
 
 def calibrate(made: Coupons, readings: Readings) -> Calibration:
-    """What the readings of a sheet say. Raises ``FlexMapsError`` where one of them cannot be, or nothing was measured."""
+    """Evaluate the readings of a sheet; raises ``FlexMapsError`` for an impossible reading, or none at all.
+
+    Parameters
+    ----------
+    made, readings : sizes of the pieces, and measurements
+    """
     _refuse_wrong(made, readings)
     warnings: list[str] = []
     kerf, strays = _kerf(made, readings)
@@ -185,7 +197,7 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
     clearance = _clearance(readings, kerf, wider, strays, warnings)
     strip, density = _strip(as_cut, readings, wider)
     spirals = _spirals(as_cut, readings, wider_arms, warnings)
-    youngs, believed = _believed(strip, spirals, warnings)
+    youngs, believed = _choose_modulus(strip, spirals, warnings)
     found = Calibration(kerf, clearance, thickness, strip, spirals, youngs, density, believed, tuple(warnings))
     if all(one is None for one in (kerf, clearance, thickness, youngs, density)):
         raise FlexMapsError(
@@ -195,7 +207,7 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
 
 
 def _refuse_wrong(made: Coupons, readings: Readings) -> None:
-    """Raise for what is no measurement."""
+    """Raise ``FlexMapsError`` for impossible readings."""
     values = {
         "kerf comb's gap": readings.kerf_gaps, "thickness": readings.thickness, "strip's sag": readings.strip_sags,
         "spirals' sag": [x for pair in readings.spiral_sags for x in pair], "weights": readings.spiral_loads or (),
@@ -221,9 +233,9 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
 
 
 def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
-    """Mean and standard error of some readings: by their scatter, or what a reading may stray by, whichever is more.
+    """Return mean and standard error of readings, from their scatter or the error of a reading, whichever is larger.
 
-    ruler : metres that a reading of a length may stray by; without, it is a share of the value
+    ruler : error of a reading in metres; without it, a share of the value
     """
     some = np.asarray(values, dtype=float)
     middle, count = float(some.mean()), len(some)
@@ -233,7 +245,7 @@ def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
 
 
 def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:
-    """The kerf, and by how much a joint's gap strays with it, metres."""
+    """Return the kerf, and the resulting error of a joint's gap in metres."""
     if not readings.kerf_gaps:
         return None, 0.0
     lines = made.cells + 1
@@ -250,9 +262,10 @@ def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:
 def _clearance(
     readings: Readings, kerf: Measured | None, wider: float, strays: float, warnings: list[str]
 ) -> Measured | None:
+    """Return the clearance to use, with warnings if it is within its error."""
     if readings.clearance is None:
         return None
-    # where it was not measured, the drawn kerf is what the program knows
+    # without a measured kerf, the drawn kerf counts
     gap = readings.clearance - wider
     error = math.hypot(strays, RULER if kerf is None else 0.0)
     if kerf is not None and gap < -SURE * error - 1e-6:
@@ -269,7 +282,7 @@ def _clearance(
 
 
 def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[Measured | None, float | None]:
-    """Young's modulus and density from the strip."""
+    """Return Young's modulus and density from the strip."""
     width = made.strip_width + wider
     long = made.strip_length + (STRIP_CLAMP + STRIP_END) * made.thickness + wider
     density = None
@@ -288,7 +301,7 @@ def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[Measured | 
 
 
 def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> Measured | None:
-    """Young's modulus from both spirals, each with all its readings."""
+    """Return Young's modulus from both spirals with all their readings."""
     if not readings.spiral_sags:
         return None
     loads = readings.spiral_loads or tuple(one.load for one in made.spirals)
@@ -302,23 +315,26 @@ def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str
             f"Spirals A and B contradict each other: {first.value * 1e-9:.2f} and {second.value * 1e-9:.2f} GPa; check their weights, "
             "that their frames are held all round, and the kerf, which their arms' width depends on"
         )
-    return _weighed(found)
+    return _weighted_mean(found)
 
 
-def _weighed(some: Sequence[Measured]) -> Measured:
-    """The mean, each value by one over its variance."""
+def _weighted_mean(some: Sequence[Measured]) -> Measured:
+    """Return the mean weighted by inverse variance."""
     weights = np.array([1.0 / one.error**2 for one in some])
     value = float(weights @ np.array([one.value for one in some]) / weights.sum())
     return Measured(value, float(weights.sum() ** -0.5))
 
 
 def _contradict(one: Measured, other: Measured) -> bool:
+    """Return whether two values differ by more than their errors."""
     middle = 0.5 * (one.value + other.value)
     return abs(one.value - other.value) > SURE * math.hypot(one.error, other.error) + MODEL * middle
 
 
-def _believed(strip: Measured | None, spirals: Measured | None, warnings: list[str]) -> tuple[Measured | None, str]:
-    """The modulus that counts, and which and why."""
+def _choose_modulus(
+    strip: Measured | None, spirals: Measured | None, warnings: list[str]
+) -> tuple[Measured | None, str]:
+    """Return the modulus that counts, and the reason."""
     if strip is None or spirals is None:
         one = strip or spirals
         if one is None:
@@ -328,7 +344,7 @@ def _believed(strip: Measured | None, spirals: Measured | None, warnings: list[s
             "the strip, for the spirals were not measured" if strip else "the spirals, for the strip was not measured",
         )
     if not _contradict(strip, spirals):
-        return _weighed(
+        return _weighted_mean(
             [strip, spirals]
         ), "both, for they agree within their spread; each counts by how little it scatters"
     warnings.append(
@@ -342,7 +358,7 @@ def _believed(strip: Measured | None, spirals: Measured | None, warnings: list[s
 
 
 def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str, Any]:
-    """The settings that were measured; a material is the user's own with all four of its values."""
+    """Return the measured settings; a custom material gets all four values."""
     values: dict[str, Any] = {}
     if found.thickness is not None or found.youngs is not None:
         values["spiral.thickness"] = _figures(1e3 * (found.thickness.value if found.thickness else made.thickness))
@@ -368,11 +384,16 @@ def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str
 
 
 def _figures(value: float) -> float:
-    """A number with the figures that a measurement has."""
-    return float(f"{value:.{USED + 1}g}")
+    """Return a number rounded to the digits of a measurement."""
+    return float(f"{value:.{DIGITS + 1}g}")
 
 
 def preset(values: Mapping[str, Any], note: str) -> str:
-    """The script of a Blender preset that sets these settings, as those that come along."""
+    """Return the script of a Blender preset with these settings.
+
+    Parameters
+    ----------
+    values, note : values by "section.name", and a note for the first line
+    """
     lines = [f"# {' '.join(note.split())}", "import bpy", "", "settings = bpy.context.object.flexmaps", ""]
     return "\n".join([*lines, *(f"settings.{name} = {value!r}" for name, value in values.items())]) + "\n"

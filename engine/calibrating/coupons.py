@@ -1,7 +1,7 @@
-"""What is cut to calibrate a machine and a material: the sizes of all pieces, as numbers that are kept beside the sheet.
+"""Sizes of the calibration pieces, stored beside the sheet.
 
-The pieces grow with the sheet's thickness, so that sags and weights stay handy: the stiffness of all of them goes with Young's
-modulus times the thickness.
+The pieces grow with the sheet's thickness, so that sags and weights stay handy: their stiffness is proportional to
+Young's modulus times thickness.
 """
 
 from __future__ import annotations
@@ -19,14 +19,20 @@ from ..materials import Material
 FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
 KINDS = ("dovetail", "key", "tab")
-# The strip in thicknesses: so slender that shear makes less than 0.1 % of its sag, and so narrow that it bends as a beam and not
-# as a plate (within 1 % of finite elements, see ``bench workshop``). Its sag is to be a tenth of its length.
+# Dimensions of the strip in thicknesses: so slender that shear contributes less than 0.1 % of its sag, and so narrow
+# that it bends as a beam, not as a plate (within 1 % of finite elements, see ``bench workshop``). The intended sag is a
+# tenth of its length
 STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 3.0, 0.1
 
 
 @dataclass(frozen=True)
 class SpiralCoupon:
-    """A spiral in a frame that holds the tips of its arms: diameter and width in metres, twist in radians, and a weight in kg."""
+    """A spiral in a frame that holds the tips of its arms.
+
+    scale, width : diameter, and width of its arms, metres
+    twist : radians
+    load : suggested weight, kg
+    """
 
     name: str
     scale: float
@@ -37,13 +43,17 @@ class SpiralCoupon:
 
 @dataclass(frozen=True)
 class Coupons:
-    """All sizes in metres, weights in kg.
+    """Sizes in metres, weights in kg.
 
-    material : key of the material that is taken for known; poisson, density, strain_limit : its; thickness : of the sheet
-    kerf, kerf_holes : what the drawn outlines and holes allow for; mill : its diameter, 0 for a beam
-    cells, cell : squares of the kerf comb and their sides; clearances : of the ladder; joint : width of its arms
-    strip_length : from the clamp to the load; strip_width; strip_load : a weight to try
-    spirals : two, the softer one first
+    material : key of the assumed material
+    youngs, poisson, density, strain_limit : of the assumed material
+    thickness : of the sheet
+    kerf, kerf_holes : kerf for which outlines and holes are drawn
+    mill : diameter, 0 for a beam
+    cells, cell : number of squares of the kerf comb, and their side
+    clearances, joint : of the ladder, and the width of its arms
+    strip_length, strip_width, strip_load : from clamp to load; width; suggested weight
+    spirals : two, the softer first
     """
 
     material: str
@@ -66,28 +76,28 @@ class Coupons:
 
     @property
     def assumed(self) -> Material:
-        """The material as it was taken to be when the sheet was made."""
+        """The material assumed when the sheet was made."""
         values = (self.youngs, self.poisson, self.density, self.strain_limit)
         return Material(self.material, *values, breaks=True, source="assumed for the calibration sheet")
 
     def text(self) -> str:
-        """The JSON document that is kept beside the sheet, SI."""
+        """Return the JSON document stored beside the sheet, in SI units."""
         return json.dumps({"flexmaps": "calibration", "program": MARK, **asdict(self)}, indent=1) + "\n"
 
 
 def members(made: Coupons) -> dict[str, Any]:
-    """Its values by their names."""
+    """Return the values by name."""
     return {f.name: getattr(made, f.name) for f in fields(Coupons)}
 
 
 def read(path: str | Path) -> Coupons:
-    """The pieces of a sheet that was made, from its ``calibration.json`` or the folder with it; raises ``FlexMapsError``."""
+    """Read the sizes of a sheet from its ``calibration.json`` or the folder with it; raises ``FlexMapsError``."""
     path = Path(path)
     path = path / FILE if path.is_dir() else path
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         assert found.pop("flexmaps") == "calibration"
-        found.pop("program", None)  # files of earlier versions do not say it
+        found.pop("program", None)  # missing in files of earlier versions
         found["spirals"] = tuple(SpiralCoupon(**one) for one in found["spirals"])
         found["clearances"] = tuple(map(float, found["clearances"]))
         made = Coupons(**found)

@@ -1,4 +1,4 @@
-"""The pieces of the calibration sheet as curves of arcs, in metres, each round its own origin at the lower left."""
+"""The pieces of the calibration sheet as curves of arcs, in metres, with the origin at the lower left."""
 
 from __future__ import annotations
 
@@ -20,18 +20,17 @@ from ..spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge
 from .bending import fillet
 from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 
-LETTERS = 0.0025  # metres, height of the engraved letters
-RIM = 0.008  # metres of sheet round what is cut out of a piece
-SAMPLES = 14  # pieces of an edge of a spiral, each two arcs: within 1e-5 of its diameter, and longer than the radius of a mill
-TOOTH = 3.0  # times its height: how broad a tooth that holds an arm's end stands on the frame, so that it gives less than the arm
+LETTERS = 0.0025  # height of engraved letters, metres
+RIM = 0.008  # width of the material around holes, metres
+SAMPLES = 14  # pairs of arcs per edge of a spiral: within 1e-5 of its diameter, and longer than the radius of a mill
+TOOTH = 3.0  # width of the base of a tooth in heights; the tooth holds an arm's end and must be stiffer than the arm
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece, or several that belong together: closed outlines and holes with the material on their left, lines that are cut
-    and lines that are engraved.
+    """A piece, or several that belong together; material on the left of outlines and holes.
 
-    shared : cut along their middle whatever the kerf is, as the comb's, whose pieces share them
+    shared : lines cut along their middle regardless of the kerf, such as those between squares of the comb
     """
 
     outlines: tuple[Curve, ...] = ()
@@ -40,11 +39,11 @@ class Piece:
     engraved: tuple[Curve, ...] = ()
 
     def moved(self, shift: Float[np.ndarray, " 2"]) -> Piece:
-        """Shifted by metres."""
+        """Return the piece shifted by metres."""
         return Piece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
 
     def cut(self, kerf: float, kerf_holes: float) -> Piece:
-        """The way of the cutter: half of the kerf beside outlines and holes."""
+        """Return the piece with the paths of the cutter: outlines and holes offset by half of the kerf."""
         return replace(
             self,
             outlines=tuple(offset(c, 0.5 * kerf) for c in self.outlines),
@@ -57,35 +56,39 @@ class Piece:
 
     @property
     def box(self) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-        """Its lower left and upper right corner, metres."""
+        """Lower left and upper right corner, metres."""
         points = np.concatenate([c.sampled(1e-5) for some in self._all for c in some])
         return points.min(axis=0), points.max(axis=0)
 
 
 def together(pieces: Iterable[Piece]) -> Piece:
-    """Several pieces as one."""
+    """Join several pieces."""
     some = list(pieces)
     return Piece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
 
 
 def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
-    """Engraved letters from the place (x, y) on, metres, or centred on it; smaller where there is less room for them."""
+    """Return engraved letters starting at (x, y), metres, or centred there; smaller if ``room`` requires."""
     high = min(LETTERS, room / max(length(text), 1.0))
     begin = np.array([x - (0.5 * high * length(text) if middle else 0.0), y])
     return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
-    """Counter-clockwise."""
+    """Return a rectangle, counter-clockwise."""
     return Curve(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), np.zeros(4))
 
 
 def line(*points: tuple[float, float]) -> Curve:
+    """Return an open polyline."""
     return Curve(np.array(points), np.zeros(len(points)), closed=False)
 
 
 def comb(made: Coupons, text: str) -> Piece:
-    """The kerf comb: squares in a window, cut apart by shared lines. Pushed to one side they leave one kerf a line and one more."""
+    """Return the kerf comb: squares in a window, separated by shared lines.
+
+    Pushed to one side, n squares leave a gap of n + 1 kerfs.
+    """
     wide, high, a = made.cells * made.cell, made.cell, made.cell
     x, y = RIM, RIM + 2.0 * LETTERS
     window = rectangle(x, y, x + wide, y + high)
@@ -101,7 +104,7 @@ def comb(made: Coupons, text: str) -> Piece:
 
 
 def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
-    """A rail with a socket for every clearance, the pieces that go into them, and their values on both."""
+    """Return a rail with a socket for every clearance, the pieces to insert, and their values on both."""
     rungs = [size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
     values = [f"{c * 1e3:g}" for c in made.clearances]
     gap = made.joint + 2.0 * max(made.kerf, made.mill)
@@ -109,15 +112,13 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
     deep = max(r.length for r in rungs) + 2.0 * LETTERS
     name, x0 = kind.upper(), 2.0 * LETTERS
     begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
-    low = top - max(
-        made.clearances
-    )  # between its sockets the rail stays below their faces, so that those alone are touched
+    low = top - max(made.clearances)  # between sockets the rail is lower than their faces, so that only the faces touch
     end = begin + pitch * len(rungs) + x0
     places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
     rail = [(0.0, 0.0), (end, 0.0), (end, low)]
     bulges, says = [0.0, 0.0, 0.0], list(words(name, x0, LETTERS))
     for x, rung, value in reversed(list(zip(places, rungs, values, strict=True))):
-        mouth = _turned(_recess(rung, kind), x, top)
+        mouth = _point_up(_recess(rung, kind), x, top)
         ends = [(float(mouth.points[k, 0]), low) for k in (0, -1)]
         rail += [ends[0], *map(tuple, mouth.points.tolist()), ends[1]]
         bulges += [0.0, *mouth.bulge[:-1].tolist(), 0.0, 0.0]
@@ -132,7 +133,7 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
 
 
 def _recess(rung: Size, kind: str) -> Curve:
-    """What is cut out of a rail, from right to left seen from its outside, as ``socket``."""
+    """Return the recess in a rail from right to left, seen from outside, as ``socket``."""
     if kind != "tab":
         return socket(rung)
     wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
@@ -142,14 +143,14 @@ def _recess(rung: Size, kind: str) -> Curve:
 
 
 def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[Piece]:
-    """The pieces that go into one recess, above it: a stem with its value, and a loose key where there is one."""
+    """Return the pieces to insert into one recess, placed above it: a stem with its value, and the key if it is loose."""
     wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
-    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters stand above the socket
+    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters are placed above the socket
     high = foot + 4.0 * LETTERS
     if kind == "dovetail":
-        front = _down(head(rung))
+        front = _point_down(head(rung))
     elif kind == "key":
-        front = _down(socket(rung))
+        front = _point_down(socket(rung))
     else:
         half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad
         corners = [(-pad, 0.0), (-half, 0.0), (-half, -deep), (half, -deep), (half, 0.0), (pad, 0.0)]
@@ -172,13 +173,13 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
     return [Piece((loose,)).moved(np.array([x, y])), stem.moved(np.array([x, y + below]))]
 
 
-def _turned(curve: Curve, x: float, y: float) -> Curve:
-    """The end of an arm that points up, with its face at (x, y)."""
+def _point_up(curve: Curve, x: float, y: float) -> Curve:
+    """Return the end of an arm pointing up, with its face at (x, y)."""
     return curve.moved(0.5 * math.pi, np.array([x, y]))
 
 
-def _down(curve: Curve) -> Curve:
-    """The end of an arm that points down, from left to right."""
+def _point_down(curve: Curve) -> Curve:
+    """Return the end of an arm pointing down, from left to right."""
     return curve.moved(-0.5 * math.pi, np.zeros(2))
 
 
@@ -186,7 +187,7 @@ def _down(curve: Curve) -> Curve:
 
 
 def strip(made: Coupons) -> Piece:
-    """The bending strip: a part that is clamped, a line where that ends, and a hole for a thread with the weight."""
+    """Return the bending strip: a clamped part, a line at its end, and a hole for a thread with the weight."""
     clamp, end = STRIP_CLAMP * made.thickness, STRIP_END * made.thickness
     b, load = made.strip_width, clamp + made.strip_length
     hole = max(0.002, 1.5 * max(made.kerf, made.mill))
@@ -202,12 +203,12 @@ def strip(made: Coupons) -> Piece:
 
 
 def _circle(x: float, y: float, radius: float) -> Curve:
-    """Clockwise, for a hole."""
+    """Return a circle, clockwise, for a hole."""
     return Curve(np.array([[x + radius, y], [x - radius, y]]), np.array([-1.0, -1.0]))
 
 
 def spiral(made: Coupons, one: SpiralCoupon) -> Piece:
-    """A spiral in its frame: between every two arms a hole."""
+    """Return a spiral in its frame, with a hole between consecutive arms."""
     arms = _arms(one)
     rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
     foot = 2.0 * LETTERS
@@ -218,7 +219,7 @@ def spiral(made: Coupons, one: SpiralCoupon) -> Piece:
 
 
 def _arms(one: SpiralCoupon) -> Arms:
-    """Four arms alike round the origin, without blends: those of the stiffness table."""
+    """Return four equal arms around the origin, without blends, as in the stiffness table."""
     four = np.full((1, 4), 1.0)
     angle = 0.5 * np.pi * np.arange(4.0)[None]
     return Arms(
@@ -228,8 +229,10 @@ def _arms(one: SpiralCoupon) -> Arms:
 
 
 def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
-    """The hole between arm k and arm k + 1, clockwise: along the one to the hub, along the other to its end, and back along the
-    frame, which holds the ends of the arms with teeth, at right angles to them.
+    """Return the holes between arms k and k + 1, clockwise.
+
+    A hole runs along one arm to the hub, along the next arm to its end, and back along the frame, which holds the ends
+    of the arms with perpendicular teeth.
     """
     roots = hubs(arms, fillet(sizes, one.width))
     if roots.missed.any():
@@ -244,15 +247,15 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
     ends = _complex(np.stack([edge(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
     middle = _complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
-    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to get round the ends
+    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to pass around the ends
     made = []
     for k in range(4):
         after = (k + 1) % 4
         first = _complex(inwards[0][0, k, -1])
         into, out = _complex(inwards[1][0, k, -1]), -_complex(outwards[1][0, after, 0])
         corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
-        # arms wind clockwise outwards: the left corner of an arm's end lies outside of the right one. The frame runs on
-        # along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
+        # arms wind clockwise outwards, so the left corner of an arm's end lies outside the right one. The frame
+        # continues along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
         outer, inner = (
             corner + reach * (corner - tip) / abs(corner - tip)
             for corner, tip in ((ends[0, k], middle[k]), (ends[1, after], middle[after]))
@@ -275,9 +278,11 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
 
 
 def _right_turn(before: complex, after: complex) -> float:
+    """Return the angle between two directions as a right turn, in radians."""
     turn = float(np.angle(after / before))
     return turn - 2.0 * math.pi if turn > 0.5 * math.pi else min(turn, 0.0)
 
 
 def _complex(points: np.ndarray) -> np.ndarray:
+    """Return points as complex numbers."""
     return points[..., 0] + 1j * points[..., 1]

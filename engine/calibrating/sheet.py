@@ -1,4 +1,4 @@
-"""The calibration sheet: all its pieces on one sheet no larger than they need, and its files."""
+"""The calibration sheet: its pieces on a sheet no larger than needed, and its files."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ USUAL = ("svg", "dxf", "pdf")
 
 @dataclass(frozen=True, eq=False)
 class CalibrationSheet:
-    """One sheet of pieces, in metres, as ``writers`` take sheets.
+    """One sheet of pieces, in metres, as input for the writers of files.
 
-    coupons : the sizes of the pieces, to be kept for when they are measured
-    pieces : where they lie on the sheet, as they are to come out
-    packing : of no panels, for the sheet's size
+    coupons : sizes of the pieces, stored for the evaluation
+    pieces : in their places, with finished sizes
+    packing : without panels, for the sheet's size
     """
 
     coupons: Coupons
@@ -47,13 +47,13 @@ class CalibrationSheet:
     count: int = 1
 
     def runs(self, index: int, progress: Progress = SILENT) -> Runs:
-        """What the cutter does: the shared lines as they are, all else beside the material by half of the kerf."""
+        """Return the cuts: shared lines unchanged, other curves offset by half of the kerf."""
         made = drawing.together(piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces)
         return Runs(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
 
 
 def make(settings: Settings) -> CalibrationSheet:
-    """The sheet for a machine and a material as these settings have them."""
+    """Make the sheet for the machine and material of these settings."""
     sizes = coupons(settings)
     says = f"{sizes.material} {sizes.thickness * 1e3:g} mm - drawn for a kerf of {sizes.kerf * 1e3:g}"
     pieces = [
@@ -70,7 +70,10 @@ def make(settings: Settings) -> CalibrationSheet:
 
 
 def _in_rows(pieces: Sequence[Piece], margin: float, spacing: float) -> tuple[tuple[Piece, ...], np.ndarray]:
-    """The pieces in rows from the top down, the first two beside each other; and the sheet's width and height, metres."""
+    """Lay the pieces in rows from the top, the first two side by side.
+
+    Also return the sheet's width and height, metres.
+    """
     boxes = [piece.box for piece in pieces]
     width = max(float(np.ptp([b[0][0], b[1][0]])) for b in boxes)
     width = max(width, float(sum(b[1][0] - b[0][0] for b in boxes[:2])) + spacing)
@@ -92,7 +95,7 @@ def write(
     progress: Progress = SILENT,
     guard: Guard | None = None,
 ) -> list[Path]:
-    """Write the sheet's files and ``calibration.json`` with its sizes into a folder, all of them or none; returns their paths."""
+    """Write the sheet's files and ``calibration.json`` into a folder, all or none; return their paths."""
     unknown = set(formats) - set(WRITERS)
     if unknown or not formats:
         wrong = f"There is no format '{min(unknown)}' of the calibration sheet" if unknown else "No format is chosen"

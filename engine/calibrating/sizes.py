@@ -1,4 +1,4 @@
-"""How large the pieces of a calibration sheet are, for a machine and a material as they are known so far."""
+"""Choose the sizes of calibration pieces for a machine and a material."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ..params import Settings
 from .bending import spiral_load, strip_load
 from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon, members
 
-# squares of the kerf comb, and metres of their sides: calipers of 0.02 mm then tell 0.002 mm of kerf
+# number of squares of the kerf comb and their side in metres: calipers of 0.02 mm then resolve 0.002 mm of kerf
 CELLS, CELL = 10, 0.01
-# mm, clearances of the ladder: round the usual ones of lasers and printers
+# clearances of the ladder in mm, around those usual for lasers and printers
 STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)
-# The spirals in thicknesses: diameter, and widths of the arms of A and B. Half a turn: the arms bend and twist as those of pieces
-# do. All within the range of the stiffness table. Their sag is to be half a thickness.
+# Dimensions of the spirals in thicknesses: diameter, and widths of the arms of A and B. Half a turn makes arms bend and
+# twist as in pieces. All are within the range of the stiffness table. The intended sag is half a thickness
 SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
-MILLS = 1.5  # thicknesses that a mill may be wide: wider ones do not get round the ends of spiral B's arms
-KERFS = 4.0  # an arm is at least so many kerfs wide, or what the kerf strays would decide its stiffness
+MILLS = 1.5  # maximum diameter of a mill in thicknesses: wider mills do not fit around the ends of spiral B's arms
+KERFS = 4.0  # minimum width of an arm in kerfs; otherwise variation of the kerf would dominate its stiffness
 
 
 def coupons(settings: Settings) -> Coupons:
-    """The pieces for a sheet of these settings: thickness, material, kerf, mill and widths are theirs."""
+    """Return the pieces for these settings of thickness, material, kerf, mill and widths."""
     spiral, cut, material = settings.spiral, settings.cut, settings.material.sheet
     h, kerf = spiral.thickness, max(cut.kerf_outline, cut.kerf_holes)
     if cut.mill > MILLS * h:
@@ -33,7 +33,8 @@ def coupons(settings: Settings) -> Coupons:
     joint = spiral.width_max
     catch = size(joint, settings.connect, mill=cut.mill)
     steps = tuple(c * 1e-3 for c in STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))
-    thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else KERFS * kerf)  # a mill strays less than a beam
+    # the width cut by a mill varies less than that of a beam
+    thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else KERFS * kerf)
     widths = tuple(thin * w / SPIRAL_WIDTHS[0] for w in SPIRAL_WIDTHS)
     scale = SPIRAL_SCALE / SPIRAL_WIDTHS[0] * thin
     length, width = STRIP_LENGTH * h, max(STRIP_WIDTH * h, 0.01)

@@ -124,8 +124,7 @@ def make_sheets(
 
     Raises
     ------
-    FlexMapsError : a spiral has no room, a panel would touch itself, or, if ``params.oversize`` is "error", is too
-        large
+    FlexMapsError : a spiral has no room, a panel would touch itself, or is larger than the sheet where that is an error
     """
     design = design if base is None else base.design
     layout = design.flat.layout

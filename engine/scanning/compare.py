@@ -1,4 +1,4 @@
-"""How far the built piece, scanned, lies from the shape that was predicted (Malomo et al. 2018, section 8)."""
+"""Distance of the scanned piece from its predicted shape (Malomo et al. 2018, section 8)."""
 
 from __future__ import annotations
 
@@ -15,30 +15,34 @@ from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
 from .surface import Surface
 
-SEEN = (
-    0.1  # share of the size within which a point of the scan is taken for the piece: the paper's largest error is 0.041
-)
-SIDE = 0.85  # cosine: a point further than 32 degrees from a quad's normal lies beyond a border, not over the quad
-MEDIAN = 15  # points whose median tells where a spiral is: scatters a third as much as one point, and stays local
-SPARSE = 0.15  # share of the usual number of points over a spiral: fewer are outliers where the scan shows nothing
-LEAST = 3  # points over a spiral that tell where it is; fewer may all be outliers
-COVERED = 0.3  # share of the spirals that a scan of the same piece covers at least
-# share of the size: 17 pieces bent by up to 4 % end at 0.85 % RMS at most, scans of 7 other objects at 3.1 % at least
-ALIEN = 0.025
-CLUTTER = 0.5  # weight of a table's points below which they tell nothing of the piece
-ALIKE = 10.0  # times the scan may be larger or smaller than the piece where its unit is guessed: metres for millimetres is 1000
+# maximum distance of points that belong to the piece as a share of its size; the largest error in the paper is 0.041
+MAX_DISTANCE = 0.1
+MIN_COSINE = 0.85  # cosine of 32 degrees: a point further from a quad's normal lies beyond a border, not over the quad
+MEDIAN = 15  # points whose median locates a spiral: scatters a third as much as a single point, and stays local
+SPARSE = 0.15  # minimum share of the usual number of points over a spiral: fewer are outliers where the scan has a gap
+LEAST = 3  # minimum points over a spiral; fewer may all be outliers
+COVERED = 0.3  # minimum share of the spirals covered by a scan of the piece
+# maximum RMS distance as a share of the size: 17 pieces bent by up to 4 % have 0.85 % at most, scans of 7 other objects
+# at least 3.1 %
+MAX_RMS = 0.025
+CLUTTER = 0.5  # weight below which points count as part of a table
+# maximum ratio of sizes of scan and piece where the unit is guessed; metres and millimetres differ by 1000
+MAX_SIZE_RATIO = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A scan over a piece.
+    """A scan registered to a piece.
 
-    turn, shift : ``scale * scan @ turn.T + shift`` is the scan laid over the piece, metres
-    points : the scan where it lies, metres; used : which of them show the piece
-    distances : metres from every spiral's centre to the scan along its normal, NaN where the scan does not show it
-    size : the piece's diagonal, metres; noise : standard deviation of the scan about the piece's shape, metres
-    name : of the scan; simulated : whether it is laid over the simulated shape, else over the target
-    remarks : what a reader has to know besides
+    turn, shift : ``scale * scan @ turn.T + shift`` is the registered scan, metres
+    scale : metres per unit of the scan
+    points, used : registered points, metres, and whether each belongs to the piece
+    distances : from every spiral's centre to the scan along its normal, metres; NaN without points
+    size : the piece's diagonal, metres
+    noise : standard deviation of the scan about the piece's shape, metres
+    name : of the scan
+    simulated : whether it is compared with the simulated shape, not the target
+    remarks : sentences for the reader
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -55,26 +59,26 @@ class Comparison:
 
     @property
     def covered(self) -> Bool[np.ndarray, " quads"]:
-        """The spirals that the scan shows."""
+        """Whether the scan has points over a spiral."""
         return np.isfinite(self.distances)
 
     @property
     def rms(self) -> float:
-        """Root mean square distance of the covered spirals, metres."""
+        """Root mean square distance over the covered spirals, metres."""
         return float(np.sqrt(np.nanmean(self.distances**2)))
 
     @property
     def highest(self) -> float:
-        """The largest distance of a covered spiral, metres."""
+        """Largest distance of a covered spiral, metres."""
         return float(np.nanmax(np.abs(self.distances)))
 
     @property
     def shown_mm(self) -> Float[np.ndarray, " quads"]:
-        """Millimetres from every spiral's centre to the scan, -1 where the scan does not show it: for maps and attributes."""
+        """Distances in mm for maps and attributes; -1 without points."""
         return np.where(self.covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
 
     def report(self) -> dict[str, Any]:
-        """The block "scan" of report.json; percentages are of the piece's diagonal, as the paper's."""
+        """Return the block "scan" of report.json; percentages of the piece's diagonal, as in the paper."""
         mean, of_size = float(np.nanmean(self.distances)), 100 / self.size
         return {
             "file": self.name,
@@ -94,9 +98,18 @@ class Comparison:
 
 
 def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progress = SILENT) -> Comparison:
-    """Lay a scan over the predicted shape, without markers, and measure.
+    """Register a scan to the predicted shape without markers, and measure distances.
 
-    Raises FlexMapsError where the scan has too few points, one that is no number, no unit that fits, or shows another object.
+    Parameters
+    ----------
+    mesh : predicted shape, metres
+    scan : the scan
+    simulated : whether the shape was simulated
+    progress : receives the share done
+
+    Raises
+    ------
+    FlexMapsError : too few or invalid points, no suitable unit, or another object
     """
     points = scan.points
     if len(points) < FEWEST:
@@ -108,7 +121,8 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     middle, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
     kept = points[np.random.default_rng(0).permutation(len(points))[:MOST]].astype(float)
     scale, remarks = _scale(kept, size, scan.unit)
-    centre = np.median(kept, axis=0)  # a scan in a surveyor's frame may lie kilometres off, where digits are lost
+    # centre first: in a surveyor's frame coordinates are kilometres, and digits would be lost
+    centre = np.median(kept, axis=0)
     surface = Surface.of(mesh, middle, size)
     local = scale / size * (kept - centre)
     found = register(surface, local, scan.anywhere, progress)
@@ -122,7 +136,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
             f"The scan covers only {100 * seen:.0f} % of the piece's spirals; is it another object, or in another unit?"
         )
     rms = float(np.sqrt(np.nanmean(distances**2)))
-    if rms > ALIEN:
+    if rms > MAX_RMS:
         raise FlexMapsError(
             f"The scan lies RMS {100 * rms:.1f} % of the size from the piece where it comes nearest; is it another object, "
             "in another unit, or did the piece snap into another shape?"
@@ -143,7 +157,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
 
 
 def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str, ...]]:
-    """Metres in the scan's unit, and what was guessed."""
+    """Return the metres per unit of the scan, and remarks about a guess."""
     if unit:
         return UNITS[unit], ()
     low, high = np.quantile(points, (0.02, 0.98), axis=0)
@@ -152,7 +166,7 @@ def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str
         raise FlexMapsError("All points of the scan are the same; export the scan itself")
     name = min(("m", "mm"), key=lambda one: abs(np.log(UNITS[one] * wide / size)))
     times = UNITS[name] * wide / size
-    if not 1 / ALIKE < times < ALIKE:
+    if not 1 / MAX_SIZE_RATIO < times < MAX_SIZE_RATIO:
         raise FlexMapsError(
             f"The scan is {wide:.3g} units wide, the piece {1e3 * size:.0f} mm: neither metres nor millimetres; "
             f"give the scan's unit ({', '.join(UNITS)}), or is it another object?"
@@ -163,10 +177,10 @@ def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str
 def _distances(
     mesh: QuadMesh, surface: Surface, laid: np.ndarray, found: Registration
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
-    """Of every spiral the distance to the scan, shares of the size, and which points show the piece.
+    """Return the distance of every spiral to the scan in shares of the size, and which points belong to the piece.
 
-    It is the median over the points whose closest points on the piece lie nearest to the spiral's centre, within half an edge of
-    its quad, so that a few outliers have no say.
+    The distance is the median over points whose closest points on the piece are nearest to the spiral's centre, within
+    half an edge of its quad, so that a few outliers do not matter.
     """
     from scipy.spatial import cKDTree
 
@@ -174,8 +188,8 @@ def _distances(
     away = laid - foot
     height = np.einsum("ij,ij->i", away, surface.normals[triangle])
     far = np.linalg.norm(away, axis=1)
-    over = (far <= found.reach) | (np.abs(height) >= SIDE * far)
-    shown = (far < SEEN) & over & (found.weights >= CLUTTER)
+    over = (far <= found.reach) | (np.abs(height) >= MIN_COSINE * far)
+    shown = (far < MAX_DISTANCE) & over & (found.weights >= CLUTTER)
     centres = surface.vertices[surface.triangles].reshape(-1, 6, 3).mean(axis=1)
     if np.count_nonzero(shown) < LEAST:
         return np.full(len(centres), np.nan), shown

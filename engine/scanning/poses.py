@@ -1,9 +1,9 @@
-"""Many poses of a scan at once, each fitted to a surface by weighted least squares.
+"""Fit many poses of a scan to a surface at once by weighted least squares.
 
-A point that lies far from the surface has little say (Geman and McClure 1985: weight 1 / (1 + (r / reach)^2)^2), so that what
-the scan shows beside the piece is left out, however far it is; a reach that shrinks leads there from afar (Zhou, Park and Koltun
-2016, "Fast global registration"; Yang et al. 2020, "Graduated non-convexity"). Scan points look for the surface, not the
-reverse: what the scan does not show then has no say either. Lengths are shares of the piece's size.
+Points far from the surface count little (Geman and McClure 1985: weight 1 / (1 + (r / reach)^2)^2), so other objects in
+the scan are ignored at any distance; a decreasing reach leads there from far away (Zhou, Park and Koltun 2016, "Fast
+global registration"; Yang et al. 2020, "Graduated non-convexity"). Distances are measured from scan points to the
+surface, not the reverse, so missing parts of the scan do not count either. Lengths are shares of the piece's size.
 """
 
 from __future__ import annotations
@@ -16,18 +16,15 @@ import numpy as np
 from ..arrays import Float, Int
 from .surface import Distances
 
-AT_ONCE = (
-    256  # poses in one array: 256 poses of 400 points and six columns are 5 MB, which a processor's cache nearly holds
-)
-DAMPED = (
-    1e-3  # share of the mean stiffness added in every direction: steps stay short where the surface slides in itself
-)
-LONGEST = 0.3  # radians and shares of the size: the longest step, for a pose that nothing holds
+# poses per array: 256 poses of 400 points and six columns are 5 MB, about the size of a processor's cache
+AT_ONCE = 256
+DAMPING = 1e-3  # damping as a share of the mean stiffness: keeps steps short where the surface can slide in itself
+MAX_STEP = 0.3  # longest step in radians and shares of the size, for a pose that nothing constrains
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Rigid motions: a point p goes to ``turn @ p + shift``."""
+    """Rigid motions: a point p is moved to ``turn @ p + shift``."""
 
     turns: Float[np.ndarray, "poses 3 3"]
     shifts: Float[np.ndarray, "poses 3"]
@@ -40,22 +37,22 @@ class Poses:
 
     @staticmethod
     def joined(parts: Sequence[Poses]) -> Poses:
-        """All poses of some groups, one after the other."""
+        """Concatenate groups of poses."""
         return Poses(np.concatenate([one.turns for one in parts]), np.concatenate([one.shifts for one in parts]))
 
     def repeated(self, count: int) -> Poses:
-        """Every pose ``count`` times."""
+        """Return every pose ``count`` times."""
         return Poses(np.repeat(self.turns, count, axis=0), np.repeat(self.shifts, count, axis=0))
 
     def laid(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "poses points 3"]:
-        """The points where each pose puts them."""
+        """Return the points moved by each pose."""
         return points @ self.turns.transpose(0, 2, 1).astype(points.dtype) + self.shifts[:, None].astype(points.dtype)
 
     def moved(self, about: Float[np.ndarray, "poses 3"], twists: Float[np.ndarray, "poses 6"]) -> Poses:
-        """Each pose after a screw motion about a point of its own.
+        """Return each pose followed by a screw motion about its own point.
 
-        twists : rotation vector and velocity of that point; the motion is their exponential (Murray, Li and Sastry 1994,
-        eq. 2.36), so that a turn about a far axis stays on its circle
+        twists : rotation vector, and velocity of that point; the motion is their exponential (Murray, Li and Sastry
+            1994, eq. 2.36), so that a rotation about a distant axis stays on its circle
         """
         from scipy.spatial.transform import Rotation
 
@@ -72,26 +69,26 @@ class Poses:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """What poses are fitted by: the distances from a surface, a scan's points, and how much each counts."""
+    """Objective of the fit: distances from a surface, points of a scan and their weights."""
 
     distances: Distances
     points: Float[np.ndarray, "points 3"]
     weights: Float[np.ndarray, " points"]
 
     def cost(self, poses: Poses, reach: float) -> Float[np.ndarray, " poses"]:
-        """Geman and McClure's mean cost of each pose: 0 with all points on the surface, 1 with all far from it."""
+        """Return Geman and McClure's mean cost of each pose: 0 with all points on the surface, 1 with all far from it."""
         return np.concatenate([self._cost(poses[k : k + AT_ONCE], reach) for k in range(0, len(poses), AT_ONCE)])
 
-    def fitted(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPED) -> Poses:
-        """The poses after some rounds of Gauss and Newton."""
+    def fitted(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:
+        """Return the poses after some Gauss-Newton iterations."""
         parts = [poses[k : k + AT_ONCE] for k in range(0, len(poses), AT_ONCE)]
         return Poses.joined([self._fitted(part, reach, rounds, damped) for part in parts])
 
     def spread(self, poses: Poses, reach: float, steps: Sequence[float], ways: int = 2) -> Poses:
-        """The poses, and those some steps away from them along the ``ways`` in which the surface holds them least.
+        """Return the poses and poses some steps away along the ``ways`` directions that the surface constrains least.
 
-        A dome turned about its pole, or a vault shifted along its ridge, leaves the points on the surface until some cross a
-        border: only trying tells where on such a way the scan belongs.
+        A dome rotated about its pole, or a vault shifted along its ridge, keeps the points on the surface until some
+        cross a border: only trying shows where along such a direction the scan belongs.
         """
         square, _, about = self._normal(poses, reach)
         weak = np.linalg.eigh(square)[1][:, :, :ways]
@@ -103,11 +100,12 @@ class Fit:
         return Poses.joined(found)
 
     def _cost(self, poses: Poses, reach: float) -> np.ndarray:
+        """Return the mean cost of poses in one array."""
         squared = self.distances(poses.laid(self.points))[1] ** 2
         return (self.weights * squared / (squared + reach**2)).mean(axis=1)
 
     def _normal(self, poses: Poses, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(poses, 6, 6) normal matrix, (poses, 6) right side, and (poses, 3) middle of the points, about which they turn."""
+        """Return normal matrices (poses, 6, 6), right sides (poses, 6) and centres of rotation (poses, 3)."""
         laid = poses.laid(self.points)
         direction, distance = self.distances(laid)
         weight = self.weights / (1 + (distance / reach) ** 2) ** 2
@@ -117,11 +115,12 @@ class Fit:
         return square, -np.einsum("bni,bn->bi", rows, weight * distance), about
 
     def _fitted(self, poses: Poses, reach: float, rounds: int, damped: float) -> Poses:
+        """Return poses in one array after some Gauss-Newton iterations."""
         for _ in range(rounds):
             square, right, about = self._normal(poses, reach)
             mean = np.trace(square, axis1=1, axis2=2)[:, None, None] / 6
             step = np.linalg.solve(square + (damped * mean + 1e-9) * np.eye(6), right[..., None])[..., 0]
-            step *= np.minimum(1.0, LONGEST / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12))
+            step *= np.minimum(1.0, MAX_STEP / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12))
             poses = poses.moved(about.astype(float), step.astype(float))
             if np.abs(step).max() < 1e-7:
                 break
@@ -129,7 +128,7 @@ class Fit:
 
 
 def distinct(poses: Poses, cost: np.ndarray, probes: Float[np.ndarray, "probes 3"], most: int, apart: float) -> Poses:
-    """The best poses, at most ``most``, no two of which put the probes within ``apart`` of each other."""
+    """Return the best poses, at most ``most``, that move some probe more than ``apart`` from each other."""
     order = np.argsort(cost)
     laid = poses[order].laid(probes).reshape(len(order), -1)
     kept: list[int] = []

@@ -1,4 +1,4 @@
-"""A scan as it comes from a file: points, or a mesh that is sampled evenly."""
+"""Read a scan from a file: points, or a mesh that is sampled evenly."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from ..errors import FlexMapsError
 from ..surface.files.meshio import PARSERS, SUFFIXES
 from ..surface.files.text import RawMesh
 
-MOST = 60_000  # points that are kept: a spiral of a piece of 2,000 has 30 of them, its own waviness is seen
-FEWEST = 100  # points below which a scan shows no shape
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres
+MOST = 60_000  # maximum number of points: 30 per spiral for a piece of 2,000, which resolves the waviness of a spiral
+FEWEST = 100  # minimum number of points
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}  # metres per unit
 
 
 @dataclass(frozen=True, eq=False)
 class Scan:
     """A scan of a built piece.
 
-    points : in the scan's own unit and frame; name : for messages and reports
-    unit : one of ``UNITS``; "" where metres or millimetres, whichever comes nearer the piece's size
-    anywhere : whether it may lie in any pose, not only roughly as the piece does
+    points : in the scan's own unit and frame
+    name : for messages and reports
+    unit : key of ``UNITS``; "" for metres or millimetres, whichever is closer to the piece's size
+    anywhere : whether its orientation is arbitrary, not only approximately that of the piece
     """
 
     points: Float[np.ndarray, "points 3"]
@@ -34,9 +35,16 @@ class Scan:
 
 
 def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
-    """The scan in a file: of a mesh points spread evenly over its faces, else its points, at most ``MOST`` of them.
+    """Read a scan: of a mesh, points sampled evenly from its faces; else its points; at most ``MOST``.
 
-    Raises FlexMapsError where it cannot be read, is empty, or holds no number where one belongs.
+    Parameters
+    ----------
+    path : of the file
+    unit, anywhere : see ``Scan``
+
+    Raises
+    ------
+    FlexMapsError : the file cannot be read, is empty, or has invalid numbers
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -52,14 +60,14 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
     if not data.strip():
         raise FlexMapsError(f"{path.name} is empty; export the scan again")
     head = data[: data.find(b"end_header")]
-    if suffix == ".ply" and b"element face" not in head:  # points alone: the reader of meshes asks for faces
+    if suffix == ".ply" and b"element face" not in head:  # the reader of meshes requires an element for faces
         data = data.replace(b"end_header", b"element face 0\nproperty list uchar int vertex_indices\nend_header", 1)
     points = _points(PARSERS[suffix](data, path.name), path.name)
     return Scan(points, path.name, unit, anywhere)
 
 
 def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
-    """Points of the mesh in a file."""
+    """Return points of the mesh in a file."""
     random = np.random.default_rng(0)
     fans = [
         (start, k)
@@ -78,6 +86,7 @@ def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
     with np.errstate(invalid="ignore", over="ignore"):
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     if not np.isfinite(areas).all() or not areas.sum() > 0:
-        return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]  # ``compare`` names what is no number
+        # ``compare`` reports points that are not numbers
+        return raw.vertices[random.permutation(len(raw.vertices))[:MOST]]
     of = random.choice(len(corners), MOST, p=areas / areas.sum())
     return np.einsum("nk,nki->ni", random.dirichlet(np.ones(3), MOST), corners[of])

@@ -1,8 +1,9 @@
-"""The rigid motion that lays a scan over a surface, without markers.
+"""Find the rigid motion that registers a scan to a surface, without markers.
 
-Thousands of first guesses are fitted at once to a table of closest points (``surface``, ``poses``), then fewer and fewer of
-them, with more points and a shorter reach. Each round also looks along the ways in which the surface slides in itself. What
-decides in the end are all points at the reach of the scan's own noise, with the table that the piece stood on weighed down.
+Thousands of initial poses are fitted at once to a table of closest points (``surface``, ``poses``), then fewer and
+fewer of them with more points and a shorter reach. Each round also searches along directions in which the surface can
+slide in itself. The final choice uses all points with a reach that matches the scan's noise, and with reduced weights
+for the table on which the piece stood.
 """
 
 from __future__ import annotations
@@ -19,43 +20,44 @@ from .surface import Surface, Table
 
 # Measured on 26 surfaces of the zoo, 20 scans each: with 3 offsets instead of 5 and reaches from 0.12 on, a coil was caught between
 # its own turns; without the looks along the weak ways a third of all gables and a tenth of all barrels ended wrong.
-TILTS = (
-    (0.0, 1),
-    (12.0, 6),
-    (25.0, 14),
-)  # degrees, turns so far from the given pose: any of 30 degrees is near one of them
-WIDEST = (
-    45.0  # degrees: poses turned further are left out, or a symmetric piece may be laid in another of its right poses
-)
-ANYWHERE = 600  # turns tried where any pose may be: the median of all poses is 15 degrees from the nearest
-OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)  # shares of the surface's extents: its middle from that of the scan
-FEW_OFFSETS = (-0.2, 0.0, 0.2)  # the same where any turn is tried
-FIRST = (0.04, 0.02)  # reaches of the first guesses
-SIEVED = 120  # guesses that go on from there
-# reach of each round, and its steps along the weak ways: a scan of three fifths is at first up to 0.3 off along a ridge
+# angle in degrees from the given pose, and number of rotations: any rotation of up to 30 degrees is near one of them
+TILTS = (0.0, 1), (12.0, 6), (25.0, 14)
+WIDEST = 45.0  # degrees: poses rotated further are discarded, because a symmetric piece fits several orientations
+ANYWHERE = 600  # rotations tried for arbitrary orientation: the median distance to the nearest is 15 degrees
+OFFSETS = (-0.25, -0.125, 0.0, 0.125, 0.25)  # offsets of the scan's centre from the surface's, in shares of its extents
+FEW_OFFSETS = (-0.2, 0.0, 0.2)  # offsets for arbitrary orientation
+FIRST = (0.04, 0.02)  # reaches for initial poses
+SIEVED = 120  # initial poses that are kept
+# Reach of each round, and its steps along weakly constrained directions: a scan of three fifths of the piece is
+# initially up to 0.3 off along a ridge
 LOOKS = ((0.03, (0.04, 0.08, 0.16, 0.3)), (0.015, (0.02, 0.04, 0.08, 0.16)), (0.007, (0.02, 0.04, 0.08, 0.16)))
-LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))  # the same steps at the last reach
-POINTS = (120, 400, 1500, 3000)  # of the scan: while guesses are many, few, very few, and at the end
-NOISES = 3.0  # the last reach in standard deviations of the scan's noise: 95 % of a normal distribution weigh over 0.47
-SHARPEST, BLUNTEST = 0.0005, 0.03  # shares of the size between which that reach stays
-BESIDE = 0.05  # share of the size beyond which points are beside the piece: a piece that was built badly, bent by 4 %, is not
-# A plane is one where it holds this share of the points beside the piece, and this share of all points; 200 outliers in a cube
-# around the piece never come near to either, see ``bench make --tables``
+# steps along weakly constrained directions at the final reach
+LAST_LOOKS = ((0.03, 0.06, 0.12), (0.005, 0.01, 0.02), (0.0015, 0.003, 0.006))
+POINTS = (120, 400, 1500, 3000)  # points of the scan used with many, few and very few poses, and at the end
+NOISES = 3.0  # final reach in standard deviations of the scan's noise: 95 % of a normal distribution weigh over 0.47
+SHARPEST, BLUNTEST = 0.0005, 0.03  # limits of the final reach as shares of the size
+# share of the size beyond which points do not belong to the piece; a badly built piece, bent by 4 %, still belongs
+BACKGROUND = 0.05
+# Minimum share of a plane among the points that do not belong to the piece, and among all points; 200 outliers in a
+# cube around the piece never come close to either, see ``bench make --tables``
 FLAT, WORTH = 0.2, 0.005
-# Share of the size, the farthest that a plane's points lie from it. With 0.03 much of a dome went as planes and the rest was laid over
-# a torus; with 0.01 scans of 7 other objects are refused. Of 8 surfaces none lost points to planes without a table, at a noise of 0.005.
-THIN = 0.01
-PLANES = 3  # a table, and two walls in a corner
-TRIES = 300  # planes through three points each: one in ten points on the plane is met in 26 % of such searches, one in five in 91 %
+# Maximum distance of a plane's points from it as a share of the size. With 0.03 much of a dome was removed as planes
+# and the rest was fitted to a torus; with 0.01 scans of 7 other objects are rejected. None of 8 surfaces lost points to
+# planes without a table, at a noise of 0.005
+PLANE_TOLERANCE = 0.01
+PLANES = 3  # maximum number of planes: a table and two walls
+# random planes through three points: a plane with a tenth of the points is hit by 26 % of such searches, with a fifth
+# by 91 %
+TRIES = 300
 
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Where a scan belongs.
+    """Pose of a scan.
 
-    turn, shift : ``scan @ turn.T + shift`` lies over the surface
-    weights : how much each point of the scan counted; that of a plane's points is the share of it which the piece explains
-    reach : shares of the size, what was taken for three standard deviations of the scan's noise
+    turn, shift : ``scan @ turn.T + shift`` lies on the surface
+    weights : of the points; for a plane's points, the share of them that the piece explains
+    reach : three standard deviations of the scan's noise, in shares of the size
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -67,17 +69,17 @@ class Registration:
 def register(
     surface: Surface, scan: Float[np.ndarray, "points 3"], anywhere: bool = False, progress: Progress = SILENT
 ) -> Registration:
-    """Where a scan's points, in any order, belong on a surface around the origin; lengths are shares of its size.
+    """Register a scan's points, in any order, to a surface around the origin; lengths in shares of its size.
 
-    Without ``anywhere`` the scan is taken to be turned by 30 degrees at most.
+    Without ``anywhere`` the scan is assumed to be rotated by at most 30 degrees.
     """
     table = Table(surface)
     points = scan[np.random.default_rng(0).permutation(len(scan))]
     rough = [Fit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINTS]
-    poses = _sieved(rough[0], _guesses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
+    poses = _best_guesses(rough[0], _guesses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
     for k, (reach, steps) in enumerate(LOOKS):
         progress(0.5 + 0.1 * k, "Scan: looking along the surface")
-        poses = _looked(rough[1], poses, reach, steps, reach / 2, 30, 0.02)
+        poses = _search_nearby(rough[1], poses, reach, steps, reach / 2, 30, 0.02)
         poses = poses if anywhere else _upright(poses)
     poses = distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
     progress(0.8, "Scan: measuring its noise")
@@ -87,14 +89,14 @@ def register(
     poses = poses[np.argsort(exact.cost(poses, 0.005))[:4]]
     reach = _noise(exact, poses[:1])
     weights = _weights(surface, points, poses[:1], reach)
-    poses = _last(surface, table, points, weights, poses, reach, progress.part(0.85, 1.0))
+    poses = _final_pose(surface, table, points, weights, poses, reach, progress.part(0.85, 1.0))
     back = np.empty(len(points))
     back[np.random.default_rng(0).permutation(len(scan))] = weights
     return Registration(poses.turns[0], poses.shifts[0], back, reach)
 
 
 def _guesses(surface: Surface, points: np.ndarray, anywhere: bool) -> Poses:
-    """All first turns with all first offsets."""
+    """Return all initial rotations combined with all initial offsets."""
     from scipy.spatial.transform import Rotation
 
     if anywhere:
@@ -113,22 +115,22 @@ def _guesses(surface: Surface, points: np.ndarray, anywhere: bool) -> Poses:
 
 
 def _upright(poses: Poses) -> Poses:
-    """Those that are turned by ``WIDEST`` at most, or all where there is none."""
+    """Return the poses rotated by at most ``WIDEST``, or all if there are none."""
     cosine = (np.trace(poses.turns, axis1=1, axis2=2) - 1) / 2
     near = np.flatnonzero(cosine >= np.cos(np.radians(WIDEST)))
     return poses[near] if len(near) else poses
 
 
 def _ball(count: int) -> np.ndarray:
-    """(count, 3) unit vectors spread over the ball by the golden angle."""
+    """Return (count, 3) unit vectors distributed over the sphere by the golden angle."""
     k = np.arange(count) + 0.5
     height, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
     across = np.sqrt(1 - height**2)
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _sieved(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
-    """The best of the first guesses, fitted some at a time so that it can be stopped."""
+def _best_guesses(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
+    """Return the best initial poses, fitted in parts so that the search can be cancelled."""
     parts = []
     for k in range(0, len(poses), 1024):
         progress(k / len(poses), "Scan: looking for its pose")
@@ -140,16 +142,16 @@ def _sieved(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) -> Poses
     return distinct(poses, fit.cost(poses, 0.01), fit.points[:4], SIEVED, 0.02)
 
 
-def _looked(
+def _search_nearby(
     fit: Fit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
 ) -> Poses:
-    """The best of the poses and of those beside them along their weak ways, all fitted again."""
+    """Return the best of the poses and of poses near them along weakly constrained directions, all fitted again."""
     poses = fit.fitted(fit.spread(poses, reach, steps), reach, 3)
     return distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
 def _noise(fit: Fit, pose: Poses) -> float:
-    """``NOISES`` standard deviations of the points about the surface, from the median of those that lie within the same."""
+    """Return ``NOISES`` standard deviations of points within that distance of the surface, estimated by the median."""
     off = np.abs(fit.distances(pose.laid(fit.points))[1][0])
     deviation = _deviation(off, BLUNTEST)
     for _ in range(5):
@@ -158,23 +160,23 @@ def _noise(fit: Fit, pose: Poses) -> float:
 
 
 def _deviation(off: np.ndarray, within: float) -> float:
-    """Standard deviation from the median of those distances that are ``within``."""
+    """Return the standard deviation estimated from the median of distances below ``within``."""
     near = off[off < within]
     return 1.4826 * float(np.median(near)) if len(near) else within
 
 
 def _weights(surface: Surface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
-    """1, but for the points of planes that reach beyond the piece: the share of each that lies on the piece.
+    """Return weights of 1, or for points of planes beyond the piece, the share of the plane that lies on the piece.
 
-    A table's points that meet the surface by chance would otherwise pull the piece along a weak way, and those close under a part
-    that the scan does not show would be taken for it; those of a cube's own face that stands on the table still count for
-    something.
+    Otherwise points of a table that meet the surface by chance would pull the piece along a weakly constrained
+    direction, and points under a missing part of the scan would count as the piece. A face of the piece that stands on
+    the table keeps some weight.
     """
     laid = pose.laid(points)[0]
     off, weights, rest = surface(laid)[1], np.ones(len(points)), np.ones(len(points), dtype=bool)
-    near = min(reach, THIN)
+    near = min(reach, PLANE_TOLERANCE)
     for _ in range(PLANES):
-        beside = laid[(off > BESIDE) & rest]
+        beside = laid[(off > BACKGROUND) & rest]
         least = max(FLAT * len(beside), WORTH * len(points), 3)
         if len(beside) < least:
             break
@@ -188,7 +190,10 @@ def _weights(surface: Surface, points: np.ndarray, pose: Poses, reach: float) ->
 
 
 def _plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normal and a point of the plane with most points ``near`` it (Fischler and Bolles 1981), fitted to these."""
+    """Return unit normal and a point of the plane with most points ``near`` it, fitted to these points.
+
+    RANSAC (Fischler and Bolles 1981).
+    """
     three = points[np.random.default_rng(0).integers(0, len(points), (TRIES, 3))]
     normals = np.cross(three[:, 1] - three[:, 0], three[:, 2] - three[:, 0])
     long = np.linalg.norm(normals, axis=1)
@@ -207,7 +212,7 @@ def _plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
     return normal, origin
 
 
-def _last(
+def _final_pose(
     surface: Surface,
     table: Table,
     points: np.ndarray,
@@ -216,14 +221,14 @@ def _last(
     reach: float,
     progress: Progress,
 ) -> Poses:
-    """The one pose that the points hold best at the reach of their noise."""
+    """Return the pose that fits all points best with a reach that matches their noise."""
     some, most = POINTS[2:]
     quick = Fit(table, points[:some].astype(np.float32), weights[:some])
     exact = Fit(surface, points[:most], weights[:most])
     for k, steps in enumerate(LAST_LOOKS):
         progress(k / len(LAST_LOOKS), "Scan: fitting all points")
         if k < 2:
-            poses = _looked(quick, poses, reach, steps, reach, 6, 0.003)
+            poses = _search_nearby(quick, poses, reach, steps, reach, 6, 0.003)
         else:
             near = exact.spread(poses, reach, steps)
             poses = near[np.argsort(exact.cost(near, reach))[:4]]

@@ -1,4 +1,4 @@
-"""The surface that a scan is laid over: its closest points, exactly and from a table of them."""
+"""Surface to which a scan is registered, with closest points, exact or from a table."""
 
 from __future__ import annotations
 
@@ -11,33 +11,34 @@ import numpy as np
 from ..arrays import Float, Int
 from ..surface.mesh import QuadMesh
 
-STEP = 1 / 40  # share of the size between the table's nodes: a surface of radius 1/4 of it is met there to 0.03 %
-MARGIN = 0.3  # share of the size that the table reaches beyond the surface: more than a first guess of the pose is off
+# grid spacing of the table as a share of the size: exact to 0.03 % on a surface whose radius is a quarter of the size
+STEP = 1 / 40
+MARGIN = 0.3  # margin of the table around the surface as a share of the size: more than the error of initial poses
 
 
 class Distances(Protocol):
-    """How far points are from a surface, and the direction in which that grows: all that a fit asks for."""
+    """Function that returns distances of points from a surface, and their gradients."""
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(..., 3) points -> (..., 3) unit directions, (...) distances along them."""
+        """Return unit directions (..., 3) and distances along them (...) for points (..., 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A triangulated surface with a tree of its triangles; two to every quad, in the order of the quads."""
+    """A triangulated surface with a tree of its triangles; two per quad, in the order of the quads."""
 
     vertices: Float[np.ndarray, "vertices 3"]
     triangles: Int[np.ndarray, "triangles 3"]
 
     @classmethod
     def of(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> Surface:
-        """A quad mesh around its ``middle`` in shares of its ``size``."""
+        """Return a quad mesh centred on ``middle``, in shares of its ``size``."""
         halves = np.stack([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
         return cls(np.ascontiguousarray((mesh.vertices - middle) / size, float), np.ascontiguousarray(halves, np.int64))
 
     @cached_property
     def tree(self) -> Any:
-        """libigl's tree of bounding boxes."""
+        """Tree of bounding boxes (libigl)."""
         import igl
 
         tree = igl.AABB()
@@ -52,14 +53,14 @@ class Surface:
         return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
 
     def closest(self, points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
-        """Of every point the triangle that is nearest and the (points, 3) point of it."""
+        """Return for every point the nearest triangle and the closest point (points, 3) on it."""
         _, triangle, foot = self.tree.squared_distance(
             self.vertices, self.triangles, np.ascontiguousarray(points, float)
         )
         return np.asarray(triangle).ravel(), np.asarray(foot).reshape(-1, 3)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances without error; on the surface itself the direction is its normal."""
+        """Return exact directions and distances; on the surface itself the direction is its normal."""
         flat = np.ascontiguousarray(points.reshape(-1, 3), float)
         triangle, foot = self.closest(flat)
         away = flat - foot
@@ -70,10 +71,10 @@ class Surface:
 
 
 class Table:
-    """Closest points of the nodes of a grid; a point between them takes the tangent plane of the nearest one.
+    """Closest points of the nodes of a grid; other points use the tangent plane at the nearest node.
 
-    Fitzgibbon 2003, "Robust registration of 2D and 3D point sets", tables distances in this way. A hundred times faster
-    than the tree, and good to some 0.1 % of the size near the surface.
+    As in Fitzgibbon 2003, "Robust registration of 2D and 3D point sets". A hundred times faster than the tree, with an
+    error of about 0.1 % of the size close to the surface.
     """
 
     def __init__(self, surface: Surface):
@@ -87,7 +88,7 @@ class Table:
         self._direction, self._height = direction.astype(np.float32), height.astype(np.float32)
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances, signed, from the tangent planes of the nearest nodes."""
+        """Return directions and signed distances from the tangent planes of the nearest nodes."""
         at = np.clip(np.rint((points - self._low) / STEP), 0, self._counts - 1).astype(np.int32)
         node = (at[..., 0] * self._counts[1] + at[..., 1]) * self._counts[2] + at[..., 2]
         direction = self._direction[node]

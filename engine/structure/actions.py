@@ -1,7 +1,7 @@
-"""What loads do to the spirals: forces at the hubs, pressures that follow them, movements of the supports.
+"""Effects of loads on the spirals: forces at the hubs, pressures that follow them, and movements of supports.
 
-Everything counts on the shape at rest, as it was simulated without loads: areas that wind and snow meet, lengths of lines. Forces, wind and
-snow keep their direction as the piece gives way; a pressure stays normal to every hub.
+Areas that wind and snow meet and lengths of lines are those of the shape at rest without loads. Forces, wind and snow
+keep their direction as the piece deforms; a pressure stays normal to every hub.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from ..mechanics.loads import GRAVITY
 from .cases import Case, Combination, Load, LoadPlan
 
 Where = Callable[[str], np.ndarray]
-HIDDEN = 1e-3  # of an edge, by which what hides a quad must lie before it: rounding
-RAYS = 2_000_000  # pairs of quad and triangle that are looked at together: 100 MB
+HIDDEN = 1e-3  # minimum distance in edges at which one quad hides another; absorbs rounding
+RAYS = 2_000_000  # pairs of quad and triangle tested at once: 100 MB
 
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """What acts on n spirals.
+    """Loads on n spirals.
 
-    force : (n, 3) N, of fixed direction; pressure : (n,) N along the outer normals of the hubs, which turn with them
-    shift : (n, 3) m, of the hubs that are held
+    force : N, of fixed direction
+    pressure : N along the outer normals of the hubs, which rotate with the hubs
+    shift : movement of held hubs, metres
     """
 
     force: Float[np.ndarray, "spirals 3"]
@@ -36,35 +37,42 @@ class Action:
 
     @classmethod
     def none(cls, size: int) -> Action:
+        """Return the action without loads."""
         return cls(np.zeros((size, 3)), np.zeros(size), np.zeros((size, 3)))
 
     def __add__(self, other: Action) -> Action:
         return Action(self.force + other.force, self.pressure + other.pressure, self.shift + other.shift)
 
     def times(self, factor: float) -> Action:
+        """Return the action scaled by a factor."""
         return Action(factor * self.force, factor * self.pressure, factor * self.shift)
 
     def at(self, pose: Pose) -> Float[np.ndarray, "spirals 3"]:
-        """(n, 3) N on the hubs in a pose."""
+        """Return the forces on the hubs in a pose, N."""
         return self.force + self.pressure[:, None] * pose.rotations[:, :, 2]
 
     @property
     def follows(self) -> bool:
-        """Whether some of it turns with the hubs."""
+        """Whether there is a pressure, which rotates with the hubs."""
         return bool(self.pressure.any())
 
     @property
     def acts(self) -> bool:
+        """Whether there is any load or movement."""
         return bool(self.force.any() or self.pressure.any() or self.shift.any())
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The shape at rest as loads see it.
+    """The shape at rest to which loads are applied.
 
-    pose : of the hubs; corners : (n, 4, 3) m, of their quads; flat : (n, 4, 2) m, the same before they were bent
-    mass : (n,) kg; held : (n,) bool, whose place is held
-    where : the quads that a text names
+    pose : of the hubs
+    corners : of their quads, metres
+    flat : corners of their quads before bending, metres
+    pairs, sides : hubs of every joint, and their sides
+    mass : kg
+    held : whether the position of a hub is held
+    where : returns the quads named by a text
     """
 
     pose: Pose
@@ -78,28 +86,30 @@ class Ground:
 
     @property
     def size(self) -> int:
+        """Number of spirals."""
         return len(self.mass)
 
     @property
     def area(self) -> Float[np.ndarray, " spirals"]:
-        """(n,) m^2 of the flat quads, slots included."""
+        """Area of the flat quads with their slots, m2."""
         x, y = self.flat[..., 0], self.flat[..., 1]
         return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
 def actions(plan: LoadPlan, ground: Ground) -> dict[str, Action]:
-    """Of every case and combination, by name."""
+    """Return the action of every case and combination by name."""
     found = {case.name: _of_case(case, ground, lasting=False) for case in plan.cases}
-    return found | {one.name: _sum(one, found, ground.size) for one in plan.combinations}
+    return found | {one.name: _combine(one, found, ground.size) for one in plan.combinations}
 
 
 def lasting(plan: LoadPlan, ground: Ground) -> Action:
-    """The sum of all loads that stay for years."""
+    """Return the sum of all loads that stay for years."""
     parts = [_of_case(case, ground, lasting=True) for case in plan.cases]
     return sum(parts[1:], parts[0])
 
 
-def _sum(one: Combination, found: dict[str, Action], size: int) -> Action:
+def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
+    """Return the action of a combination of cases."""
     total = Action.none(size)
     for factor, name in one.parts:
         total += found[name].times(factor)
@@ -107,6 +117,7 @@ def _sum(one: Combination, found: dict[str, Action], size: int) -> Action:
 
 
 def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
+    """Return the action of a case, with ``lasting`` only of its loads that stay for years."""
     total = Action.none(ground.size)
     for load in case.loads:
         if load.lasting or not lasting:
@@ -118,6 +129,7 @@ def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
 
 
 def _of_load(load: Load, ground: Ground) -> Action:
+    """Return the action of a load, without its factor."""
     acts = Action.none(ground.size)
     quads = ground.where(load.where) if load.where else np.arange(ground.size)
     value = np.array(load.value)
@@ -128,7 +140,7 @@ def _of_load(load: Load, ground: Ground) -> Action:
     elif load.kind == "line":
         acts.force[quads] += value * _lengths(quads, ground)[:, None]
     elif load.kind == "pressure":
-        # one that is positive presses from outside
+        # a positive pressure acts from outside
         acts.pressure[quads] -= value * ground.area[quads]
     elif load.kind == "move":
         moved = quads if load.where else np.flatnonzero(ground.held)
@@ -137,12 +149,12 @@ def _of_load(load: Load, ground: Ground) -> Action:
             raise FlexMapsError("only supports can be moved, and nothing holds these quads", faces=loose)
         acts.shift[moved] += value
     else:
-        acts.force[quads] += _met(value, quads, ground)
+        acts.force[quads] += _on_exposed_areas(value, quads, ground)
     return acts
 
 
 def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
-    """(k,) m: how long a line is on every one of its quads: from side to side where it goes on to a neighbour."""
+    """Return (k,) the length in metres of a line on each of its quads: from side to side where it continues."""
     inside = np.zeros(ground.size, dtype=bool)
     inside[quads] = True
     joined = inside[ground.pairs].all(axis=1)
@@ -154,21 +166,21 @@ def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
         raise FlexMapsError("its quads form no line, for one of them has three neighbours among them", faces=wide)
     middle = 0.5 * (ground.flat + np.roll(ground.flat, -1, axis=1))
     half = np.linalg.norm(middle - ground.flat.mean(axis=1)[:, None], axis=2)
-    # at its ends a line runs to the opposite side, and on a quad alone along the longer way
+    # at its ends a line extends to the opposite side, on a single quad along the longer direction
     goes |= (count == 1)[:, None] & np.roll(goes, 2, axis=1)
     across = half + np.roll(half, 2, axis=1)
     return np.where(count > 0, (half * goes).sum(axis=1), across.max(axis=1))[quads]
 
 
-def _met(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
-    """(k, 3) N: a pressure along an axis on the projected areas of those quads that it meets first."""
+def _on_exposed_areas(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
+    """Return (k, 3) N of a pressure along an axis on the projected areas of quads that are not hidden."""
     axis = value / max(np.linalg.norm(value), 1e-300)
     share = np.abs(ground.pose.rotations[quads, :, 2] @ axis) * ~hidden(ground.corners, axis)[quads]
     return value * (share * ground.area[quads])[:, None]
 
 
 def hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
-    """(F,) whether the middle of a quad lies behind another one, seen along an axis."""
+    """Return whether the middle of a quad lies behind another quad, seen along an axis."""
     helper = np.eye(3)[np.abs(axis).argmin()]
     right = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
     frame = np.stack([right, np.cross(axis, right), axis], axis=1)

@@ -1,4 +1,4 @@
-"""Load cases by name, each a sum of loads, and combinations of cases with factors; read from lines of text.
+"""Named load cases, each a sum of loads, and combinations of cases with factors; read from lines of text.
 
     weight: weight
     snow: snow 500 on 12,13,14
@@ -7,8 +7,8 @@
 
     all = 1.35 weight + 1.5 snow
 
-A line is NAME: KIND VALUE AXIS on WHERE times FACTOR lasting; several lines of one name make one case. Values are newtons,
-newtons a metre, newtons a square metre and, of movements, millimetres.
+A line is NAME: KIND VALUE AXIS on WHERE times FACTOR lasting; lines with the same name form one case. Values are in N,
+N/m or N/m2, and in mm for movements.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 
-# of every kind: what its value is called, its unit, and the axis along which it acts where none is given
+# name of the value, its unit and the default axis of every kind
 KINDS: dict[str, tuple[str, str, str]] = {
     "weight": ("", "", "-z"),
     "point": ("force", "N", ""),
@@ -32,8 +32,8 @@ KINDS: dict[str, tuple[str, str, str]] = {
     "move": ("movement", "mm", ""),
 }
 AXES = {sign + axis: k for k, axis in enumerate("xyz") for sign in ("", "+", "-")}
-LASTING = "lasting"  # the word that says that a load stays for years
-NAME = r"[^\W\d][\w-]*"  # of a case: a letter, then letters, digits, _ and -
+LASTING = "lasting"  # word for a load that stays for years
+NAME = r"[^\W\d][\w-]*"  # name of a case: a letter, then letters, digits, _ and -
 LINE = re.compile(
     rf"(?P<name>{NAME})\s*:\s*(?P<kind>\w+)(?P<given>(?:\s+\S+?)*?)(?:\s+on\s+(?P<where>.+?))?"
     rf"(?:\s+times\s+(?P<factor>\S+))?(?P<lasting>\s+{LASTING})?\s*"
@@ -41,17 +41,18 @@ LINE = re.compile(
 SUM = re.compile(
     rf"\s*(?P<sign>[+-]?)\s*(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE
 )
-LONGEST = 60  # letters of a line that an error repeats
+LONGEST = 60  # maximum letters of a line quoted in an error
 
 
 @dataclass(frozen=True)
 class Load:
     """One load.
 
-    kind : a key of ``KINDS``
-    value : of the whole along an axis, SI: N, N/m, N/m^2 or m; three numbers, or one for a pressure along the normal, or none
-    where : what it acts on: a vertex group, numbers of quads, "lowest"; "" for all quads, of a movement for all supports
-    factor : that it counts with; lasting : whether it stays for years
+    kind : key of ``KINDS``
+    value : total along an axis, in N, N/m, N/m2 or m: three numbers, or one for a pressure along the normal, or none
+    where : vertex group, numbers of quads, or "lowest"; "" for all quads, or for all supports in case of a movement
+    factor : multiplies the value
+    lasting : whether it stays for years
     """
 
     kind: str
@@ -63,7 +64,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Case:
-    """Loads that act together, by a name."""
+    """Loads that act together under one name."""
 
     name: str
     loads: tuple[Load, ...]
@@ -71,7 +72,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Combination:
-    """A sum of cases: of each its factor and its name."""
+    """A sum of cases: factor and name of each."""
 
     name: str
     parts: tuple[tuple[float, str], ...]
@@ -79,7 +80,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class LoadPlan:
-    """All cases and combinations of a piece; no two have one name."""
+    """All cases and combinations of a piece, with different names."""
 
     cases: tuple[Case, ...]
     combinations: tuple[Combination, ...] = ()
@@ -101,14 +102,25 @@ class LoadPlan:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """What the loads act on, by the texts that name it."""
+        """Texts that name the places of loads."""
         return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
 
 
 def line_of(
     name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False
 ) -> str:
-    """The line that says a load; what its kind does not take is left out. Raises ``FlexMapsError`` where it would not be read."""
+    """Return the line of text for a load; values that its kind does not need are left out.
+
+    Parameters
+    ----------
+    name, kind : of the case, and key of ``KINDS``
+    value : in the unit of ``KINDS``
+    axis, where, factor, lasting : see ``Load``
+
+    Raises
+    ------
+    FlexMapsError : ``where`` could not be read back
+    """
     called = KINDS[kind][0]
     words = [f"{name.strip()}: {kind}"]
     words += [f"{value:.6g}"] if called else []
@@ -130,12 +142,21 @@ def line_of(
 
 
 def lines(text: str) -> list[str]:
-    """The lines of a text, which semicolons part too."""
+    """Return the lines of a text; semicolons separate lines too."""
     return [line.strip() for line in re.split(r"[;\n]", text) if line.strip()]
 
 
 def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> LoadPlan:
-    """The cases and combinations that lines of text name. Raises ``FlexMapsError`` with the line that cannot be read."""
+    """Read cases and combinations from lines of text.
+
+    Parameters
+    ----------
+    cases, combinations : text, or its lines
+
+    Raises
+    ------
+    FlexMapsError : with the line that cannot be read
+    """
     found: dict[str, list[Load]] = {}
     for line in lines(cases) if isinstance(cases, str) else cases:
         name, load = _load(line)
@@ -144,63 +165,70 @@ def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> 
     return LoadPlan(tuple(Case(n, tuple(loads)) for n, loads in found.items()), tuple(_combination(s) for s in sums))
 
 
-def _wrong(line: str, why: str) -> FlexMapsError:
+def _line_error(line: str, why: str) -> FlexMapsError:
+    """Return the error about a line."""
     return FlexMapsError(f"Load case '{line.strip():.{LONGEST}}': {why}")
 
 
 def _load(line: str) -> tuple[str, Load]:
+    """Return the name of the case and the load in a line."""
     found = LINE.fullmatch(line.strip())
     if found is None:
-        raise _wrong(line, "give it as NAME: KIND VALUE AXIS, such as 'snow: snow 500' or 'lamp: point 5 -z on 12,13'")
+        raise _line_error(
+            line, "give it as NAME: KIND VALUE AXIS, such as 'snow: snow 500' or 'lamp: point 5 -z on 12,13'"
+        )
     kind = found["kind"]
     if kind not in KINDS:
-        raise _wrong(line, f"'{kind}' is no kind of load; there are {', '.join(KINDS)}")
+        raise _line_error(line, f"'{kind}' is no kind of load; there are {', '.join(KINDS)}")
     words = found["given"].split()
     factor = 1.0 if found["factor"] is None else _number(line, found["factor"])
-    # a piece's own weight never goes away
+    # a piece's own weight stays for years
     lasting = found["lasting"] is not None or kind == "weight"
     return found["name"], Load(kind, _value(line, kind, words), (found["where"] or "").strip(), factor, lasting)
 
 
 def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
-    """What a load's numbers and axis say, SI."""
+    """Return the vector or number in a load's words, in SI units."""
     called, unit, usual = KINDS[kind]
     if not called:
         if words:
-            raise _wrong(line, f"{kind} takes no value; 'times 1.35' gives it a factor")
+            raise _line_error(line, f"{kind} takes no value; 'times 1.35' gives it a factor")
         return ()
     if not words:
-        raise _wrong(line, f"give its {called} in {unit}")
+        raise _line_error(line, f"give its {called} in {unit}")
     scale = 1e-3 if unit == "mm" else 1.0
     numbers = [scale * _number(line, word) for word in words[0].split(",")]
     if len(numbers) == 3 and len(words) == 1 and kind not in ("pressure", "wind", "snow"):
         return tuple(numbers)
     if len(numbers) != 1 or len(words) > 2:
-        raise _wrong(line, f"give its {called} in {unit} as one number and an axis, or of a force or movement as x,y,z")
+        raise _line_error(
+            line, f"give its {called} in {unit} as one number and an axis, or of a force or movement as x,y,z"
+        )
     if kind == "pressure":
         if len(words) > 1:
-            raise _wrong(line, "a pressure acts along the normals and has no axis; wind and snow have one")
+            raise _line_error(line, "a pressure acts along the normals and has no axis; wind and snow have one")
         return (numbers[0],)
     axis = words[1] if len(words) > 1 else usual
     if axis not in AXES:
-        raise _wrong(line, f"give the axis along which it acts: {', '.join(a for a in AXES if '+' not in a)}")
+        raise _line_error(line, f"give the axis along which it acts: {', '.join(a for a in AXES if '+' not in a)}")
     along = np.zeros(3)
     along[AXES[axis]] = -numbers[0] if axis.startswith("-") else numbers[0]
     return tuple(along.tolist())
 
 
 def _number(line: str, word: str) -> float:
-    """A finite number in the digits 0 to 9."""
+    """Return a finite number written in the digits 0 to 9."""
     try:
         value = float(word) if word.isascii() and "_" not in word else np.nan
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise _wrong(line, f"'{word:.{LONGEST}}' is no number")
+        raise _line_error(line, f"'{word:.{LONGEST}}' is no number")
     return value
 
 
 def _combination(text: str) -> Combination:
+    """Return the combination in a line."""
     name, equals, right = text.partition("=")
     name = name.strip()
     parts = [SUM.fullmatch(one) for one in re.split(r"(?<![eE])(?=[+-])", right) if one.strip()]

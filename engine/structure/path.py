@@ -1,9 +1,10 @@
-"""How a piece gives way as a load rises from nothing, past the point where it snaps: the load path.
+"""Load path: the equilibria of a piece as a load rises from zero, past the point where it snaps.
 
-The path of equilibria of elastic forces less factor x load is followed by its length (Riks 1979; Crisfield 1991, chapter 9): a
-step along its tangent, then Newton's steps on the plane across it, which solve a bordered system by block elimination. Their
-stresses are those that the last step predicted (Magisano, Leonetti and Garcea 2017, who made them for this). The load at which the
-tangent stiffness stops being positive definite is critical: a limit point where the load itself can rise no more, else a branching.
+The equilibria of elastic forces and factor x load are followed by arc length (Riks 1979; Crisfield 1991, chapter 9): a
+step along the tangent, then Newton steps in the plane perpendicular to it, which solve a bordered system by block
+elimination with the stresses predicted by the last step (Magisano, Leonetti and Garcea 2017). The load is critical
+where the tangent stiffness stops being positive definite: at a limit point, where the load can rise no further, or at a
+branch point.
 """
 
 from __future__ import annotations
@@ -26,27 +27,28 @@ from ..newton import STILL
 from ..progress import SILENT, Progress
 from .actions import Action
 
-LIMIT, BRANCH = "limit", "branch"  # how a critical load ends the path that was stable
-FIRST, LONGEST = (
-    0.05,
-    0.25,
-)  # radians, or edges, that a hub moves in the first and in the longest step: both by eye, any converge
-SHORTEST = 1e-6  # of the same, and of the largest factor: what is shorter leads nowhere
-SHARE = 0.125  # of the largest factor that one step may add, so that a curve has points
-USUAL, MOST = 5, 14  # Newton steps that leave a step's length as it is, and after which it is halved
-TURN_CAP = 0.5  # radians that a hub may turn in one Newton step, as in ``equilibrium``
-SHARP = 1e-3  # of the critical factor: how narrowly it is enclosed
-HALVINGS = 24  # of a step, until it is
-BEYOND = 12  # steps that are followed after the critical load
-STEPS = 400  # at most; a dome that snaps takes some 40
+LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the stable path
+FIRST, LONGEST = 0.05, 0.25  # first and longest step in radians or edges that a hub moves; both by eye, any converge
+SHORTEST = 1e-6  # shortest step, in these units and as a share of the largest factor, before following is given up
+# maximum increase of the factor per step as a share of the largest factor, so that curves have enough points
+SHARE = 0.125
+USUAL, MOST = 5, 14  # Newton steps at which the step length is kept, and at which it is halved
+TURN_CAP = 0.5  # maximum rotation of a hub per Newton step in radians, as in ``equilibrium``
+BRACKET_TOL = 1e-3  # relative width to which the critical factor is bracketed
+HALVINGS = 24  # maximum bisections for that
+BEYOND = 12  # steps followed after the critical load
+STEPS = 400  # maximum number of steps; a dome that snaps takes about 40
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
     """An equilibrium on the path.
 
-    factor : of the load; state : of the elastic model; unstable : number of ways in which it gives way by itself
-    way, rises : how the hubs (n, 6) and the factor go on from there, for a hub that moves by one radian or edge at most
+    factor : of the load
+    state : of the elastic model
+    unstable : number of unstable directions
+    way, rises : tangent of the path in hub motion (n, 6) and factor, scaled so that no hub moves more than one radian
+        or edge
     """
 
     factor: float
@@ -57,17 +59,20 @@ class Point:
 
     @property
     def pose(self) -> Pose:
+        """Pose of the hubs."""
         pose: Pose = self.state.pose
         return pose
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """The equilibria that were found, in their order.
+    """The equilibria in order.
 
-    points : the first without load; marks : those at the factors that were asked for, where they were reached in a stable state
-    critical : the factor at which it gives way, None where none was found; kind : ``LIMIT`` or ``BRANCH``
-    ended : why it was not followed further, "" where nothing was left to be asked
+    points : the first is without load
+    marks : equilibria at the requested factors that were reached in a stable state
+    critical : factor at which the piece gives way, or None
+    kind : ``LIMIT`` or ``BRANCH``, or "" without critical factor
+    ended : reason why following stopped early, else ""
     """
 
     points: tuple[Point, ...]
@@ -78,7 +83,7 @@ class Path:
 
     @property
     def last(self) -> Point:
-        """The last one before the piece gives way."""
+        """The last equilibrium before the piece gives way."""
         first = next((k for k, one in enumerate(self.points) if one.unstable), len(self.points))
         return self.points[max(first - 1, 0)]
 
@@ -87,7 +92,8 @@ class Path:
 class Follower:
     """Follows the equilibria of a model under factor x action.
 
-    system : the joints' linear system, what holds the piece left out; tolerance : forces left, relative to those within and the load
+    system : linear system of the joints with supports eliminated
+    tolerance : residual force relative to internal forces and load
     """
 
     model: ElasticModel
@@ -98,7 +104,7 @@ class Follower:
     scale: float = field(init=False, default=0.0)
 
     def __post_init__(self) -> None:
-        # what holds a piece that floats is no support: it carries nothing
+        # constraints of a floating piece are not supports: they carry nothing
         assembly = self.model.assembly
         self.edge = float(assembly.radius.mean() * 2.0)
         self.scale = float(np.linalg.norm(self.action.force) + np.linalg.norm(self.action.pressure))
@@ -106,12 +112,24 @@ class Follower:
     # -- linear systems ------------------------------------------------------------------------------------------------
 
     def residual(self, here: Expansion, pose: Pose, factor: float) -> Float[np.ndarray, "spirals 6"]:
+        """Return the residual forces and moments (n, 6), N and N m.
+
+        Parameters
+        ----------
+        here : elastic gradient at the pose
+        pose, factor : of the hubs, and of the load
+        """
         out = here.gradient.copy()
         out[: len(self.action.force), :3] -= factor * self.action.at(pose)
         return out
 
     def pull(self, here: Expansion, pose: Pose) -> Float[np.ndarray, "spirals 6"]:
-        """Less the derivative of the residual by the factor; supports that move along count."""
+        """Return the negative derivative of the residual by the factor, including moving supports.
+
+        Parameters
+        ----------
+        here, pose : expansion of the elastic energy, and the pose
+        """
         out, hubs = np.zeros_like(here.gradient), len(self.action.force)
         out[:hubs, :3] = self.action.at(pose)
         if self.action.shift.any():
@@ -123,11 +141,28 @@ class Follower:
         return out
 
     def follows(self, pose: Pose, factor: float) -> csc_array:
-        """The derivative of the residual by the turns of the hubs through a pressure that turns with them; free increments."""
+        """Return the derivative of the residual by rotations of the hubs due to following pressures.
+
+        Only rows and columns of free unknowns.
+
+        Parameters
+        ----------
+        pose, factor : of the hubs, and of the load
+        """
         return following(self.system, self.action, pose, factor)
 
     def factored(self, here: Expansion, pose: Pose, factor: float) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
-        """What solves with the tangent, and its number of negative pivots."""
+        """Factor the tangent stiffness.
+
+        Parameters
+        ----------
+        here : expansion of the elastic energy
+        pose, factor : of the hubs, and of the load
+
+        Returns
+        -------
+        function that solves with the tangent, and the number of negative pivots
+        """
         values = self.system.values(here.hessian)
         if not self.action.follows and self.system.factor(values):
             return self.system.solve, 0
@@ -138,19 +173,31 @@ class Follower:
         return lambda field: self.system.full(lu.solve(self.system.reduced(field))), lu.negative
 
     def moved(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
-        """Increments with those of the supports that a change of the factor moves."""
+        """Return increments (n, 6) with the movement of supports for a change of the factor added.
+
+        Parameters
+        ----------
+        way : increments of the free hubs
+        factor : change of the factor
+        """
         out = way.copy()
         out[: len(self.action.shift), :3] += factor * self.action.shift
         return out
 
     def size(self, way: np.ndarray) -> float:
-        """The largest motion of a hub, in radians or edges."""
+        """Return the largest motion of a hub in radians or edges."""
         return float((np.abs(way) * np.repeat([1.0 / self.edge, 1.0], 3)).max(initial=0.0))
 
     # -- points --------------------------------------------------------------------------------------------------------
 
     def point(self, state: Any, factor: float, before: Point | None) -> Point:
-        """An equilibrium with the way on from it, in the direction in which the path was followed so far."""
+        """Return an equilibrium with the tangent of the path, oriented as the path was followed so far.
+
+        Parameters
+        ----------
+        state, factor : of the equilibrium
+        before : the previous equilibrium, or None
+        """
         here = self.model.expand(state)
         solve, unstable = self.factored(here, state.pose, factor)
         way = self.moved(solve(self.pull(here, state.pose)), 1.0)
@@ -164,9 +211,13 @@ class Follower:
         return Point(factor, state, unstable, sign * way / length, sign / length)
 
     def step(self, point: Point, length: float, fixed: float | None = None) -> tuple[Point, int] | None:
-        """The next equilibrium and how many Newton steps it took; None where they do not lead to one.
+        """Return the next equilibrium and its number of Newton steps; None without convergence.
 
-        fixed : the factor that it shall have, instead of lying on the plane across the tangent
+        Parameters
+        ----------
+        point : the present equilibrium
+        length : of the step, radians or edges
+        fixed : factor of the next equilibrium, instead of the plane perpendicular to the tangent
         """
         factor = point.factor + length * point.rises
         state = self.model.moved(point.state, length * point.way)
@@ -187,14 +238,14 @@ class Follower:
                 return None
             free, along = -solve(left), self.moved(solve(self.pull(here, state.pose)), 1.0)
             if fixed is None:
-                # across the tangent
+                # stay in the plane perpendicular to the tangent
                 across = float((weight * along).sum())
                 change = -float((weight * free).sum()) / (across or 1e-300)
             else:
                 change = fixed - factor
             way = free + change * along
             if count and np.abs(way).max(initial=0.0) <= STILL:
-                # the forces that are left are rounding
+                # the residual is rounding error
                 return self.point(state, factor, point), count
             cap = min(1.0, TURN_CAP / max(float(np.abs(way[:, 3:]).max(initial=0.0)), 1e-300))
             state, factor = self.model.moved(state, cap * way), factor + cap * change
@@ -202,7 +253,7 @@ class Follower:
 
 
 def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
-    """(free, free): the derivative of -factor x pressure x normal by the turns of the hubs, which is not symmetric."""
+    """Return the derivative of -factor x pressure x normal by rotations of the hubs, (free, free), not symmetric."""
     blocks = factor * action.pressure[:, None, None] * skew(pose.rotations[:, :, 2])
     hub, size = 6 * np.arange(len(action.pressure))[:, None, None], len(system.held)
     rows = np.broadcast_to(hub + np.arange(3)[:, None], blocks.shape).ravel()
@@ -220,20 +271,29 @@ def follow(
     beyond: int = BEYOND,
     progress: Progress = SILENT,
 ) -> Path:
-    """The path from an equilibrium without load to the factor ``most``, or ``beyond`` steps past where it gives way."""
+    """Follow the path from an equilibrium without load.
+
+    Parameters
+    ----------
+    follower : model and load
+    rest : pose without load
+    marks : factors at which equilibria are computed exactly
+    most : largest factor
+    beyond : steps after the critical point
+    """
     point = follower.point(follower.model.start(rest), 0.0, None)
     points, found, left, length = [point], dict[float, Point](), sorted(marks), FIRST
     critical, kind, ended = None, "", "the search took too many steps"
     if point.unstable:
         return Path((point,), {}, None, "", "the piece is in no stable equilibrium without load")
-    if not np.isfinite(point.rises):  # nothing moves
+    if not np.isfinite(point.rises):  # nothing moves under this load
         still = {mark: Point(mark, point.state, 0, point.way, point.rises) for mark in marks}
         return Path((point, *still.values()), still, None, "", "")
     while len(points) < STEPS:
         progress(min(0.99, max(point.factor / most, len(points) / STEPS)), f"Load factor {point.factor:.3g}")
         progress.show(point.pose)
         aim = next((mark for mark in left if mark > point.factor), most) if critical is None else None
-        step = _clipped(point, length, aim, most)
+        step = _limit_step(point, length, aim, most)
         exact = aim if aim is not None and point.factor + step * point.rises >= aim * (1.0 - 1e-9) else None
         found_next = follower.step(point, step, exact)
         if found_next is None or _leaps(follower, point, found_next[0], step):
@@ -261,8 +321,8 @@ def follow(
     return Path(tuple(points), found, critical, kind, ended)
 
 
-def _clipped(point: Point, length: float, aim: float | None, most: float) -> float:
-    """The length of a step that adds no more than a share of the largest factor, and does not go past its aim."""
+def _limit_step(point: Point, length: float, aim: float | None, most: float) -> float:
+    """Return the step length limited so that the factor neither rises too much nor passes its target."""
     rises = abs(point.rises)
     if aim is not None and point.rises > 0.0:
         length = min(length, (aim - point.factor) / rises)
@@ -270,16 +330,16 @@ def _clipped(point: Point, length: float, aim: float | None, most: float) -> flo
 
 
 def _leaps(follower: Follower, point: Point, new: Point, step: float) -> bool:
-    """Whether a step ended on another part of the path: it went far beyond its length, or came back the way it went."""
+    """Return whether a step moved a hub far beyond its length, as onto another part of the path."""
     shift = new.pose.centres - point.pose.centres
     far = float(np.abs(shift).max()) / follower.edge
     return far > 4.0 * step + 1e-9
 
 
 def enclosed(follower: Follower, stable: Point, unstable: Point, step: float) -> tuple[Point, Point]:
-    """The last stable and the first unstable point, as near to each other as wanted, between two that are a step apart."""
+    """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""
     for _ in range(HALVINGS):
-        if abs(unstable.factor - stable.factor) <= SHARP * abs(stable.factor) and step < FIRST:
+        if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST:
             break
         step *= 0.5
         found = follower.step(stable, step)
@@ -293,11 +353,11 @@ def enclosed(follower: Follower, stable: Point, unstable: Point, step: float) ->
 
 
 def _critical(follower: Follower, stable: Point, unstable: Point) -> tuple[float, str]:
-    """The critical factor between two points, and of which kind it is."""
+    """Return the critical factor between two points, and its kind."""
     if unstable.rises > 0.0:
         return 0.5 * (stable.factor + unstable.factor), BRANCH
-    # the parabola through the first point with its rise, whose rise falls to that of the second
+    # maximum of the parabola through the first point whose slope decreases to that of the second
     gap = unstable.pose.centres - stable.pose.centres
     length = float(np.abs(gap).max()) / follower.edge
     rise = stable.rises**2 * length / (2.0 * max(stable.rises - unstable.rises, 1e-300))
-    return max(stable.factor, unstable.factor, min(stable.factor + rise, (1.0 + SHARP) * stable.factor)), LIMIT
+    return max(stable.factor, unstable.factor, min(stable.factor + rise, (1.0 + BRACKET_TOL) * stable.factor)), LIMIT

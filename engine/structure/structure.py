@@ -1,8 +1,9 @@
-"""A piece under its load cases: how far it gives way, how near its arms and joints are to what they bear, and when it snaps.
+"""A piece under its load cases: deflection, use of arms and joints relative to their limits, and snapping.
 
-All figures of a case are those of its own load path (``path``), which begins at the shape that the piece takes without loads. What
-holds after a year is the same under the loads that stay, with what is left of Young's modulus by then (the effective modulus of
-EN 1995-1-1, 2.3.2.2): as all stiffnesses go with the modulus, that is the equilibrium under these loads over its share.
+All figures of a case come from its own load path (``path``), which begins at the shape without loads. The state after a
+year is computed under the lasting loads with the share of Young's modulus left by then (effective modulus, EN 1995-1-1,
+2.3.2.2): as all stiffnesses are proportional to the modulus, it is the equilibrium under these loads divided by the
+share.
 """
 
 from __future__ import annotations
@@ -34,17 +35,18 @@ from .buckling import linear_buckling
 from .cases import LoadPlan
 from .path import Follower, Path, follow
 
-YEAR = "after a year"  # name and kind of the outcome of the loads that stay
-FULL = 1.0005  # of what is borne, from which on joints are said to be overloaded
-POINTS = 60  # of a curve in the report
+YEAR = "after a year"  # name and kind of the outcome under lasting loads
+FULL = 1.0005  # share of the limit above which joints are reported as overloaded
+POINTS = 60  # maximum points of a curve in the report
 
 
 @dataclass(frozen=True, eq=False)
 class Borne:
-    """What the arms and the joints of a state carry, as shares of what they bear.
+    """Use of arms and joints in a state as shares of their limits; None for the rod model.
 
-    arms : (n,) of every spiral its most strained arm; None for the rod model, as are the others
-    joints : (m,) of every joint its narrowest place; forces, moments : (m,) N and N m
+    arms : maximum over the arms of every spiral
+    joints : at the narrowest place of every joint
+    forces, moments : in every joint, N and N m
     """
 
     arms: Float[np.ndarray, " spirals"] | None = None
@@ -57,9 +59,12 @@ class Borne:
 class Outcome:
     """A case, a combination or the state after a year.
 
-    action : at the factor 1; pose : of the hubs under it, None where it snaps before
-    borne : what is carried then; path : the load path; share : of Young's modulus that is left
-    linear : the critical factor by linear buckling
+    action : loads at the factor 1
+    rest, pose : of the hubs without and under these loads; pose is None if the piece snaps before
+    borne : use of arms and joints under these loads
+    path : the load path
+    linear : critical factor by linear buckling
+    share : of Young's modulus that is left
     """
 
     name: str
@@ -74,22 +79,22 @@ class Outcome:
 
     @property
     def critical(self) -> float | None:
-        """The factor of the load at which the piece gives way; None where that was not found."""
+        """The factor of the load at which the piece gives way, or None if unknown."""
         return None if self.path.critical is None else self.share * self.path.critical
 
     @property
     def shift(self) -> Float[np.ndarray, "spirals 3"]:
-        """(n, 3) m: how far the hubs have moved from where they rest, at the factor 1 or the last one before it snaps."""
+        """Movement of the hubs from rest in metres, at the factor 1 or at the last equilibrium before snapping."""
         return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
 
     @property
     def deflection(self) -> Float[np.ndarray, " spirals"]:
-        """(n,) m"""
+        """Distance moved by every hub in metres."""
         return np.linalg.norm(self.shift, axis=1)
 
     @property
     def curve(self) -> Float[np.ndarray, "points 2"]:
-        """(k, 2): factor, and the deflection (m) of the hub that moves most, along its way."""
+        """Load factor and deflection in metres of the hub that moves most, along its direction."""
         most = int(self.deflection.argmax())
         way = self.shift[most] / max(float(self.deflection[most]), 1e-300)
         return np.array([
@@ -98,7 +103,7 @@ class Outcome:
         ])  # fmt: skip
 
     def report(self, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
-        """One row of the block; joints are told of where they are ``seams``."""
+        """Return one row of the block; joints are included only where they are ``seams``."""
         row: dict[str, Any] = {
             "name": self.name,
             "kind": self.kind,
@@ -116,18 +121,19 @@ class Outcome:
                 "deflection_max_mm": float(f"{1e3 * self.deflection.max():.6g}"),
                 "deflection_rms_mm": float(f"{1e3 * np.sqrt((self.deflection**2).mean()):.6g}"),
                 "deflection_quad": int(self.deflection.argmax()),
-                **_borne(self.borne, seams),
+                **_use_figures(self.borne, seams),
             }
         return row
 
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What a piece bears.
+    """Result of the load analysis of a piece.
 
-    rest : what is carried without loads; lasting : the same as shares of what is borne for years, where that is known
-    outcomes : of the cases, the combinations, and after a year, in this order
-    seams : (m,) bool, joints that are put together by hand
+    rest : equilibrium without loads
+    at_rest : use of arms and joints in it
+    outcomes : of the cases, the combinations and the state after a year, in this order
+    seams : whether a joint is assembled by hand
     """
 
     simulation: Simulation
@@ -138,20 +144,20 @@ class Structure:
 
     @property
     def utilisation(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) the largest share of what every spiral's arms bear, over all that was looked at; None for the rod model."""
+        """Maximum use of every spiral's arms over all outcomes as a share of the limit; None for the rod model."""
         found = [one.borne.arms for one in self.outcomes if one.borne.arms is not None]
         return np.max(found, axis=0) if found else self.at_rest.arms
 
     @property
     def findings(self) -> list[Finding]:
-        """What would snap, break, or pull a joint apart."""
+        """Findings about snapping, breaking, and overloaded connectors."""
         return [finding for one in self.outcomes for finding in _findings(one, self)]
 
     def report(self) -> dict[str, Any]:
-        """The ``structure`` block of report.json."""
+        """Return the ``structure`` block of report.json."""
         block: dict[str, Any] = {
             "material": self.simulation.material.name,
-            "rest": _borne(self.at_rest, self.seams),
+            "rest": _use_figures(self.at_rest, self.seams),
             "outcomes": [one.report(self.seams) for one in self.outcomes],
         }
         known = self.simulation.material.lasting
@@ -165,10 +171,12 @@ class Structure:
 
 
 def _rounded(value: float | None) -> float | None:
+    """Return a number with six significant digits, or None."""
     return None if value is None else float(f"{value:.6g}")
 
 
-def _borne(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+def _use_figures(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+    """Return the figures about arms and joints; empty for the rod model."""
     if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
         return {}
     told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
@@ -182,6 +190,7 @@ def _borne(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
 
 
 def _findings(one: Outcome, structure: Structure) -> list[Finding]:
+    """Return the findings about one outcome."""
     found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
     if one.pose is None:
         reached = one.critical or one.share * one.path.last.factor
@@ -211,13 +220,17 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
 
 @dataclass(frozen=True, eq=False)
 class _Strength:
-    """What arms and joints bear: strain and stress limits of a material; necks (m,) m of the joints."""
+    """Limits of arms and joints.
+
+    simulation : with the material
+    necks : width of the joints, metres
+    """
 
     simulation: Simulation
     necks: Float[np.ndarray, " joints"]
 
     def borne(self, pose: Pose, strain: float) -> Borne:
-        """What is carried in a pose as a share of what is borne at a strain limit."""
+        """Return the use of arms and joints in a pose for a strain limit."""
         model, material = self.simulation.model, self.simulation.material
         if not isinstance(model, ArmModel):
             return Borne()
@@ -230,7 +243,17 @@ class _Strength:
 
 
 def without_loads(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Equilibrium:
-    """The shape that a piece takes under nothing but what holds it. Raises ``FlexMapsError`` where there is none."""
+    """Return the equilibrium of a piece without loads.
+
+    Parameters
+    ----------
+    simulation : with model and supports
+    params : of the solver
+
+    Raises
+    ------
+    FlexMapsError : the solver does not converge
+    """
     loads = Loads(simulation.loads.fixed, np.zeros_like(simulation.loads.force))
     found = solve(simulation.model, simulation.equilibrium.pose, loads, params, progress)
     if not found.converged:
@@ -239,7 +262,7 @@ def without_loads(simulation: Simulation, params: SimulateParams, progress: Prog
 
 
 def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> Ground:
-    """The shape at rest as loads see it; groups : quads by the names that loads may use beside numbers."""
+    """Return the shape at rest for loads; ``groups`` are quads by the names that loads may use besides numbers."""
     design, mesh = simulation.design, simulation.target
 
     def where(text: str) -> np.ndarray:
@@ -276,10 +299,18 @@ def analyse(
     groups: dict[str, Int[np.ndarray, " some"]] | None = None,
     progress: Progress = SILENT,
 ) -> Structure:
-    """A simulated piece under cases and combinations of loads, and after a year.
+    """Analyse a simulated piece under cases and combinations of loads, and after a year.
 
-    connections : the connectors, else joints are as wide as the arms; groups : quads by name. Raises ``FlexMapsError`` where a load names no
-    quad, or acts on a piece that nothing holds.
+    Parameters
+    ----------
+    simulation : the simulated piece
+    plan, params, how : loads, and settings of the analysis and of the solver
+    connections : without connectors, joints are as wide as the arms
+    groups : quads by name
+
+    Raises
+    ------
+    FlexMapsError : a load names no quad, or acts on a piece without supports
     """
     base = without_loads(simulation, how, progress.part(0.0, 0.05))
     ground = ground_of(simulation, base.pose, groups or {})
@@ -288,7 +319,7 @@ def analyse(
     strength = _Strength(simulation, joints.necks(simulation.design, connections)[~mesh.border])
     material, out = simulation.material, []
     if material.lasting is not None:
-        # the loads go up in place of the stiffness that is lost, the movements of the supports do not
+        # loads are scaled up instead of reducing the stiffness; movements of supports are not
         stays = replace(stays, shift=material.lasting.share * stays.shift)
     names = [*found, *([YEAR] if material.lasting is not None and stays.acts else [])]
     combined = {one.name for one in plan.combinations}
@@ -316,6 +347,7 @@ def _outcome(
     how: SimulateParams,
     progress: Progress,
 ) -> Outcome:
+    """Follow the load path of one case and return its outcome."""
     model, material = strength.simulation.model, strength.simulation.material
     share, strain = _limits(material, kind)
     follower = Follower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
@@ -324,14 +356,14 @@ def _outcome(
     pose = None if there is None else there.pose
     borne = Borne() if pose is None else strength.borne(pose, strain)
     if share != 1.0 and borne.forces is not None and borne.moments is not None:
-        # the stiffness of the model is that of the first day
+        # the model has its initial stiffness, so forces are scaled back
         borne = Borne(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
     linear = linear_buckling(follower, path.points[0])
     return Outcome(name, kind, action, base.pose, pose, borne, path, linear, share)
 
 
 def _limits(material: Material, kind: str) -> tuple[float, float]:
-    """The share of Young's modulus that is left, and the largest strain that is borne."""
+    """Return the share of Young's modulus that is left, and the strain limit."""
     if kind == YEAR and material.lasting is not None:
         return material.lasting.share, material.lasting.strain
     return 1.0, material.strain_limit

@@ -67,16 +67,14 @@ def pack(
     rotation: str = "FREE",
     cells: int = CELLS,
 ) -> Packing:
-    """Lay closed outlines on as few sheets as a greedy search needs: large ones first, bottom left.
-
-    Distances are exact; up to two cells of the raster are lost. After ``TRIES`` searches the rest is laid in rows.
+    """Lay closed outlines on as few sheets as a greedy search needs; after ``TRIES`` searches in rows.
 
     Parameters
     ----------
     shapes : closed outlines (M, 2), metres
     sheet : width and height, metres; a larger shape gets a sheet of the size that it needs
     margin, spacing : metres kept free along the border of a sheet, and between shapes
-    rotation, cells : see ``turn_that_fits``; cells of the raster along the longer side of a sheet
+    rotation, cells : see ``turn_that_fits``; cells of the raster along the longer side, of which up to two are lost
     """
     boxes = []
     for done, shape in enumerate(shapes):

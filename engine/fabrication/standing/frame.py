@@ -19,20 +19,15 @@ from ..nesting.packing import turn_that_fits
 from .corners import rounded
 
 TURN = np.radians(75.0)  # maximum turn of a plank, so that it stays slender; by eye
-NECK, HEAD, DEEP = (
-    0.3,
-    0.42,
-    0.25,
-)  # narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
+# narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
+NECK, HEAD, DEEP = 0.3, 0.42, 0.25
 # maximum width of the ring at a cut relative to a straight part: a wider place is a corner, where a cut would run along
 # the ring
 WIDER = 1.4
 SMALLEST = 0.4  # minimum size of a dovetail as a share of its usual size, where feet are close together; by eye
 CORNER = 0.0006  # metres, radius of corners, as for feet
-CHORDS, STRAY = (
-    12,
-    1e-5,
-)  # chords per quarter circle around a slot's corner before corners are rounded again, and their tolerance in metres
+# chords per quarter circle around a slot's corner before corners are rounded again, and their tolerance in metres
+CHORDS, STRAY = 12, 1e-5
 BEHIND = 1e-7  # metres by which cutting shapes extend beyond an edge, so that no slivers are left
 ROUNDS = 60  # maximum passes of the search for the shortest order, which ends earlier without improvement; not measured
 LEAST = 3  # minimum number of slots for a ring
