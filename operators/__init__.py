@@ -1,4 +1,4 @@
-"""The operators: one file a stage. Each reads the mesh, runs the engine, writes the mesh."""
+"""The operators, one file a stage: each reads the mesh, runs the engine and writes the mesh."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 
 from ..bridge.hosts import background
 
-# in the order in which they are registered
+# modules in the order of registration
 NAMES = (
     "example", "next", "check", "mend", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
     "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
@@ -24,7 +24,7 @@ def register() -> None:
         bpy.utils.register_class(cls)
     bpy.app.handlers.load_pre.append(_before_load)
     for module in MODULES:
-        if hasattr(module, "register"):  # it adds more than classes
+        if hasattr(module, "register"):  # the module registers more than classes
             module.register()
 
 

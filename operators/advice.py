@@ -1,4 +1,4 @@
-"""What was advised, done: a larger piece, a thinner sheet, finer quads, made again as far as it was, with what that brought."""
+"""Operators that apply an advised remedy (larger, thinner sheet, finer quads), rerun the stages, and report the effect."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Advised(ContinuedStage):
-    """Changes what was advised, then runs the stages that this makes out of date, up to the one that gave the advice.
+    """Base of the remedies: change the piece as advised, then rerun the stages up to the one that gave the advice.
 
     remedy : its name in the advice
     """
@@ -33,19 +33,19 @@ class Advised(ContinuedStage):
     loaded = True
     remedy = ""
 
-    _amount = 0.0  # as the advice says, see ``remedies.amounts``
-    _figures: Any = None  # of the shape that the advice was made from: its block of the notes
+    _amount = 0.0  # amount that the advice names, see ``remedies.amounts``
+    _figures: Any = None  # block of the shape that the advice was made from
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design") or advice.unadvised(obj.data, cls.remedy)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
-        """The result with what was advised, and with spirals; not on Blender's main thread."""
+        """Apply the remedy, up to the spirals; not on Blender's main thread."""
         raise NotImplementedError
 
     def settings(self, snapshot: Snapshot) -> ObjectSettings:
-        """The settings that it is made with."""
+        """Return the settings after the remedy."""
         return snapshot.settings
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
@@ -86,7 +86,7 @@ class Advised(ContinuedStage):
     def written(
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, made: Made, was: float, now: float
     ) -> str:
-        """Write the piece into an object that has its shape, with its notes; what to tell the user comes back."""
+        """Write the piece into an object of its shape, with its notes, and return a text for the user."""
         from ..bridge.view import advised
 
         text, good = advised.write(obj, context.scene, surface, made, (self.remedy, was, now), self._figures)
@@ -115,7 +115,7 @@ class MakeLarger(Advised, bpy.types.Operator):
         made = job.enlarged(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
         assert result.design is not None
         if searched or snapshot.note is None or not mesh.as_noted(result.design, snapshot.note):
-            return made  # what was found, or set by hand, is a better start than what the curvature says
+            return made  # optimised or hand-made spirals are a better start than those from the curvature
         return job.go_on(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
@@ -132,7 +132,9 @@ class MakeLarger(Advised, bpy.types.Operator):
             raise FlexMapsError(
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
             )
-        self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}  # nothing was turned
+        self._made_from |= {
+            "down": states.settings_now(obj, context.scene)["down"]
+        }  # the checksum changed, though nothing turned
         notes.write_checks(obj.data, result.after.findings)
         return self.written(context, obj, now, result, 1.0, self._amount)
 
@@ -144,7 +146,7 @@ class MakeThinner(Advised, bpy.types.Operator):
     bl_label = "Thinner sheet"
     remedy = THINNER
 
-    _was = 0.0  # millimetres
+    _was = 0.0  # thickness before, millimetres
 
     def settings(self, snapshot: Snapshot) -> ObjectSettings:
         spiral = replace(snapshot.settings.spiral, thickness=self._amount / MILLIMETRES)
@@ -163,7 +165,7 @@ class MakeThinner(Advised, bpy.types.Operator):
 
         obj.flexmaps.spiral.thickness = self._amount
         now, others = states.settings_now(obj, context.scene), stages.STAGES["spirals"].settings
-        # else somebody has changed another setting of the spirals meanwhile
+        # unless the user changed another setting of the spirals meanwhile
         if all(now[part] == self._made_from[part] for part in others):
             self._made_from |= {"spiral": now["spiral"]}
         return self.written(context, obj, surface, result, self._was, self._amount)
@@ -216,7 +218,7 @@ class MakeFiner(Advised, bpy.types.Operator):
             notes.write_checks(made.data, result.after.findings)
             text = self.written(context, made, now, result, len(surface.polygons.sizes), len(quads.quads))
         except FlexMapsError:
-            bpy.data.meshes.remove(made.data)  # the object goes with it
+            bpy.data.meshes.remove(made.data)  # removes the object too
             raise
         replacing.take_over(context, obj, made)
         states.stamp(made, context.scene, self._made_from)

@@ -1,4 +1,4 @@
-"""The assembly as an animation."""
+"""Animate the assembly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The brush that paints spirals: a tool of the 3D view, and its settings."""
+"""The brush that paints spirals: its tool in the 3D view and its settings."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ICONS = (
     "brush.generic",
     "brush.paint_weight.draw",
     "ops.generic.select_circle",
-)  # of newer and older versions of Blender
-SETTINGS = "window_manager.flexmaps_brush"  # where Blender's own F and Shift F find them
+)  # names in newer and older versions of Blender
+SETTINGS = "window_manager.flexmaps_brush"  # data path for Blender's own F and Shift F
 
 
 def _keys(operator: str, **keys: Any) -> tuple[str, dict[str, Any], Any]:
@@ -30,7 +30,7 @@ class BrushTool(bpy.types.WorkSpaceTool):
     bl_idname = TOOL
     bl_label = "Paint Spirals"
     bl_description = "Paint the spirals of a FlexMaps surface stiffer, softer, smoother, or protect them"
-    bl_icon = ""  # chosen when it is registered
+    bl_icon = ""  # set at registration
     bl_cursor = "CROSSHAIR"
     bl_keymap = (
         _keys("flexmaps.paint_stroke"),
@@ -52,7 +52,7 @@ class BrushTool(bpy.types.WorkSpaceTool):
 
 
 def draw_settings(layout: Any, context: bpy.types.Context) -> None:
-    """In the header of the view, as Blender's own brushes have it."""
+    """Draw the brush's settings in the view's header, as Blender's own brushes do."""
     brush = context.window_manager.flexmaps_brush
     layout.prop(brush, "brush", text="")
     for name, pressure in (("size", "pressure_size"), ("strength", "pressure_strength")):

@@ -1,4 +1,4 @@
-"""The calibration sheet: written for the cutter, and what was measured on it made into a material and a machine of one's own."""
+"""Write the calibration sheet, and turn its measurements into the material's and machine's settings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..engine.params import ObjectSettings, changed
 from .stage import AtOnce, OnObject
 from .writes import Writes
 
-SUBFOLDER = "calibration"  # of the folder for the sheets
+SUBFOLDER = "calibration"  # in the folder for the sheets
 
 
 class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
@@ -35,7 +35,7 @@ class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
 
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
-    """The flat formats that the object's sheets have, or the usual ones."""
+    """Return the flat formats that the object's sheets have, or the usual ones."""
     from ..engine.calibrating.sheet import USUAL, WRITERS
     from ..engine.fabrication.writers import export
 
@@ -82,7 +82,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         settings.write(obj.flexmaps, changed(wanted, found.settings))
         kept = presets.keep(self.preset, found.settings) if self.preset.strip() else None
         self.level = "WARNING" if found.warnings else "INFO"
-        return _said(found, kept)
+        return _describe(found, kept)
 
     def _readings(self) -> Any:
         from ..engine.calibrating.calibrate import Readings, numbers
@@ -97,8 +97,8 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         )  # fmt: skip
 
 
-def _said(found: Any, kept: Path | None) -> str:
-    """What came out, in one line."""
+def _describe(found: Any, kept: Path | None) -> str:
+    """Describe the results in one line."""
     rows = (
         (found.kerf, 1e3, "kerf", "mm"),
         (found.clearance, 1e3, "clearance", "mm"),

@@ -40,7 +40,7 @@ class Check(StageOperator, bpy.types.Operator):
         return translate("{} quads, {} warning" if len(result) == 1 else "{} quads, {} warnings", count, len(result))
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Nothing: what it found is a notice already."""
+        """Store no failure, because the findings are notices already."""
 
 
 class ShowFinding(AtOnce, OnObject, bpy.types.Operator):

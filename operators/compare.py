@@ -1,4 +1,4 @@
-"""A scan of the built piece, laid over the predicted shape and measured."""
+"""Lay a scan of the built piece over the predicted shape, and measure the distance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Asked:
-    """What is asked about a scan: where it is, its unit, how it lies."""
+    """Properties of the comparison: the scan's file, its unit, and whether it may lie anyhow."""
 
     filepath: bpy.props.StringProperty(  # type: ignore[valid-type]
         name="Scan", description="Points or a mesh of the built piece", subtype="FILE_PATH", options={"SKIP_SAVE"}
@@ -99,7 +99,7 @@ class CompareFile(Asked, FromDialog, bpy.types.Operator):
         if not Path(bpy.path.abspath(self.filepath)).is_file():
             self.report({"ERROR"}, translate("There is no file {}; choose a scan", self.filepath))
             return {"CANCELLED"}
-        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"  # with a window it runs beside it
+        how = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"  # with a window run as a background job
         return bpy.ops.flexmaps.compare(how, filepath=self.filepath, unit=self.unit, anywhere=self.anywhere)
 
 

@@ -21,10 +21,10 @@ Continuation = Callable[["Result", Progress], Any]
 
 
 class ContinuedStage(StageOperator):
-    """An operator that gives ``continuation`` instead of ``prepare``.
+    """Base of operators that implement ``continuation`` instead of ``prepare``.
 
-    needs : the member of the result that has to be there, see ``stages.TABLE``; "" where any mesh of quads will do
-    loaded : whether supports and forces are read too
+    needs : member of the result that must exist, see ``stages.TABLE``; "" if any mesh of quads will do
+    loaded : also read supports and forces
     """
 
     needs = ""
@@ -35,7 +35,7 @@ class ContinuedStage(StageOperator):
         return notes.missing(obj.data, cls.needs) if cls.needs else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        """The work that continues from the result, as a function that does not touch Blender's data: read here what it needs."""
+        """Return the work that continues from the result; read Blender's data here, which the work must not touch."""
         raise NotImplementedError
 
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
@@ -43,7 +43,7 @@ class ContinuedStage(StageOperator):
         from ..bridge.store.objects import find
 
         obj, needs = find(surface.uid), self.needs
-        # feet change the spirals of what is supported
+        # a base changes the spirals of supported quads
         loaded = self.loaded or settings.base.base != "none"
         snapshot = snapshots.take(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
@@ -53,7 +53,7 @@ class ContinuedStage(StageOperator):
 
             progress(0.0, "Reading the object")
             result = snapshot.result()
-            if needs and needs != "simulation":  # an object holds a simulation's figures, not the simulation
+            if needs and needs != "simulation":  # an object stores only the figures of a simulation
                 stages.needed(result, needs)
             return go_on(result, progress)
 

@@ -1,4 +1,4 @@
-"""A surface to try everything on."""
+"""Add an example surface."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import bpy
 
 from .stage import AtOnce, NewObject
 
-NAME = "demo"  # of ``engine.surface.shapes``: a canopy on three feet, through all stages in a minute
+NAME = "demo"  # in ``engine.surface.shapes``: a canopy on three feet, which passes all stages in a minute
 
 
 class Example(AtOnce, NewObject, bpy.types.Operator):

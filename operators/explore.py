@@ -1,4 +1,4 @@
-"""Try many sizes, thicknesses or materials of a piece beside each other; and take one of them."""
+"""Try many sizes, thicknesses or materials of a piece, and take one of them."""
 
 from __future__ import annotations
 

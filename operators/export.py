@@ -1,4 +1,4 @@
-"""The sheets as files."""
+"""Write the sheets as files."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
 
         settings = snapshot.settings
         formats, look = export.chosen(settings.export), flat_panels.look_of(settings)
-        # panels that stand beside the model with other connectors are drawn anew
+        # redraw panels beside the model that have other connectors
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = folder_of(settings.export.folder) / file_name(snapshot.name)
         guard = self.guard(settings, export.present(base, formats), base.parent)
         letters.learn(snapshot.name)
-        # joints bear forces where the piece rests, and the assembly sheet names those that bear too much
-        # and a base stands under the simulated shape
+        # at rest, joints bear forces, and the assembly sheet names overloaded joints;
+        # a base stands under the simulated shape
         asked = settings.export.guide or settings.base.base != "none"
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
 

@@ -1,4 +1,4 @@
-"""Spirals, the search for better ones, and the shape that they take, in one press."""
+"""Make spirals, optimise them and simulate, in one press."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Fit(SearchStage, bpy.types.Operator):
     bl_idname = "flexmaps.fit"
     bl_label = "Make it fit"
 
-    _flat = False  # whether the target is flat, so that there is nothing to search for
-    _start = False  # whether there are spirals that are up to date: painted ones too are a start
+    _flat = False  # whether the target is flat, so that there is nothing to optimise
+    _start = False  # whether up-to-date spirals, even painted ones, serve as the start
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import states

@@ -1,4 +1,4 @@
-"""The tool in the 3D view's toolbar with which handles are set."""
+"""The tool of the 3D view's toolbar that sets handles."""
 
 from __future__ import annotations
 

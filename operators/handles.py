@@ -1,4 +1,4 @@
-"""Handles on single spirals: hold here, pull there, and wish that Optimise brings something somewhere."""
+"""Handles on single spirals: hold, pull, and set drag targets for Optimise."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ KINDS = (
     ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
     ("WISH", "Wish", "A place: Optimise brings the spiral there, as near as the piece lets it"),
 )
-ALONE = -1  # no quad is named: the one under the mouse
+ALONE = -1  # value of ``quad`` that means the quad under the mouse
 
 
 class _OnSpiral(OnObject):
-    """Base of operators on one spiral: ``quad``, or in edit mode all selected ones where it is among them."""
+    """Base of operators on one spiral: ``quad``, in edit mode with all selected quads if it is one of them."""
 
     bl_options = {"REGISTER", "UNDO"}
 
@@ -26,7 +26,7 @@ class _OnSpiral(OnObject):
     report: Any
 
     def _pick(self, context: bpy.types.Context, event: Any) -> bool:
-        """Find the spiral under the mouse; whether there is one."""
+        """Find the spiral under the mouse, and return whether there is one."""
         from bpy_extras import view3d_utils
 
         from ..bridge.view import picking
@@ -44,7 +44,7 @@ class _OnSpiral(OnObject):
         return found is not None
 
     def _quads(self, obj: bpy.types.Object) -> list[int]:
-        """The named quad, with what is selected beside it in edit mode."""
+        """Return the named quad, with the others selected in edit mode."""
         count = len(obj.data.polygons)
         if obj.mode == "EDIT":
             import bmesh
@@ -105,11 +105,11 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         description="A press that does not move holds the spiral, or lets it go",
         options={"SKIP_SAVE", "HIDDEN"},
     )
-    _began: Any = None  # pixels, where the mouse was pressed
-    _moves = False  # whether it is a drag by now
-    _before: Any = None  # what was stored before the drag
-    _grip: Any = None  # where it was taken hold of, in the scene's units
-    _from: Any = None  # what it had when the drag began, in the units of ``by``
+    _began: Any = None  # pixels where the mouse was pressed
+    _moves = False  # whether the press has become a drag
+    _before: Any = None  # values stored before the drag
+    _grip: Any = None  # the mouse's start point and the quad's centre, in the scene's units
+    _from: Any = None  # the handle's value at the start of the drag, in the units of ``by``
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         quads = self._quads(context.object)
@@ -133,7 +133,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         middle = points[quads[self.quad]].mean(axis=0)
         if self.kind == "WISH":
             self._from = 1e3 * scale * (middle - picking.target(obj)[quads[self.quad]].mean(axis=0))
-            if self._before[self.quad].any():  # a wish is dragged on from where it is
+            if self._before[self.quad].any():  # an existing drag target moves on from where it is
                 self._from = 1e3 * scale * (np.array(obj.matrix_world)[:3, :3] @ self._before[self.quad])
         else:
             self._from = self._before[self.quad].copy()
@@ -177,7 +177,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
 
     def _dragged(self, context: bpy.types.Context, event: Any) -> Any:
-        """What the handle has now: what it had, and as far as the mouse has moved."""
+        """Return the handle's value: that at the start plus the mouse's displacement."""
         import numpy as np
 
         from ..bridge.view import picking

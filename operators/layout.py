@@ -1,4 +1,4 @@
-"""Trace, merge, flatten, update from seams: everything that changes where the surface is cut."""
+"""Trace, merge, flatten, update from seams: the stages that change where the surface is cut."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-FRAMED = "flexmaps_framed"  # on an object: the views have shown it with its panels
+FRAMED = "flexmaps_framed"  # key on an object: the views were framed on its panels once
 
 
 class LayoutStage(ContinuedStage):
-    """What these stages write: seams, the flat patches, and what they cost."""
+    """Base of these stages: write seams, the flat patches and their note."""
 
-    shows = "PATCH"  # on a smooth surface seams are seen in edit mode only
+    shows = "PATCH"  # because a smooth surface shows seams in edit mode only
 
     def _read(self, context: bpy.types.Context) -> Work:
         decided.settle_border(context.object)
@@ -46,7 +46,7 @@ class LayoutStage(ContinuedStage):
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
-        """Once for every object: the views show it with its panels."""
+        """Frame the views on the object and its panels, once for every object."""
         from ..bridge.view import collection, framing
 
         own = collection.existing(obj)
@@ -57,7 +57,7 @@ class LayoutStage(ContinuedStage):
 
 
 def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
-    """The flat patches and their note; of thousands of quads that takes a moment, so it is no work for the main thread."""
+    """Return the flat patches and their note; too slow for the main thread with thousands of quads."""
     from ..engine.patches.flattening.report import layout_report
 
     assert result.flat is not None
@@ -99,7 +99,7 @@ class Merge(LayoutStage, bpy.types.Operator):
 
 
 class FlattenStage(LayoutStage):
-    """Flattens the patches between the seams; with ``reuse`` only those that are not flat yet."""
+    """Flatten the patches between the seams; with ``reuse`` only those that are not flat yet."""
 
     reuse = False
 

@@ -1,4 +1,4 @@
-"""Live mode: the shape follows whatever is changed of a piece, until it is switched off."""
+"""Live mode: the shape follows every change of a piece until Live is switched off."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _tick() -> float | None:
 
 
 def drawn() -> object:
-    """What lies over the 3D view: what a job shows of its work, the piece that follows, or the spirals under the brush."""
+    """Return what is drawn over the 3D view: a job's shape, the live piece, or the spirals under the brush."""
     from ..bridge.view import easel
 
     if background.current() is not None:

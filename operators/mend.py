@@ -1,4 +1,4 @@
-"""Mend what the check calls wrong and a machine can put right: one press, one undo step."""
+"""Repair faults of the mesh that the check found: one press, one undo step."""
 
 from __future__ import annotations
 

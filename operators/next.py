@@ -1,4 +1,4 @@
-"""*Next* itself, the places of what there is to look at, and going on as it is."""
+"""The button *Next*, and the operators of notices: show the place, dismiss, stand on."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .stage import AnyMesh, AtOnce, OnObject
 if TYPE_CHECKING:
     from ..bridge.store.notices import Notice
 
-CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # what takes the mesh as it is
-CALM = 0.4  # seconds after the label has changed in which a press does nothing: a double click never starts two steps
+CUTTING = {"flexmaps.merge", "flexmaps.flatten"}  # operators before which the mesh is checked
+CALM = 0.4  # seconds after the label has changed in which a press does nothing, so that a double click starts one step
 
 
 class Next(AnyMesh, bpy.types.Operator):
@@ -27,7 +27,7 @@ class Next(AnyMesh, bpy.types.Operator):
     bl_label = "Next"
     bl_options = {"REGISTER"}
 
-    _seen = ("", 0.0)  # the last label, and when it was first seen
+    _seen = ("", 0.0)  # the last label, and when it first appeared
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
@@ -36,7 +36,7 @@ class Next(AnyMesh, bpy.types.Operator):
 
     @classmethod
     def see(cls, label: str) -> None:
-        """Note what stands on the button; the sidebar calls it as it draws."""
+        """Note the button's label; the sidebar calls it as it draws."""
         if label != cls._seen[0]:
             cls._seen = label, time.monotonic()
 
@@ -67,20 +67,20 @@ class Next(AnyMesh, bpy.types.Operator):
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
     def _checked(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
-        """The mesh checked before it is cut, which nobody should have to ask for; what it finds decides what is done."""
+        """Check the mesh before it is cut, and return the guidance afterwards, which may offer another action."""
         from ..bridge.store import states
 
         known = states.of(context.object, context.scene)
         cuts = seen.act is not None and seen.act.idname in CUTTING
         if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
             return seen
-        with suppress(RuntimeError):  # an error of the mesh is a notice from now on
+        with suppress(RuntimeError):  # an error of the mesh is shown as a notice
             bpy.ops.flexmaps.check("EXEC_DEFAULT")
         return guidance.of(context.object, context.scene)
 
 
-def _noticed(context: bpy.types.Context, key: str) -> Notice:
-    """The notice of this key; raises ``FlexMapsError`` where it is gone."""
+def _find_notice(context: bpy.types.Context, key: str) -> Notice:
+    """Return the notice of this key; raise ``FlexMapsError`` where it no longer exists."""
     for notice in guidance.of(context.object, context.scene).notices:
         if notice.key == key:
             return notice
@@ -97,14 +97,14 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        with suppress(FlexMapsError, AttributeError):  # where no object is active
-            return _noticed(context, properties.key).sentence
+        with suppress(FlexMapsError, AttributeError):  # AttributeError where no object is active
+            return _find_notice(context, properties.key).sentence
         return translate(cls.__doc__ or "")
 
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
-        found = _noticed(context, self.key)
+        found = _find_notice(context, self.key)
         if found.faces or found.edges:
             framing.show_place(context, list(found.faces), list(found.edges))
         return found.sentence
@@ -119,7 +119,7 @@ class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> None:
-        found = _noticed(context, self.key)
+        found = _find_notice(context, self.key)
         failures.let_go(context.object.data, found.key, found.sentence)
 
 

@@ -1,4 +1,4 @@
-"""Better spirals: those whose assembly comes closest to the target."""
+"""Optimise the spirals so that their assembly comes closest to the target."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..engine.runs.result import Result
 
-FIRST = 0.05  # of the progress bar for the spirals to begin with, about what they take; not measured
-SEARCHED, DRAWN = 0.8, 0.85  # of it when the search has ended, and when outlines are drawn; then other ways are tried
+FIRST = 0.05  # share of the progress bar for the initial spirals, about their share of the time; not measured
+SEARCHED, DRAWN = 0.8, 0.85  # of the progress bar: the search ends, the outlines are drawn; then remedies are tried
 
 
 class SearchStage(ContinuedStage):
-    """A search for better spirals, from those that ``begun`` gives."""
+    """Base of optimisations, which start from the spirals that ``begun`` returns."""
 
     on_stop = "the best so far is kept"
     needs = "flat"
     loaded = True
 
     def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:
-        """The result with spirals to begin with; not on Blender's main thread."""
+        """Return the result with initial spirals; not on Blender's main thread."""
         return snapshot.start(result)
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
@@ -55,7 +55,7 @@ class SearchStage(ContinuedStage):
                 panels = PanelDrawing.of(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
                 spirals = design_report(better, progress.part(DRAWN, DRAWN))
                 made = job.go_on(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
-            except Cancelled:  # there is a result to keep, but nobody wants to wait until all is known of it
+            except Cancelled:  # keep the result, but skip the slower figures
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
             layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
@@ -92,12 +92,12 @@ class SearchStage(ContinuedStage):
 
 
 def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """The result with what would bring it nearer; without it where somebody stops, or wishes for another shape."""
+    """Add predictions of remedies; skip them after a cancel, or if there are drag targets."""
     from ..engine.choosing.prospects import prospects
 
     if made.simulation is None or made.limits is None or made.wishes is not None or made.design is None:
         return made
-    unseen = replace(progress, shown=None)  # what is shown is the piece as it is
+    unseen = replace(progress, shown=None)  # keep showing the present piece
     try:
         found = prospects(
             made.simulation, made.limits, settings, supports=made.supports, force=made.force, progress=unseen

@@ -1,4 +1,4 @@
-"""Colours on the model: which number they show."""
+"""Choose the values that colour the model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STAGES = {
     "STIFFNESS": "Spirals",
     "TWIST": "Spirals",
     "SCAN": "Compare with a scan",
-}  # what to press first
+}  # kind -> button that makes its values
 
 
 class Overlay(AtOnce, OnObject, bpy.types.Operator):
@@ -32,7 +32,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
-        if self.kind == context.window_manager.flexmaps_overlay:  # the button that is pressed in
+        if self.kind == context.window_manager.flexmaps_overlay:  # press again to switch off
             self.kind = "NONE"
         return self.execute(context)
 

@@ -1,4 +1,4 @@
-"""Spirals changed by hand: by strokes of the brush, and by weights and colours that other tools made."""
+"""Change spirals by hand: by strokes of the brush, and by weights and colours made with other tools."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .stage import TICK, AtOnce, OnObject, Polled, redraw, why_not
 
 
 class _Painter(Polled):
-    """Base of what needs spirals that can be painted."""
+    """Base of operators that need spirals in object mode."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -86,12 +86,12 @@ class PaintStroke(_Painter, bpy.types.Operator):
                 self._move(context, event)
             elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
                 self._ending = True
-            elif self._ending and _pressed(event):  # the next stroke, or another key: this one first
+            elif self._ending and _is_press(event):  # another stroke or key: finish this stroke first
                 self._dabs.wait()
             if not taken_back and self._dabs.look():
                 redraw(context)
             if self._ending and not taken_back and self._dabs.over():
-                return self._written(context, event)
+                return self._finish_stroke(context, event)
         except Exception:
             self._over(context)
             raise
@@ -105,19 +105,19 @@ class PaintStroke(_Painter, bpy.types.Operator):
         if made is not None:
             self._dabs.add(*made)
 
-    def _written(self, context: bpy.types.Context, event: Any) -> set[str]:
-        """The object gets the stroke; what was pressed meanwhile is for whoever comes next."""
+    def _finish_stroke(self, context: bpy.types.Context, event: Any) -> set[str]:
+        """Write the stroke into the object; pass an event that began something else on."""
         from ..bridge.view import easel
 
         try:
             self._easel.write(context.scene)
-        except FlexMapsError as error:  # the object is gone
+        except FlexMapsError as error:  # the object was deleted
             self.report({"ERROR"}, str(error))
             easel.forget()
             return {"CANCELLED"}
         finally:
             self._over(context)
-        return {"FINISHED", "PASS_THROUGH"} if _pressed(event) else {"FINISHED"}
+        return {"FINISHED", "PASS_THROUGH"} if _is_press(event) else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         self._over(context)
@@ -131,8 +131,8 @@ class PaintStroke(_Painter, bpy.types.Operator):
         redraw(context)
 
 
-def _pressed(event: Any) -> bool:
-    """Whether a key or a button went down."""
+def _is_press(event: Any) -> bool:
+    """Return whether a key or a button went down."""
     return event.value == "PRESS" and event.type not in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER"}
 
 

@@ -1,7 +1,7 @@
-"""Presets: a person's own and those that come along, as Blender keeps them for its own settings.
+"""Presets, a person's own and the bundled ones, in Blender's system of presets.
 
-A preset is a script of assignments to ``settings``. Those that come along lie in ``presets/flexmaps`` and set what a machine
-and its material ask for; a saved one holds every setting but those of the one object (vertex groups, forces, folder).
+A preset is a script of assignments to ``settings``. Bundled ones lie in ``presets/flexmaps`` and set what a machine and its
+material require; a saved one holds every setting except those of one object (vertex groups, forces, folder).
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class ApplyPreset(OnObject, bpy.types.Operator):
         if not Path(self.filepath).is_file():
             self.report({"ERROR"}, translate("There is no preset {}; choose another one", self.filepath))
             return {"CANCELLED"}
-        # Blender's operator does it, which leaves no step to undo when it is called by itself
+        # call Blender's operator, which alone would leave no undo step
         done: set[str] = bpy.ops.script.execute_preset(filepath=self.filepath, menu_idname=MENU)
         presets.note(context.object, Path(self.filepath))
         return done
 
 
 def register() -> None:
-    if hasattr(bpy.utils, "register_preset_path"):  # from 4.3 on
+    if hasattr(bpy.utils, "register_preset_path"):  # Blender 4.3 and later
         bpy.utils.register_preset_path(str(FOLDER))
 
 

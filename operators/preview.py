@@ -1,4 +1,4 @@
-"""The assembled piece with its true spirals."""
+"""Show the assembled piece with its true spirals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
 
         settings, stored = snapshot.settings, pose.read(obj, snapshot.surface.to_metres)
         if settings.preview.colour != "MATERIAL":
-            preview.quad_colours(obj, settings.preview.colour)  # raises before the work begins, not after it
+            preview.quad_colours(obj, settings.preview.colour)  # fail before the work, not after it
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.mechanics.assembly import target_pose
@@ -51,7 +51,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
         from ..bridge.view import animation, preview
 
         built, params, simulated = result
-        animation.clear(obj)  # one of both stands there
+        animation.clear(obj)  # preview and animation stand in the same place
         preview.show(obj, context.scene, built, params, simulated)
         states.stamp_unnoted(obj, context.scene, "preview", self._made_from)
         figures = preview.note_of(obj)

@@ -33,14 +33,14 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         name="Size", description="Millimetres of the longest side of the quads; 0 leaves them as large as the mesh", min=0.0, options={"SKIP_SAVE"}
     )  # fmt: skip
 
-    _source = 0  # Blender's id of the object that is remeshed
+    _source = 0  # Blender's id of the object to remesh
 
     @property
     def uid(self) -> int:
         return self._source
 
     def _read(self, context: bpy.types.Context) -> Work:
-        """Read the mesh with its modifiers applied: the quads become a new object."""
+        """Read the mesh with its modifiers applied; the quads become a new object."""
         preload.wait()
         from ..bridge.hosts import remesh
 
@@ -64,11 +64,13 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         polygons = mesh.read_surface(made, context.scene).polygons
         notes.write_checks(made.data, [*check.everything(polygons), *result.findings])
         states.stamp(made, context.scene)
-        states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has made them as square as they get
+        states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has already regularised the quads
         edge = check.median_edge(polygons)
         said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
-        said = said if bpy.app.background else said[:1]  # the box below Next has the others, and the status bar no room
+        said = (
+            said if bpy.app.background else said[:1]
+        )  # the box below Next shows the others
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
         redraw(context)
         yield

@@ -1,4 +1,4 @@
-"""A picture of the target, the assembled piece and its panels; from a window it is made beside it, by a second Blender."""
+"""Render a picture of target, assembled piece and panels; with a window in a second Blender, beside the work."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Render(Writes, StageOperator, bpy.types.Operator):
     bl_idname = "flexmaps.render"
     bl_label = "Render"
 
-    _folder: Any = None  # a folder for the time of the work
-    _path = Path()  # where the picture goes
+    _folder: Any = None  # temporary folder of the render
+    _path = Path()  # where the picture is written
     _guard: Any = None  # an ``engine.own_files.Guard``
 
     @classmethod
@@ -37,7 +37,7 @@ class Render(Writes, StageOperator, bpy.types.Operator):
         return notes.missing(obj.data, "design")
 
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
-        """Set the scene up here, which takes a moment; a second Blender renders it, or this one would not answer for minutes."""
+        """Build the scene here, which is quick; a second Blender renders it, or this one would hang for minutes."""
         from ..bridge.hosts import second_render
         from ..bridge.store.objects import find
         from ..bridge.view import picture
@@ -65,7 +65,7 @@ class Render(Writes, StageOperator, bpy.types.Operator):
             with files.replacing(self._path.with_name(one.name), self._guard) as new:
                 shutil.copyfile(one, new)
         if self._path in [self._path.with_name(one.name) for one in result] and self._path.suffix == ".png":
-            self._told(self._path)
+            self._report_picture(self._path)
         else:
             self.report(
                 {"INFO"},
@@ -97,10 +97,10 @@ class Render(Writes, StageOperator, bpy.types.Operator):
                 picture.together(context.object, new, params)
         except FlexMapsError as error:
             return self._refused(context, error)
-        self._told(path)
+        self._report_picture(path)
         return {"FINISHED"}
 
-    def _told(self, path: Path) -> None:
+    def _report_picture(self, path: Path) -> None:
         shown = bpy.data.images.load(str(path), check_existing=True)
         shown.reload()
         self.report({"INFO"}, translate("{}, {} x {} pixels, in {}", path.name, *shown.size, path.parent))

@@ -1,4 +1,4 @@
-"""What was made and how good it is, as a page and as pictures in the image editor."""
+"""Report the piece and its quality, as a page and as pictures in the image editor."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
         name="Open", description="Show the page in the web browser", default=False, options={"SKIP_SAVE"}
     )
 
-    _letters: Any = None  # a Future, made in ``meanwhile``: drawing letters makes Blender redraw all windows
+    _letters: Any = None  # a Future, set in ``meanwhile``, because drawing letters makes Blender redraw all windows
 
     needs = "flat"
     loaded = True
@@ -57,7 +57,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
 
             told = pages.of_object(result, found, progress.part(0.0, 0.2))
             drawn, view = told.drawn, told.piece(progress.part(0.2, 0.5)) if folder is not None else None
-            while not letters.done():  # and hear a stop meanwhile
+            while not letters.done():  # keep reporting progress, so that a stop is noticed
                 progress(0.5, "Waiting for letters")
                 time.sleep(0.02)
             shown, drawing_it = {}, progress.part(0.5, 0.9)

@@ -1,4 +1,4 @@
-"""The shape that the assembled piece takes by itself."""
+"""Find the shape that the assembled piece takes by itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Width and twist of every spiral, from the curvature of the surface."""
+"""Compute width and twist of every spiral from the curvature of the surface."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What all stages have in common: read the mesh, run the engine beside Blender, write the mesh.
+"""Base of all stages: read the mesh, run the engine beside Blender, write the mesh.
 
-With a window the engine runs in the background job: a timer polls, draws the progress, and writes at the end; ESC stops.
-Called from a script, or in Blender without a window, the same engine call runs at once and prints its progress.
-An error of the user's selects the culprits, is reported, and leaves the mesh as it was.
+With a window the engine runs as the background job: a timer polls, draws the progress, and writes the result; ESC stops it.
+From a script, or in Blender without a window, the same engine call runs at once and prints its progress.
+A user's error is reported, its culprits are selected, and the mesh stays as it was.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 Work = Callable[[Progress], Any]
 
-TICK = 0.02  # seconds between two looks at the job
+TICK = 0.02  # seconds between two looks at the job; smaller reacts sooner and takes more of the window's time
 
 
 class Polled:
-    """Base of what is grey where it cannot run, and says why."""
+    """Base of operators that are greyed out, with the reason, where they cannot run."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        """Why it cannot run now, as a sentence; asked at every redraw, so it must be cheap."""
+        """Return why the operator cannot run now, as a sentence; called at every redraw, so it must be quick."""
         return None
 
     @classmethod
@@ -47,7 +47,7 @@ class Polled:
 
 
 class OnObject(Polled):
-    """Base of small operators on the active object, which is at least one that FlexMaps can work on."""
+    """Base of small operators on the active object, if FlexMaps can work on it."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -57,7 +57,7 @@ class OnObject(Polled):
 
 
 class AnyMesh(OnObject):
-    """Base of what takes a mesh with modifiers too, while no other job runs; of stages, before ``StageOperator``."""
+    """Base of operators that also take a mesh with modifiers, while no job runs; list it before ``StageOperator``."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -66,14 +66,14 @@ class AnyMesh(OnObject):
 
 
 class AtOnce:
-    """Base of small operators, which need no job: mixed in before what says where they can run."""
+    """Base of small operators that need no job; list it before the base that says where they can run."""
 
     bl_options = {"REGISTER", "UNDO"}
-    level = "INFO"  # of the line that ``act`` returns; it may set "WARNING"
+    level = "INFO"  # report level of the line that ``act`` returns; ``act`` may set "WARNING"
     report: Any
 
     def act(self, context: bpy.types.Context) -> str | None:
-        """Do it, and return the line that the user reads; an error of the user's is reported, and leaves all as it was."""
+        """Do the work, and return a line for the user; an error is reported, and must leave everything as it was."""
         raise NotImplementedError
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -93,7 +93,7 @@ class AtOnce:
 
 
 class NewObject(Polled):
-    """Base of what adds an object of its own, while no job runs."""
+    """Base of operators that add a new object, while no job runs."""
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -104,56 +104,58 @@ class NewObject(Polled):
 
 
 class StageOperator(Polled):
-    """Base of the operators of one stage each; ``bpy.types.Operator`` is mixed in where they are registered.
+    """Base of the operators of one stage each; list ``bpy.types.Operator`` last where they are registered.
 
-    A stage gives ``prepare``, which returns the engine work as a function of a ``Progress``, and ``finish``, which writes
-    the result into the object and returns the line that the user reads.
+    A stage implements ``prepare``, which returns the engine work as a function of ``Progress``, and ``finish``, which writes
+    the result into the object and returns a line for the user.
     """
 
     bl_options = {"REGISTER", "UNDO"}
     bl_label = ""
     report: Any
-    shows = ""  # the overlay that is switched on afterwards, where none is
-    on_stop = "nothing is changed then"  # what becomes of the work when it is stopped
-    level = "INFO"  # of the line that ``finish`` returns; it may set "WARNING"
+    shows = ""  # kind of overlay to switch on afterwards if none is on
+    on_stop = "nothing is changed then"  # sentence: what happens to the work when it is stopped
+    level = "INFO"  # report level of the line that ``finish`` returns; ``finish`` may set "WARNING"
 
     _job: background.Job | None = None
     _timer: Any = None
     _pace: Any = None  # a ``progress.Pace``
-    _helped = False  # whether ``meanwhile`` was called
-    _writing: Any = None  # the pieces that are still to be written
-    _made_from: Any = None  # checksums of the settings that the work began with
-    _scene = 0  # Blender's id of the scene that the work began in
-    _surface: Any = None  # bridge.store.surface.Surface; Blender evaluates annotations, so only names that are there
+    _helped = False  # whether ``meanwhile`` has been called
+    _writing: Any = None  # iterator over the remaining steps of writing
+    _made_from: Any = None  # checksums of the settings when the work began
+    _scene = 0  # Blender's id of the scene in which the work began
+    _surface: Any = (
+        None  # a ``Surface``, imported too late for an annotation, which Blender evaluates
+    )
 
     @property
     def uid(self) -> int:
-        """Blender's id of the object that it works on; 0 before that is read."""
+        """Return Blender's id of the stage's object; 0 before that is read."""
         return 0 if self._surface is None else self._surface.uid
 
-    # -- what a stage says ---------------------------------------------------------------------------------------------
+    # -- methods of a stage ----------------------------------------------------------------------------------------------
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        """Why this stage cannot run on a usable object, as a sentence; asked at every redraw, so it must be cheap."""
+        """Return why this stage cannot run on a usable object, as a sentence; it must be quick enough for every redraw."""
         return None
 
     def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
-        """The engine work; the returned function must not touch Blender's data."""
+        """Return the engine work, a function that must not touch Blender's data."""
         raise NotImplementedError
 
     def meanwhile(self) -> None:
-        """Make on the main thread what the work waits for and what takes a moment; called once, after the progress was drawn."""
+        """Make on the main thread something that the work waits for; called once, after the progress was drawn."""
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, result: Any) -> str:
-        """Write the result, on the main thread; everything that can fail comes before the first write."""
+        """Write the result on the main thread; everything that can fail must come before the first write."""
         raise NotImplementedError
 
     def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
-        """Draw what stands beside the model, after the result was written; between its pieces the window is drawn."""
+        """Draw the objects beside the model after the result was written; the window is redrawn between the steps."""
         return iter(())
 
-    # -- how it runs -----------------------------------------------------------------------------------------------------
+    # -- running ---------------------------------------------------------------------------------------------------------
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
@@ -219,21 +221,21 @@ class StageOperator(Polled):
         return {"PASS_THROUGH"} if going_on else {"FINISHED"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Called by Blender when a file is loaded or the window closes while the job runs."""
+        """Clean up when Blender loads a file or closes the window while the job runs."""
         self._clear(context)
 
     def _go_on(self, context: bpy.types.Context) -> bool:
-        """Take the finished job's result, then write one piece at a time; False after the last."""
+        """Take the finished job's result, then write one step at a time; return False after the last."""
         assert self._job is not None
         if self._job.error is not None:
             raise self._job.error
         if self._writing is None:
-            self._job.shown = None  # from now on the mesh itself is to be seen
+            self._job.shown = None  # show the mesh itself from now on
             self._writing = self._write(context, self._job.result)
         with framing.in_scene(context, self._scene):
             return next(self._writing, self) is None
 
-    # -- the steps ---------------------------------------------------------------------------------------------------------
+    # -- steps -----------------------------------------------------------------------------------------------------------
 
     def _read(self, context: bpy.types.Context) -> Work:
         preload.wait()
@@ -260,17 +262,17 @@ class StageOperator(Polled):
             )
         try:
             message = self.finish(context, obj, self._surface, result)
-        finally:  # a check writes what it found, then complains
+        finally:  # the check writes its findings before it raises
             states.stamp(obj, context.scene, self._made_from)
         failures.clear(obj, idname_of(self))
         overlay.renew(obj, self.shows)
         redraw(context)
         yield
-        with suppress(FlexMapsError):  # where the object is gone there is nothing more to draw
+        with suppress(FlexMapsError):  # a deleted object needs no drawing
             for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
-        # the status bar has room for one sentence; the tab tells the others
+        # the status bar has room for one sentence; the tab shows the others
         self.report({self.level}, message if bpy.app.background else message.partition(". ")[0])
 
     def _clear(self, context: bpy.types.Context) -> None:
@@ -294,30 +296,30 @@ class StageOperator(Polled):
         from ..bridge.store.objects import find
 
         if self._surface is not None and (error.faces or error.edges):
-            with suppress(FlexMapsError):  # where the object is gone there is nothing to select
+            with suppress(FlexMapsError):  # a deleted object has nothing to select
                 framing.reveal(context, find(self._surface.uid), self._surface, error.faces, error.edges)
                 framing.frame(context)
-        with suppress(FlexMapsError):  # where it is gone there is nothing to note
+        with suppress(FlexMapsError):  # a deleted object keeps no notes
             self._note(context, find(self.uid), error)
         redraw(context)
         self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
 
     def _note(self, context: bpy.types.Context, obj: bpy.types.Object, error: FlexMapsError) -> None:
-        """Keep why it failed, so that *Next* offers a cure."""
+        """Store the failure, so that *Next* offers a cure."""
         from ..bridge.store import failures
 
         failures.write(obj, context.scene, idname_of(self), error)
 
 
 def idname_of(operator: Any) -> str:
-    """Its name as scripts call it: "flexmaps.check"."""
+    """Return an operator's name as scripts call it: "flexmaps.check"."""
     group, _, name = operator.bl_idname.partition("_OT_")
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
 def why_not(stage: Any, obj: bpy.types.Object | None) -> str | None:
-    """Why a stage, which has an ``obstacle``, cannot run on the object now, as a sentence; ``None`` if it can."""
+    """Return why a stage cannot run on the object now, as a sentence; None if it can."""
     from ..bridge.store.objects import changed_by_modifiers, unusable
 
     running = background.current()

@@ -1,4 +1,4 @@
-"""What the piece bears under its load cases."""
+"""Check what the piece bears under its load cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tab does itself: stop the job that runs, and hold the piece where something is selected."""
+"""Operators of the tab itself: stop the running job, and hold the piece at the selection."""
 
 from __future__ import annotations
 

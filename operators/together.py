@@ -1,4 +1,4 @@
-"""All selected objects on common sheets, each as often as its copies say; and picking the drawing of a remnant."""
+"""Export all selected objects on common sheets, each in its number of copies; and choose the drawing of a remnant."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..engine.progress import Progress
 from .stage import AnyMesh, AtOnce, OnObject, StageOperator, Work
 from .writes import FromDialog, IntoFolder
 
-ENDING = "together"  # of the files' name, which begins with the active object's
+ENDING = "together"  # end of the files' name, after the active object's
 
 
 class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
@@ -36,7 +36,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
         from ..engine.fabrication.writers import export
         from ..engine.runs.together import together
 
-        objects = _chosen(context)
+        objects = _selected(context)
         stored = [snapshot.read(obj) for obj in objects]
         letters.learn(*(obj.name for obj in objects))
         names, settings = [obj.name for obj in objects], [one.settings for one in stored]
@@ -69,10 +69,10 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
         yield
 
 
-def _chosen(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected objects that FlexMaps can work on, the active one first."""
+def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the selected objects that FlexMaps can work on, the active one first."""
     active = context.object
-    # not what is drawn beside a model
+    # leave out objects drawn beside a model
     others = [o for o in context.selected_objects if o != active and not unusable(o) and "flexmaps_kind" not in o]
     return [active, *sorted(others, key=lambda obj: obj.name)]
 

@@ -1,4 +1,4 @@
-"""The tutorial's scene: a lamp shade in a room, to go through all stages with."""
+"""Add the tutorial's scene, a lamp shade in a room."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from .stage import AtOnce, NewObject
 
-# made by tools/lamp_shade.py
+# the file is made by tools/lamp_shade.py
 FILE, SCENE, NAME = Path(__file__).resolve().parents[1] / "data" / "lamp_shade.blend", "Lamp shade", "Lamp shade"
 
 

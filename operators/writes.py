@@ -1,4 +1,4 @@
-"""Base of the operators that write files: they ask before a file of the user's is replaced."""
+"""Base of the operators that write files: they ask before they replace a file of the user's."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Writes:
-    """Mixed in before a stage's own base; ``guard`` is called before the work begins."""
+    """Base of operators that write files, listed before a stage's own base; they call ``guard`` before the work begins."""
 
     overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Overwrite",
@@ -30,7 +30,7 @@ class Writes:
     )
 
     def guard(self, settings: ObjectSettings, present: Iterable[Path], root: Path | None = None) -> Guard:
-        """The guard of what is written; raises ``TheirFile`` where a file that is present is the user's."""
+        """Return the guard for the files to write; raise ``TheirFile`` where an existing file is the user's."""
         from ..bridge.store.objects import files_read
         from ..engine.fabrication.nesting.remnants import SEPARATOR
 
@@ -43,7 +43,7 @@ class Writes:
         return self.ask(error) if isinstance(error, TheirFile) else super()._refused(context, error)  # type: ignore[misc]
 
     def ask(self, error: TheirFile) -> set[str]:
-        """Ask whether to replace the files, and begin again then; without a window that is an error."""
+        """Ask whether to replace the files, and start again if so; without a window report an error."""
         if bpy.app.background or self.overwrite:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]
         else:
@@ -52,7 +52,7 @@ class Writes:
 
 
 class IntoFolder(Writes):
-    """Of the operators that write into the object's folder: they ask for one where the .blend file has no place yet."""
+    """Base of operators that write into the object's folder; they ask for one while the .blend file is unsaved."""
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         if bpy.app.background or not unsaved(context.object.flexmaps.export.folder):
@@ -62,7 +62,7 @@ class IntoFolder(Writes):
 
 
 class FromDialog:
-    """Of the operators that ask for a file or folder first."""
+    """Base of operators that first ask for a file or folder."""
 
     def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
         context.window_manager.fileselect_add(self)  # type: ignore[arg-type]
@@ -104,7 +104,7 @@ class ChooseFolder(FromDialog, AtOnce, OnObject, bpy.types.Operator):
 
 
 def begin(stage: str, **options: Any) -> None:
-    """Run a stage by its idname, beside the window where there is one. Raises ``FlexMapsError`` with what it complains of."""
+    """Run a stage by its idname, with a window as a background job; raise ``FlexMapsError`` with its error message."""
     name = stage.lower().replace("_ot_", ".").split(".")[-1]
     try:
         getattr(bpy.ops.flexmaps, name)("EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT", **options)

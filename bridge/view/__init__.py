@@ -1,1 +1,1 @@
-"""What there is to see: overlays, previews, pictures, animations, and the objects beside the model."""
+"""Everything that is drawn or shown: overlays, previews, pictures, animations, and the objects beside the model."""

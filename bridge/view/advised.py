@@ -1,4 +1,4 @@
-"""A piece that was made again with what was advised: what came of it, and writing it into its object."""
+"""Write a piece that was recomputed with an advised remedy into its object, and report the effect."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..store import advice, equilibrium, mesh, notes
 from ..store.surface import Surface
 from .flat_panels import PanelDrawing
 
-LIKE = 1e-3  # share of an edge by which vertices may be rounded in Blender's single precision; not measured
+LIKE = 1e-3  # tolerance of vertex positions in edges, for Blender's single precision; not measured
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """The piece as it was and as it is with what was advised, the panels to draw, and what the stages tell of it."""
+    """A piece before and after a remedy, the panels to draw, and the stages' blocks of notes."""
 
     before: Result
     after: Result
@@ -35,19 +35,19 @@ def write(
     change: tuple[str, float, float],
     figures: dict[str, Any],
 ) -> tuple[str, bool]:
-    """Write the piece into an object that has its shape, with its notes.
+    """Write the piece into an object of the same shape, with its notes.
 
     Parameters
     ----------
-    obj, scene : where it is written
-    surface : the object's, as it is now
+    obj, scene : the object and its scene
+    surface : the object's present surface
     made : the piece
-    change : the remedy, and what it changed, before and after
+    change : the remedy, and the changed quantity before and after
     figures : the block of the shape that the advice was made from
 
     Returns
     -------
-    What to tell the user, and whether that is good news.
+    A text for the user, and whether it is good news.
     """
     blocks, kept = dict(made.blocks), notes.read(obj.data).get("layout", {})
     if made.after.flat is made.before.flat:
@@ -70,7 +70,7 @@ def write(
 
 
 def alike(surface: Surface, mesh: QuadMesh) -> bool:
-    """Whether an object has the corners of the engine's quads, one by one and where they are."""
+    """Return whether the object's corners lie where the engine's quads have theirs, one by one."""
     corners = surface.polygons.corners
     if len(corners) != mesh.quads.size:
         return False

@@ -1,7 +1,7 @@
-"""The assembly as an animation: one object a panel, which flies by its keyframes and bends by its shape keys.
+"""The assembly as an animation: one object a panel, moved by keyframes and bent by shape keys.
 
-The shape keys are absolute: one curve, the evaluation time, runs through them. All objects hang on an empty, which can be
-moved or scaled; with it they are removed and made anew.
+The shape keys are absolute: one animated value, the evaluation time, runs through them. The objects are children of an
+empty, which can be moved or scaled; a new animation replaces the empty and the objects.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...engine.assembling.film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
-LAST = "flexmaps_last_frame"  # on the empty
+LAST = "flexmaps_last_frame"  # key on the empty: its last frame
 LEAD, TAIL = 0.4, 1.2  # seconds before the first panel moves and after the last has arrived; by eye
 
 
@@ -32,9 +32,19 @@ def show(
     rgb: Float[np.ndarray, "quads 3"] | None,
     place: Float[np.ndarray, " 3"],
 ) -> tuple[bpy.types.Object, int]:
-    """Put the film beside its model, in the place of an earlier one; returns its empty and its last frame.
+    """Put the animation beside its model, replacing an earlier one.
 
-    seconds : how long it is; rgb : linear, or None for the sheet's material; place : metres, added to the pose's
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    film : the animation
+    seconds : its length
+    rgb : linear colours, or None for the sheet's material
+    place : metres, added to the pose's positions
+
+    Returns
+    -------
+    The empty, and the last frame.
     """
     clear(obj)
     root = bpy.data.objects.new(f"{obj.name} {ROOT}", None)
@@ -60,8 +70,8 @@ def show(
             else:
                 materials.wear(made.data, rgb[quad_of[patch_of[quad_of] == track.patch]])
             made.parent = root
-            _bends(made, track, frame)
-            _moves(made, track, frame)
+            _animate_shape(made, track, frame)
+            _animate_motion(made, track, frame)
     finally:
         bpy.data.meshes.remove(whole)
     last = int(np.ceil(frame(film.length) + rate * TAIL))
@@ -70,7 +80,7 @@ def show(
 
 
 def clear(obj: bpy.types.Object) -> None:
-    """Remove the film of a model."""
+    """Remove the animation of a model."""
     own = collection.existing(obj)
     for other in [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else ():
         # an object and its shape keys may share an action
@@ -91,14 +101,14 @@ def _animated(obj: bpy.types.Object) -> list[Any]:
 
 
 def existing(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """The objects of a model's film, the empty first; none where there is no film."""
+    """Return the objects of a model's animation, the empty first; empty without an animation."""
     own = collection.existing(obj)
     of_film = [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else []
     return sorted(of_film, key=lambda o: o.type != "EMPTY")
 
 
 def last_frame(obj: bpy.types.Object) -> int:
-    """The frame in which the film of a model ends."""
+    """Return the last frame of a model's animation."""
     return int(existing(obj)[0][LAST])
 
 
@@ -108,7 +118,7 @@ def last_frame(obj: bpy.types.Object) -> int:
 def _panel(
     obj: bpy.types.Object, scene: bpy.types.Scene, film: Film, track: Track, whole: bpy.types.Mesh
 ) -> bpy.types.Object:
-    """The object of a panel: its part of the whole mesh."""
+    """Make the object of a panel from its part of the whole mesh."""
     panels = film.panels
     index = np.full(len(panels.vertex_quad), -1)
     index[track.vertices] = np.arange(len(track.vertices))
@@ -132,8 +142,8 @@ def _panel(
     return made
 
 
-def _bends(made: bpy.types.Object, track: Track, frame: Any) -> None:
-    """Shape keys one after the other, and the evaluation time that runs through them."""
+def _animate_shape(made: bpy.types.Object, track: Track, frame: Any) -> None:
+    """Add shape keys, and animate the evaluation time that runs through them."""
     for k, points in enumerate(track.shapes):
         key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
         key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
@@ -143,10 +153,10 @@ def _bends(made: bpy.types.Object, track: Track, frame: Any) -> None:
     for which, time in zip(track.which.tolist(), track.shape_times.tolist(), strict=True):
         keys.eval_time = keys.key_blocks[which].frame
         keys.keyframe_insert("eval_time", frame=frame(time))
-    _straight(keys)
+    _set_linear(keys)
 
 
-def _moves(made: bpy.types.Object, track: Track, frame: Any) -> None:
+def _animate_motion(made: bpy.types.Object, track: Track, frame: Any) -> None:
     from mathutils import Matrix
 
     made.rotation_mode = "QUATERNION"
@@ -159,18 +169,18 @@ def _moves(made: bpy.types.Object, track: Track, frame: Any) -> None:
         made.rotation_quaternion = before = turned
         made.keyframe_insert("location", frame=frame(time))
         made.keyframe_insert("rotation_quaternion", frame=frame(time))
-    _straight(made)
+    _set_linear(made)
 
 
-def _straight(holder: Any) -> None:
-    """Keyframes joined by straight lines: the points between are many enough."""
+def _set_linear(holder: Any) -> None:
+    """Interpolate linearly between keyframes, which are dense enough."""
     for curve in _curves(holder.animation_data):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
 
 
 def _curves(data: Any) -> list[Any]:
-    """The animation's curves; from 4.4 on they lie in slots and layers."""
+    """Return the animation's curves, which Blender 4.4 and later keep in slots and layers."""
     action = data.action
     if hasattr(action, "layers") and len(action.layers):
         bag = action.layers[0].strips[0].channelbag(data.action_slot)

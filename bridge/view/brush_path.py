@@ -1,4 +1,4 @@
-"""The way of the pointer over an object, as dabs of the brush."""
+"""The path of the pointer over an object, as dabs of the brush."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from mathutils import Vector
 if TYPE_CHECKING:
     from .easel import Easel
 
-SPACING = 0.25  # of the radius, between two dabs on the way of the pointer
-FLOW = 0.4  # of the strength, by one dab: four of them, as one place gets them from a passing brush, make nine tenths of it; by eye
+SPACING = 0.25  # distance of two dabs on the pointer's path, in radii; smaller paints more evenly and takes longer
+FLOW = (
+    0.4  # share of the strength per dab: the four dabs that a passing brush sets on one place reach nine tenths; by eye
+)
 
 
 class BrushPath:
@@ -22,11 +24,11 @@ class BrushPath:
     def __init__(self, obj: bpy.types.Object, easel: Easel):
         self._object: Any = obj
         self._easel = easel
-        self._last: np.ndarray | None = None  # of the pointer, in pixels of the region
-        self._place: np.ndarray | None = None  # of the last dab, in the object's frame
+        self._last: np.ndarray | None = None  # the pointer's last position, in pixels of the region
+        self._place: np.ndarray | None = None  # the last dab's position, in the object's frame
 
     def hit(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
-        """Where the ray through a pixel of the region meets the object, and its normal there, in the object's frame."""
+        """Return where a pixel's ray hits the object, and the normal, in the object's frame; None if it misses."""
         region, view = context.region, context.region_data
         inverse = self._object.matrix_world.inverted_safe()
         start = inverse @ view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
@@ -38,7 +40,7 @@ class BrushPath:
         return place, normal if normal.dot(way) < 0.0 else -normal
 
     def move(self, context: bpy.types.Context, event: Any) -> tuple[list[np.ndarray], np.ndarray] | None:
-        """The weights of the dabs from where the pointer was to where it is, and the way between them in world axes; None without any."""
+        """Return the dabs' weights since the last event, and the displacement in world axes; None without dabs."""
         brush = context.window_manager.flexmaps_brush
         pressure = event.pressure if event.is_tablet else 1.0
         size = brush.size * (pressure if brush.pressure_size else 1.0)
@@ -67,7 +69,7 @@ class BrushPath:
         return [strength * weight for weight in weights], way
 
     def _dab(self, context: bpy.types.Context, place: Any, normal: Any, size: float) -> np.ndarray:
-        """The weight of one dab, mirrored where the brush is."""
+        """Return the weights of one dab, with its mirror image if the brush mirrors."""
         frame, scale = self._object.matrix_world, context.scene.unit_settings.scale_length
         region, view = context.region, context.region_data
         centre = view3d_utils.location_3d_to_region_2d(region, view, frame @ place)
@@ -75,9 +77,9 @@ class BrushPath:
         radius = (beside - frame @ place).length * scale
         turned = frame.to_3x3().inverted_safe().transposed()
         sides = (1.0, -1.0) if context.window_manager.flexmaps_brush.mirror else (1.0,)
-        found = []
+        weights = []
         for side in sides:
             over = Vector((side, 1.0, 1.0))
             where = np.array(frame @ (place * over)) * scale
-            found.append(self._easel.ground.weight(where, np.array(turned @ (normal * over)), radius))
-        return np.max(found, axis=0)
+            weights.append(self._easel.ground.weight(where, np.array(turned @ (normal * over)), radius))
+        return np.max(weights, axis=0)

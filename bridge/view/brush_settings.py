@@ -1,4 +1,4 @@
-"""How the brush paints, kept by the window."""
+"""Settings of the brush, kept by the window."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ FROM = (("stiffness", "Stiffness", "As stiff as the numbers say: 0 the softest, 
 
 
 def sources(self: Any, context: bpy.types.Context, text: str) -> list[str]:
-    """Vertex groups, colours and other numbers of the active object, for the field in which one is named."""
+    """List vertex groups, colours and other attributes of the active object, for the field *From*."""
     from ..store import fields
 
     return [] if unusable(context.object) is not None else fields.names(context.object)
 
 
 class BrushSettings(bpy.types.PropertyGroup):
-    """How the brush paints; of the window, as no file is about it."""
+    """Settings of the brush; kept by the window, because they belong to no file."""
 
     brush: EnumProperty(name="Brush", items=PAINTS)  # type: ignore[valid-type]
     size: IntProperty(  # type: ignore[valid-type]

@@ -1,4 +1,4 @@
-"""Little pictures of the layouts that were compared, as icons that the sidebar shows large."""
+"""Small pictures of the compared layouts, as icons that the sidebar shows enlarged."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from ...engine.patches.flattening.flatten import FlatPatches
 
 SIZE = 128  # pixels of an icon
-PREVIEWS = ""  # where Blender's previews are kept, beside the names of objects
+PREVIEWS = ""  # key of Blender's preview collection in ``_kept``; all other keys are names of images
 
-_kept: dict[str, Any] = {}  # Blender's previews, and from which pictures those of an object were made
+_kept: dict[str, Any] = {}  # Blender's preview collection, and the icons of each image by its name
 
 
 def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 4"]:
-    """All layouts beside each other, every one in a square of ``SIZE`` pixels, the uppermost row first; sRGB with alpha."""
+    """Draw all layouts side by side, each in a square of ``SIZE`` pixels, top row first; sRGB with alpha."""
     drawn = []
     for flat in layouts:
         layout, mesh = flat.layout, flat.layout.mesh
@@ -32,9 +32,9 @@ def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 
 
 
 def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
-    """Keep the pictures in the file, by the name of the object's mesh."""
+    """Store the pictures in the file, under the name of the object's mesh."""
     kept = images.image(_name(obj), strip.astype(np.float32))
-    kept.use_fake_user = True  # nothing else uses it, and what nothing uses is lost when the file is saved
+    kept.use_fake_user = True  # Blender drops data without users when it saves
     _kept.pop(_name(obj), None)
 
 
@@ -43,15 +43,15 @@ def _name(obj: bpy.types.Object) -> str:
 
 
 def icons(obj: bpy.types.Object, count: int) -> list[int]:
-    """The numbers of icons that show the layouts; 0 for those that have no picture, and without a window."""
+    """Return the icon numbers of the layouts; 0 for layouts without a picture, and without a window."""
     name = _name(obj)
     if name not in _kept:
-        _kept[name] = _made(name, count)
-    found = _kept[name]
-    return [*found, *[0] * count][:count]
+        _kept[name] = _make_icons(name, count)
+    numbers = _kept[name]
+    return [*numbers, *[0] * count][:count]
 
 
-def _made(name: str, count: int) -> list[int]:
+def _make_icons(name: str, count: int) -> list[int]:
     image = bpy.data.images.get(name)
     if image is None or bpy.app.background or tuple(image.size) != (SIZE * count, SIZE):
         return []

@@ -1,6 +1,6 @@
-"""The collection that belongs to a model: what stands beside it, made anew by every stage that changes it, never read back.
+"""The collection with the objects beside a model; stages rebuild it and never read it back.
 
-Engine coordinates, metres; the objects are scaled to the scene's unit.
+Coordinates are the engine's, in metres; the objects are scaled to the scene's unit.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from ...engine.arrays import Float
 
 
 def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Collection:
-    """The collection that belongs to the object, made where it is missing; it follows the object's name."""
+    """Return the object's collection, created if missing and renamed after the object."""
     own = existing(obj)
     if own is None:
         own = bpy.data.collections.new(f"FlexMaps {obj.name}")
@@ -26,7 +26,7 @@ def collection_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Co
 
 
 def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
-    """The object's collection, if it has one of its own: a duplicate of an object must not take the original's."""
+    """Return the object's collection, or None; a duplicate of an object must not use the original's."""
     own = obj.get("flexmaps_collection")
     if not isinstance(own, bpy.types.Collection):
         return None
@@ -38,7 +38,7 @@ def existing(obj: bpy.types.Object) -> bpy.types.Collection | None:
 
 
 def left_over(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
-    """Collections in the scene whose model was deleted: nothing of them is of use to any other object. Cheap enough for a panel."""
+    """Return the collections in the scene whose model was deleted. Quick enough for a panel."""
     owned = {own.session_uid for own in map(_pointed_at, bpy.data.objects) if own is not None}
     return [
         one for one in scene.collection.children_recursive if "flexmaps_owner" in one and one.session_uid not in owned
@@ -51,7 +51,7 @@ def _pointed_at(obj: bpy.types.Object) -> bpy.types.Collection | None:
 
 
 def remove(own: bpy.types.Collection) -> None:
-    """A collection with all that stands in it, and what nothing else uses of that."""
+    """Delete a collection, all objects in it, and their data if nothing else uses it."""
     data = [other.data for other in own.all_objects if other.data is not None]
     for other in list(own.all_objects):
         bpy.data.objects.remove(other)
@@ -60,7 +60,7 @@ def remove(own: bpy.types.Collection) -> None:
 
 
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "seams", "outlines")) -> None:
-    """Remove what was laid out beside the object, by kind."""
+    """Remove objects of the given kinds from the object's collection."""
     own = existing(obj)
     if own is None:
         return
@@ -73,14 +73,14 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "s
 
 
 def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
-    """Metres: where the upper left corner of what is laid out goes: right of the model, at its lowest height."""
+    """Return in metres the upper left corner for the flat layout: right of the model, at its lowest height."""
     box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])
 
 
 def vector(corner: object) -> object:
-    """As Blender's own, which its matrices ask for."""
+    """Convert to Blender's vector, which its matrices require."""
     from mathutils import Vector
 
     return Vector(corner)
@@ -94,7 +94,16 @@ def add(
     data: bpy.types.ID,
     place: Float[np.ndarray, " 3"],
 ) -> bpy.types.Object:
-    """Put data that is in metres into the object's collection, at a place in metres."""
+    """Add an object with data in metres to the model's collection.
+
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    kind : value of ``flexmaps_kind``
+    name : name after the model's
+    data : mesh or curve, metres
+    place : position, metres
+    """
     unit = scene.unit_settings.scale_length
     made = bpy.data.objects.new(f"{obj.name} {name}", data)
     made["flexmaps_kind"] = kind

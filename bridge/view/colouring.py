@@ -1,4 +1,4 @@
-"""Which colours the quads of a model get for what is known of them, and what the legend says of these."""
+"""Colours of a model's quads for each kind of value, and their legends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .legend import Legend
 
 
 class Kind(NamedTuple):
-    """One number that quads are coloured by: where it is stored, the words of its legend, and of its menu."""
+    """A value that quads are coloured by: its attribute, the words of its legend, and those of its menu."""
 
     attribute: str
     label: str
@@ -67,15 +67,15 @@ KINDS = {
 }  # fmt: skip
 ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]
 SIMULATED = ("DISTANCE", "STRAIN_ENERGY", "REACH", "SAFETY", "SLOT")
-OPEN = 0.3  # mm: the scale of the slots ends at least here, the smallest one that a laser leaves
+OPEN = 0.3  # mm: lowest upper end of the slots' scale, the narrowest slot that a laser leaves
 LEAST_ANISOTROPY = (
-    1.0  # percent: where the scale of the anisotropy ends at least, so that rounding is not seen as a difference
+    1.0  # percent: lowest upper end of the anisotropy's scale, so that rounding errors do not look like a difference
 )
-SQUARE_HIGH = 0.25  # the paper's worst quad of a regularised mesh has 0.238
+SQUARE_HIGH = 0.25  # upper end of the scale; the paper's worst quad of a regularised mesh has 0.238
 
 
 def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
-    """What is shown of an attribute's values: of the four arms of a quad their mean width, or their anisotropy in percent."""
+    """Reduce an attribute's values to one a quad: for widths the mean of the four arms, or the anisotropy in percent."""
     if kind == "WIDTH":
         return attributes.on_faces(values).mean(axis=1)
     from ...engine.spirals.spiral import anisotropy  # scipy comes with it
@@ -86,7 +86,14 @@ def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
 def painted(
     obj: bpy.types.Object, kind: str, values: Shaped[np.ndarray, " quads"]
 ) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
-    """Linear colours of the quads, and their legend."""
+    """Return linear colours of the quads, (F, 3), and the legend.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    kind : a key of ``KINDS``
+    values : one a quad, as ``per_quad`` returns them
+    """
     _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
@@ -131,19 +138,19 @@ def painted(
 
 
 def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:
-    """From 0 at the softest to 1 at the stiffest, by the logarithm: the stiffest is some ten times as stiff as the softest."""
+    """Return 0 for the softest to 1 for the stiffest; logarithmic, because the stiffest is about ten times as stiff."""
     least = max(low, 1e-12)
     return np.clip(np.log(np.maximum(values, least) / least) / max(np.log(high / least), 1e-9), 0.0, 1.0)
 
 
 def stiffness_legend(low: float, high: float) -> Legend:
-    """The ends of a logarithmic scale."""
+    """Return the legend of the logarithmic scale."""
     _, label, unit, *_ = KINDS["STIFFNESS"]
     return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.MUCH)
 
 
 def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
-    """Colours and legend of what limits every spiral, by the engine's numbers."""
+    """Return colours and legend of what limits every spiral."""
     from ...engine.optimisation.reach import NAMES
 
     looks = [colours.LIMITS[name] for name in NAMES]
@@ -154,7 +161,7 @@ def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 
 
 
 def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
-    """The legend of an overlay that ``store`` has written."""
+    """Return the legend of the colours that ``store`` has written."""
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind].attribute)
     assert values is not None
@@ -162,9 +169,13 @@ def legend_of(obj: bpy.types.Object, kind: str) -> Legend:
 
 
 def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
-    """Write the colours as the mesh's active colour attribute; False where the stage of that kind has not run.
+    """Write the colours as the mesh's active colour attribute; return False where the stage of that kind has not run.
 
-    afresh : what is measured for the colours alone is measured again, such as with another material
+    Parameters
+    ----------
+    obj : the mesh object
+    kind : a key of ``KINDS``
+    afresh : recompute values that exist only for the colours, such as the stiffness after a change of material
     """
     if not current(obj, kind):
         return False
@@ -186,7 +197,7 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
 
 
 def _measure_stiffness(obj: bpy.types.Object) -> None:
-    """Of the spirals that the object has; nothing where it has none, or none that the model knows."""
+    """Compute the stiffness of the object's spirals; remove it where there are none or the model does not cover them."""
     from ...engine.mechanics.arms.spiral_stiffness import stiffness
     from ..store import mesh, snapshot
 
@@ -195,13 +206,13 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
         used = settings.read(obj.flexmaps, ObjectSettings)
         taken = snapshot.take(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
         design = taken.result().design
-        found = None if design is None else stiffness(design, used.material.chosen)
-        if found is not None:
-            fields.write_stiffness(obj, found)
+        values = None if design is None else stiffness(design, used.material.chosen)
+        if values is not None:
+            fields.write_stiffness(obj, values)
 
 
 def current(obj: bpy.types.Object, kind: str) -> bool:
-    """Colours of a simulation that the mesh has left behind are not shown."""
+    """Return whether the values of a kind are up to date; others are not shown."""
     if kind == "SCAN":
         return scans.current(obj, bpy.context.scene)
     if kind == "UTILISATION":

@@ -1,4 +1,4 @@
-"""Blender curves from arrays: round lines through points, and the true outlines of arcs."""
+"""Blender curves from arrays: round lines through points, and the exact outlines of arcs."""
 
 from __future__ import annotations
 
@@ -15,9 +15,14 @@ if TYPE_CHECKING:
 
 
 def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:
-    """A curve object's data of round lines through points each, closed where first and last are the same.
+    """Make a curve of round lines, one a polyline, closed where the first and last point are equal.
 
-    sides : of their sections, an even number of at least 4
+    Parameters
+    ----------
+    name : name of the curve
+    polylines : (N, 3) points each, metres
+    radius : metres
+    sides : sides of the section, an even number of at least 4
     """
     curve = bpy.data.curves.new(name, "CURVE")
     curve.dimensions = "3D"
@@ -34,7 +39,7 @@ def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, s
 
 
 def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
-    """Closed curves of arcs as Blender's Bezier curves, without thickness."""
+    """Draw closed curves of arcs as Blender's Bezier curves, without thickness."""
     made = bpy.data.curves.new(name, "CURVE")
     made.dimensions = "2D"
     made.fill_mode = "NONE"
@@ -52,9 +57,9 @@ def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:
 def bezier(
     curve: Curve,
 ) -> tuple[Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"], Float[np.ndarray, "knots 2"]]:
-    """Knots, left and right handles of a closed curve of arcs; an arc of 90 degrees strays by 0.03 % of its radius."""
+    """Return knots, left and right handles of a closed curve of arcs; a 90-degree arc deviates by 0.03 % of its radius."""
     a, b = curve.points, np.roll(curve.points, -1, axis=0)
-    # seen from the chord, an arc's tangents lean by half its angle; handle = 4/3 tan(angle / 4) radius
+    # an arc's tangents lean from its chord by half its angle; handle length = 4/3 tan(angle / 4) radius
     quarter = np.arctan(curve.bulge)
     chord = (b - a)[:, 0] + 1j * (b - a)[:, 1]
     length = np.where(

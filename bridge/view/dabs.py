@@ -1,4 +1,4 @@
-"""Dabs of a brush, worked off beside the window's thread: the pointer never waits for spirals, and what waits becomes one change."""
+"""Compute dabs of a brush in a thread, so that the pointer never waits; dabs that queue up become one change."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
 
 
 class Dabs:
-    """Of one stroke on an easel.
+    """The dabs of one stroke on an easel.
 
-    brush : its name; inverted : the other way round
+    brush : name of the brush
+    inverted : apply the opposite change
     """
 
     def __init__(self, easel: Easel, brush: str, inverted: bool):
@@ -27,13 +28,13 @@ class Dabs:
         self._running: Future[None] | None = None
 
     def add(self, weights: list[Float[np.ndarray, " quads"]], way: Float[np.ndarray, " 3"]) -> None:
-        """Dabs one after the other, and the way that the brush went meanwhile, in the surface's axes."""
+        """Queue dabs in order, with the brush's displacement meanwhile in the surface's axes."""
         self._weights += weights
         self._way = self._way + way
         self.look()
 
     def look(self) -> bool:
-        """Begin with what waits if nothing runs; whether something has come to its end since the last look. Raises what went wrong there."""
+        """Start queued dabs if nothing runs; return whether a run has ended since the last call, and raise its error."""
         done = self._running is not None and self._running.done()
         if done:
             self._end()
@@ -44,13 +45,13 @@ class Dabs:
         return done
 
     def over(self) -> bool:
-        """Whether all is done, and what the easel writes is computed; call it, with ``look``, until it is."""
+        """Return whether all dabs are done and the easel has computed what it writes; poll it together with ``look``."""
         if self._running is None and not self._easel.is_ready:
             self._running = self._pool.submit(self._easel.ready)
         return self._running is None
 
     def wait(self) -> None:
-        """The same at once."""
+        """Finish all dabs now."""
         while True:
             self.look()
             if self.over():
@@ -58,7 +59,7 @@ class Dabs:
             self._end()
 
     def close(self) -> None:
-        """Forget what waits, and let what runs come to its end."""
+        """Drop queued dabs, and let the running one end."""
         self._weights = []
         self._pool.shutdown()
         self._running = None

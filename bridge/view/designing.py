@@ -1,4 +1,4 @@
-"""A design on its way to a better one: the assembled shape with its changing spirals, and how the match improves."""
+"""The running optimisation: the assembled shape with its changing spirals, and the improvement of the match."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
 
-PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale
-LIFT = 0.012  # how far the arms float above the faces, in edges
+PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
+LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 
 
 class Designing(LiveShape):
-    """What there is to see after a step.
+    """The picture after a step.
 
     history : (seconds, RMSE in metres) of this step and all before it
     """
@@ -43,13 +43,13 @@ class Designing(LiveShape):
 
     @property
     def colours(self) -> np.ndarray:
-        # on the scale of everything that the settings allow, so that a colour means the same in every step
+        # scale over all that the settings allow, so that a colour means the same in every step
         share = np.clip(self._twist / max(self._highest, 1e-9), 0.0, 1.0)
         anchors = np.linspace(0.0, 1.0, len(PALE))
         return np.stack([np.interp(share, anchors, PALE[:, k]) for k in range(3)], axis=1)
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points (N, 3) and triangles (T, 3) of the arms."""
+        """Return points (N, 3) and triangles (T, 3) of the arms."""
         corners, normal = self.frame(unit)
         lift = LIFT * middle_edge(corners)
         points, triangles = bands.bands(corners, normal, self._width / unit, self._wind, lift)
@@ -57,7 +57,7 @@ class Designing(LiveShape):
 
 
 def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
-    """The search for better spirals than a result has, every step of which is shown; call it on the main thread."""
+    """Return a search for better spirals that shows every step; call this function on the main thread."""
     unit = bpy.context.scene.unit_settings.scale_length
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
 

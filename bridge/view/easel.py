@@ -1,6 +1,6 @@
-"""An object whose spirals are being painted: its design, what a stroke changes, and how it looks meanwhile.
+"""An object whose spirals are being painted: its design, the change by a stroke, and the picture meanwhile.
 
-Reading an object takes a while, so an easel stays from one stroke to the next, as long as the object holds what it was left with.
+Reading an object takes a while, so an easel is kept between strokes as long as the object is unchanged.
 """
 
 from __future__ import annotations
@@ -31,18 +31,20 @@ if TYPE_CHECKING:
     from ..store.surface import Surface
 
 TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
-PALE = 0.5 + 0.5 * colours.MUCH  # the dark arms stand out from every colour of the scale
-LIFT = 0.012  # how far the arms float above the faces, in edges
-PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of spirals that Optimise has to leave alone; by eye
-STEPS = 64  # states of the spirals that an easel knows again: as many as Blender can undo by default, and as many more
+PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
+LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
+PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals; by eye
+STEPS = (
+    64  # states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
+)
 
 _easels: list[Easel] = []
 
 
 class Painting(LiveShape):
-    """The surface coloured by stiffness, its arms in dark; protected spirals are grey.
+    """The surface coloured by stiffness, its arms dark, protected spirals grey.
 
-    former : of the same surface, of which only what has changed is drawn anew
+    former : the previous picture of the same surface; only what has changed is computed again
     """
 
     def __init__(self, easel: Easel, vertices: Float[np.ndarray, "vertices 3"], former: Painting | None = None):
@@ -82,7 +84,7 @@ class Painting(LiveShape):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """An object's surface in one shape: vertices in metres and world axes, where a brush touches it, and how it is drawn."""
+    """An object's surface in one shape: vertices in metres and world axes, the ground under the brush, and the picture."""
 
     vertices: Float[np.ndarray, "vertices 3"]
     ground: Ground
@@ -96,9 +98,9 @@ class Seen:
 
 
 class Easel:
-    """One object on it.
+    """One object being painted.
 
-    design : as it is painted by now; before : as the object holds it
+    design : the painted spirals; before : the object's stored spirals
     vertices, quads : as they are seen, metres and world axes; protected : (F,) bool; stiffness : (F,) N mm/rad
     """
 
@@ -125,10 +127,10 @@ class Easel:
         self.stiffness = np.ones(len(self.design.twist)) if found is None else found
         self.range = float(self.stiffness.min()), float(self.stiffness.max())
         self._panels = PaintedPanels(obj.name, self.design)
-        self._readied: SpiralDesign | None = None
+        self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(Seen.of(self, self._placed(seeing.shown(obj))))
+        self._take(Seen.of(self, self._to_world(seeing.shown(obj))))
         self._known: dict[object, np.ndarray] = {}
         self._keep(self._now(obj, scene))
 
@@ -141,16 +143,16 @@ class Easel:
         return snapshot.take(obj, surface, self._used, loaded=False)
 
     def _hold(self, design: SpiralDesign, taken: Snapshot) -> None:
-        """Take spirals and marks as the object holds them."""
+        """Take the object's stored spirals and marks."""
         self.design = self.before = design
         self.protected = np.zeros(len(design.twist), bool)
         self.protected[[] if taken.protected is None else taken.protected] = True
         self._marked = self.protected
 
     def renewed(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-        """Take the object's spirals and marks where it holds others by now, such as after an undo; False where more than these has changed.
+        """Take the object's spirals and marks if they changed, such as by an undo; return False if more changed.
 
-        That is quick enough for a window, which reading all of an object is not.
+        This is quick enough for a window, unlike reading the whole object.
         """
         from ...engine.spirals.design import outside
         from ..store import mesh
@@ -167,20 +169,20 @@ class Easel:
         flat = [[one.values.get(name) for name in mesh.FLAT_NAMES] for one in (surface, self._surface)]
         if any(a is None or b is None or not np.array_equal(a, b) for a, b in zip(*flat, strict=True)):
             return False
-        old, found = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
+        old, design = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
         known = self._known.get(now["design"])
-        if found is None or len(surface.spoilt) or (known is None and len(outside(found, found.unlike(old)))):
+        if design is None or len(surface.spoilt) or (known is None and len(outside(design, design.unlike(old)))):
             return False
         taken, self._surface = self._taken(obj, surface), surface
-        self._hold(replace(found, painted=bool((taken.note or {}).get("painted"))), taken)
-        stored = surface.values.get("stiffness")  # of any other design it is dropped
+        self._hold(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
+        stored = surface.values.get("stiffness")  # removed with any other change of design
         if known is not None:
             self.stiffness = known
         elif stored is not None:
             self.stiffness = stored.astype(float)
         else:
             self._renew_stiffness(old)
-        moved = self._elsewhere(seeing.shown(obj))
+        moved = self._picture_at(seeing.shown(obj))
         if moved is None:
             self.shape = Painting(self, self.vertices, self.shape)
         else:
@@ -189,21 +191,21 @@ class Easel:
         return True
 
     def _keep(self, sums: dict[str, object]) -> None:
-        """Note what the object holds, and that its spirals can be cut and how stiff they are: an undo brings them back, a redo too."""
+        """Store the object's checksums and the stiffness of its spirals, so that undo and redo recognise them."""
         self._sums = sums
         self._known.pop(sums["design"], None)
         self._known[sums["design"]] = self.stiffness
         if len(self._known) > STEPS:
             del self._known[next(iter(self._known))]
 
-    def _placed(self, positions: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
-        """Vertices in metres and world axes, of places in the object's own frame."""
+    def _to_world(self, positions: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
+        """Convert positions in the object's frame to metres and world axes."""
         frame = self._surface.to_metres
         return positions.astype(float) @ frame[:3, :3].T + frame[:3, 3]
 
-    def _elsewhere(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen | None:
-        """The object as it looks with its vertices at these places, in its own frame; ``None`` where it is seen there already."""
-        vertices = self._placed(positions)
+    def _picture_at(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen | None:
+        """Return the picture with vertices at these positions in the object's frame; None if they have not moved."""
+        vertices = self._to_world(positions)
         return None if np.array_equal(vertices, self.vertices) else Seen.of(self, vertices)
 
     def _take(self, seen: Seen) -> None:
@@ -219,19 +221,19 @@ class Easel:
         return {part: sums[part] for part in names} | own | {"placed": placed}
 
     def fresh(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-        """Whether the object still holds what is on the easel."""
+        """Return whether the object is unchanged since it was read or written."""
         return obj.session_uid == self.uid and obj.mode == "OBJECT" and self._now(obj, scene) == self._sums
 
     # -- painting ----------------------------------------------------------------------------------------------------
 
     def paint(self, brush: str, weight: Float[np.ndarray, " quads"], stroke: Stroke) -> None:
-        """One dab; of the brush ``protect`` it marks, or unmarks, what is painted to a half at least."""
+        """Apply one dab; the brush ``protect`` marks or unmarks spirals with a weight of at least 0.5."""
         if brush == "protect":
             self.protected = np.where(weight >= 0.5, not stroke.inverted, self.protected)
         else:
             self._paint(brush, weight, stroke)
         shape = Painting(self, self.vertices, self.shape)
-        shape.prepared(self._unit)  # before it is seen: this may run beside the window's thread
+        shape.prepared(self._unit)  # compute before it is shown: this may run in a thread
         self.shape = shape
 
     def _paint(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
@@ -250,36 +252,36 @@ class Easel:
             self.range = min(low, float(self.stiffness.min())), max(high, float(self.stiffness.max()))
 
     def revert(self) -> None:
-        """Take back what was painted since the object was read or written."""
+        """Undo the painting since the object was read or written."""
         old, self.design, self.protected = self.design, self.before, self._marked
         self._renew_stiffness(old)
         self.shape = Painting(self, self.vertices, self.shape)
 
     @property
     def changed(self) -> Bool[np.ndarray, " quads"]:
-        """The spirals that are others than the object holds."""
+        """Return which spirals differ from the object's."""
         return self.design.unlike(self.before)
 
     @property
     def is_ready(self) -> bool:
-        """Whether all that ``write`` needs is computed."""
+        """Return whether everything that ``write`` needs is computed."""
         return self._readied is self.design or self.design is self.before
 
     def ready(self) -> None:
-        """Compute all that ``write`` needs; touches nothing of Blender's, so that it may be called beside the window's thread."""
+        """Compute everything that ``write`` needs; touches no Blender data, so it may run in a thread."""
         from ...engine.spirals.design_report import design_report
 
         if not self.is_ready:
             self._block = design_report(self.design, measured=False)
             self._panels.follow(self.design)
-            # the simulated shape goes when other spirals are written
-            self._target = self._elsewhere(self._surface.positions)
+            # writing other spirals removes the simulated shape
+            self._target = self._picture_at(self._surface.positions)
             if self._target is not None:
                 self._target.shape.prepared(self._unit)
             self._readied = self.design
 
     def write(self, scene: bpy.types.Scene) -> None:
-        """Give the object what was painted: its spirals are done then, and what was made from the former ones is out of date."""
+        """Write the painted spirals into the object; results made from the former spirals become out of date."""
         from ..store import mesh
         from . import overlay
 
@@ -303,11 +305,11 @@ class Easel:
         self._panels.put_away()
 
 
-# -- the easel that stands there ---------------------------------------------------------------------------------------
+# -- the current easel ---------------------------------------------------------------------------------------------------
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
-    """The object's easel, set up anew where it holds something else by now. Raises ``FlexMapsError`` where it has no spirals."""
+    """Return the object's easel, set up anew if the object changed; raise ``FlexMapsError`` where it has no spirals."""
     if not (_easels and _easels[0].renewed(obj, scene)):
         forget()
         _easels[:] = [Easel(obj, scene)]
@@ -316,19 +318,19 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
 
 @bpy.app.handlers.persistent
 def forget(*_: object) -> None:
-    """Put it away, such as before another file is opened."""
+    """Remove the easel, for example before another file is opened."""
     while _easels:
         _easels.pop().put_away()
 
 
 def active(context: bpy.types.Context) -> bool:
-    """Whether the brush is the tool of the 3D view in object mode."""
+    """Return whether the brush is the tool of the 3D view in object mode."""
     tool = context.workspace.tools.from_space_view3d_mode("OBJECT") if context.workspace is not None else None
     return tool is not None and tool.idname == TOOL
 
 
 def shown() -> Painting | None:
-    """What is drawn over the 3D view while the brush is the tool; None where the easel holds something else than the active object."""
+    """Return the picture over the 3D view while the brush is the tool; None if another object is active."""
     context = bpy.context
     obj = context.object
     if not _easels or obj is None or obj.type != "MESH" or not active(context) or not obj.visible_get():
@@ -341,7 +343,7 @@ def shown() -> Painting | None:
 
 @bpy.app.handlers.persistent
 def renew(*_: object) -> None:
-    """After an undo or redo the object holds other spirals: take them a moment later, when Blender is done with its step."""
+    """Schedule taking the object's spirals after an undo or redo, once Blender has finished its step."""
     if _easels and not bpy.app.timers.is_registered(_renew):
         bpy.app.timers.register(_renew, first_interval=0.0)
 
@@ -354,7 +356,7 @@ def _renew() -> None:
             of(obj, context.scene)
 
 
-_busy: list[bool] = []  # not empty during a stroke, when nothing else can change the object
+_busy: list[bool] = []  # not empty during a stroke, in which nothing else can change the object
 
 
 def stroke_begins() -> None:

@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
     from ..store.surface import Surface
 
-LOOK = "flexmaps_look"  # on the panels: what their connectors were made with
-PLAIN = "plain"  # the look of those without connectors and outlines, still to be drawn as they will be cut
-# share of white in the shapes of the panels, which lie below their spirals: from afar these are lines too thin to have a colour
+LOOK = "flexmaps_look"  # key on the panels' object: settings of their connectors
+PLAIN = "plain"  # look of panels without connectors and outlines, which Export redraws
+# share of white in the shapes below the spirals; from afar the spirals are lines too thin to have a colour. Larger is paler
 PALE = 0.35
 LINE = 0.03  # half the thickness of a drawn line, in quad edges; by eye
 
 
 def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    """The panels that stand beside an object."""
+    """Return the panels beside an object."""
     own = collection.existing(obj)
     return [] if own is None else [o for o in own.objects if o.get("flexmaps_kind") == "panels"]
 
@@ -46,21 +46,25 @@ def panels_of(obj: bpy.types.Object) -> list[bpy.types.Object]:
 def show_flat(
     obj: bpy.types.Object, scene: bpy.types.Scene, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
 ) -> None:
-    """The patches as one mesh, and their outlines as lines; the two sides of a seam have the same colour.
+    """Show the patches as one mesh, and their outlines as lines; both sides of a seam have the same colour.
 
-    centres : metres, where the origin of every patch lies
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    flat : the patches
+    centres : origin of every patch, metres
     """
     collection.clear(obj)
     edge = flat.layout.mesh.median_edge
     place = collection.origin(obj, scene, 3 * edge)
     points = _points(flat, centres)
-    collection.add(obj, scene, "panels", "panels", _filled(f"{obj.name} panels", flat, points), place)
+    collection.add(obj, scene, "panels", "panels", _filled_mesh(f"{obj.name} panels", flat, points), place)
 
     sides = flat.layout.outline_sides
     ids, starts, ends = _outline(flat, sides)
     runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
     curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
-    palette = colours.of_seams(len(flat.layout.seams))  # as on the assembly sheet
+    palette = colours.of_seams(len(flat.layout.seams))  # same colours as on the assembly sheet
     for k, colour in enumerate(palette):
         curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colour))
     curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
@@ -70,16 +74,16 @@ def show_flat(
 
 
 def _points(flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
-    """Metres: the flat vertices, every patch with its origin at its centre."""
+    """Return the flat vertices in metres, every patch about its centre."""
     points = np.zeros((len(flat.points), 3))
     points[flat.layout.flat_corners, :2] = flat.corners + centres[flat.layout.patch_of][:, None]
     return points
 
 
-def _filled(
+def _filled_mesh(
     name: str, flat: FlatPatches, points: Float[np.ndarray, "vertices 3"], white: float = 0.0
 ) -> bpy.types.Mesh:
-    """The patches as filled shapes in their colours, with a share of white in them."""
+    """Make a mesh of the patches as filled shapes, in their colours mixed with a share of white."""
     mesh = quads(name, points, flat.layout.flat_corners)
     rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
     rgb = white + (1.0 - white) * rgb
@@ -91,7 +95,7 @@ def _filled(
 def _outline(
     flat: FlatPatches, sides: Bool[np.ndarray, "quads 4"]
 ) -> tuple[Int[np.ndarray, " outline"], Int[np.ndarray, " outline"], Int[np.ndarray, " outline"]]:
-    """Seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
+    """Return seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
     quad, side = np.nonzero(sides)
     corners = flat.layout.flat_corners
     seam = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]
@@ -101,9 +105,9 @@ def _outline(
 def _runs(
     ids: Int[np.ndarray, " sides"], starts: Int[np.ndarray, " sides"], ends: Int[np.ndarray, " sides"]
 ) -> list[Int[np.ndarray, " _"]]:
-    """Sides of the outlines put together into the longest runs of one seam each, as index arrays."""
+    """Join the sides of the outlines into the longest runs of one seam each, as index arrays."""
     at = {int(s): i for i, s in enumerate(starts)}
-    following = np.array([at.get(int(e), -1) for e in ends], int)  # none where a closed body has no cut
+    following = np.array([at.get(int(e), -1) for e in ends], int)  # -1 where a closed body has no cut
     same = (following >= 0) & (ids[following] == ids)
     has_before = np.zeros(len(ids), bool)
     has_before[following[same]] = True
@@ -120,17 +124,17 @@ def _runs(
 
 
 def look_of(settings: ObjectSettings) -> str:
-    """What the connectors of drawn panels depend on."""
+    """Return a text of all settings that the drawn connectors depend on."""
     return f"{settings.connect}, mill {settings.cut.mill:g}"
 
 
 @dataclass(frozen=True, eq=False)
 class PanelDrawing:
-    """The panels of a design, ready to be shown beside the model as solids and as the true outlines.
+    """The panels of a design, ready to be shown beside the model as solids and as exact outlines.
 
-    look : the settings that their connectors were made with, ``PLAIN``, or "" where they are as the sheets have them
-    centres : metres, where the origin of every panel lies
-    outlines : of every panel, in its patch's own frame, the outer curve, then its holes
+    look : settings of their connectors, ``PLAIN``, or "" where they are as on the sheets
+    centres : origin of every panel, metres
+    outlines : for every panel, in its patch's frame, the outer curve, then its holes
     """
 
     design: SpiralDesign
@@ -141,20 +145,20 @@ class PanelDrawing:
 
     @classmethod
     def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
-        """With connectors, as the sheets will have them; with plain ends where the settings allow no connectors."""
+        """Draw with connectors, as on the sheets; with plain ends where the settings allow no connectors."""
         from ...engine.display import solids
         from ...engine.fabrication.connectors import connect
 
         tolerance = max(settings.sheet.tolerance, solids.DRAWN)
         try:
             made = connect.connect(design, settings.connect, tolerance, progress, settings.cut.mill)
-        except FlexMapsError:  # Export says why
+        except FlexMapsError:  # Export reports the reason
             made = connect.connect(design, ConnectorParams(connector="none"), tolerance)
         return cls.connected(design, made, settings)
 
     @classmethod
     def connected(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
-        """With connectors that are there already."""
+        """Draw with connectors that are already computed."""
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
@@ -163,7 +167,7 @@ class PanelDrawing:
 
     @classmethod
     def plain(cls, design: SpiralDesign) -> PanelDrawing:
-        """Quickly, without connectors and outlines; Export replaces them."""
+        """Draw quickly, without connectors and outlines; Export replaces the drawing."""
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
@@ -172,7 +176,7 @@ class PanelDrawing:
     def write(
         self, obj: bpy.types.Object, surface: Surface, spirals: dict[str, Any], layout: dict[str, Any] | None
     ) -> None:
-        """Write the spirals into the object, with their note; and where flat points have moved, these with ``layout``, what they cost."""
+        """Write the spirals and their note into the object; with ``layout``, the layout's block, also moved flat points."""
         from ..store import mesh
 
         if layout is not None:
@@ -182,7 +186,7 @@ class PanelDrawing:
         notes.write(obj.data, "spirals", spirals)
 
     def mesh(self, name: str) -> bpy.types.Mesh:
-        """The solids in their colours, metres."""
+        """Make the mesh of the solids in their colours, metres."""
         mesh = polygons(f"{name} panels", self.solid.vertices, self.solid.corners, self.solid.sizes)
         rgb, palette, of = self.coloured
         paint(mesh, rgb)
@@ -193,7 +197,7 @@ class PanelDrawing:
     def coloured(
         self,
     ) -> tuple[Float[np.ndarray, "corners 3"], Float[np.ndarray, "colours 3"], Int[np.ndarray, " faces"]]:
-        """The colour of every corner, linear; the colours that are used, and which of them every face has."""
+        """Return the linear colour of every corner, the colours in use, and each face's index into them."""
         layout = self.design.flat.layout
         # connectors have their seam's colour, as on the assembly sheet
         palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
@@ -204,7 +208,7 @@ class PanelDrawing:
         return np.repeat(palette[row], self.solid.sizes, axis=0), palette[used], np.searchsorted(used, row)
 
     def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
-        """Put their mesh beside the model, in the place of whatever was laid out there; metres, where."""
+        """Put the panels' mesh beside the model, replacing what was there; return its place in metres."""
         collection.clear(obj)
         place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
         made = collection.add(obj, scene, "panels", "panels", mesh, place)
@@ -212,18 +216,20 @@ class PanelDrawing:
             made[LOOK] = self.look
         flat = self.design.flat
         below = place - np.array([0.0, 0.0, LINE * flat.layout.mesh.median_edge])
-        back = _filled(f"{obj.name} backs", flat, _points(flat, self.centres), PALE)
+        back = _filled_mesh(f"{obj.name} backs", flat, _points(flat, self.centres), PALE)
         shown = collection.add(obj, scene, "backs", "backs", back, below)
         shown.hide_render = shown.hide_select = True
-        if self.solid.flat:  # thick in renders only
+        if self.solid.flat:  # show the thickness in renders only
             thick = made.modifiers.new("Thickness", "SOLIDIFY")
             thick.thickness, thick.offset, thick.show_viewport = self.design.params.thickness, -1.0, False
         return place
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
-        """Put them beside the model, in pieces, so that a window stays alive between them.
+        """Put the panels beside the model step by step, so that the window stays alive between the steps.
 
-        Raises ``FlexMapsError`` where the object was deleted meanwhile.
+        Raises
+        ------
+        FlexMapsError where the object was deleted meanwhile.
         """
         uid = obj.session_uid
         place = self.stand(obj, scene, self.mesh(obj.name))
@@ -235,5 +241,5 @@ class PanelDrawing:
             made = collection.add(obj, scene, "outlines", f"outline {k + 1}", data, place + lift)
             made.hide_render = True
             if made.name in bpy.context.view_layer.objects:  # the user may have excluded the collection
-                # from afar thousands of black lines hide the panels; the eye in the outliner brings them back
+                # hide the outlines: from afar thousands of black lines cover the panels; the outliner's eye shows them
                 made.hide_set(True)

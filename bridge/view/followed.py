@@ -1,4 +1,4 @@
-"""A piece that follows a hand, coloured by how far it is from its target."""
+"""The picture of a live piece, coloured by the distance from its target."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape
 
-PALE = 0.5 + 0.5 * colours.BAD  # the ink of the lines stands out from every colour of the scale
-# millimetres at which the scale may end: it steps from one to the next, or colours would flicker while a piece moves
+PALE = 0.5 + 0.5 * colours.BAD  # scale lightened so that the lines stand out
+# millimetres, possible upper ends of the scale; a continuous end would make colours flicker while a piece moves
 ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 
 
 class Followed(LiveShape):
-    """What there is to see of a shape that there is something of."""
+    """The picture of a shape that has vertices."""
 
     def __init__(self, shape: Shape):
         assert shape.vertices is not None and shape.quads is not None and shape.distance is not None
@@ -29,7 +29,7 @@ class Followed(LiveShape):
 
     @classmethod
     def of(cls, shape: Shape, unit: float) -> Followed | None:
-        """Ready to be drawn, in a scene of this unit; None where there is nothing yet."""
+        """Make the picture ready to be drawn in a scene of this unit; None where the shape has no vertices yet."""
         if shape.vertices is None:
             return None
         made = cls(shape)

@@ -1,4 +1,4 @@
-"""What the 3D views look at and what is selected for a person to see, where an object grows or something is wrong with it."""
+"""Move 3D views to objects and select faulty places, so that the user sees them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 
 def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
-    """Move every 3D view as an object is scaled about its origin, so that it is seen as before: a ball of 2 m that becomes one
-    of 0.2 m would be a dot. Views through a camera stay."""
+    """Move every 3D view as an object is scaled about its origin, so that it looks unchanged; camera views stay.
+
+    Without it, a ball of 2 m that becomes 0.2 m would be a dot.
+    """
     origin = obj.matrix_world.translation
     for _, area in _views(context):
         region = area.spaces.active.region_3d
@@ -26,7 +28,7 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
 
 
 def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
-    """Turn every 3D view to what is selected, and to some other objects, as Blender's *Frame Selected* does."""
+    """Turn every 3D view to the selection and to further objects, as Blender's *Frame Selected* does."""
     beside = [other for other in others if not other.select_get() and other.visible_get()]
     for other in beside:
         other.select_set(True)
@@ -39,7 +41,7 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
 
 
 def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
-    """Select one object of a view layer and no other, and turn the views to it."""
+    """Select exactly one object of a view layer, and turn the views to it."""
     for other in layer.objects:
         other.select_set(other == obj, view_layer=layer)
     layer.objects.active = obj
@@ -48,7 +50,7 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.t
 
 
 def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
-    """Windows and areas of all 3D views."""
+    """Yield windows and areas of all 3D views."""
     for window in context.window_manager.windows:
         yield from ((window, area) for area in window.screen.areas if area.type == "VIEW_3D")
 
@@ -58,7 +60,7 @@ def reveal(
 ) -> None:
     """Select faces and edges, given in the engine's numbers, where the user sees them.
 
-    With a window that is edit mode, in face mode or, for edges alone, in edge mode.
+    With a window this enters edit mode: face mode, or edge mode for edges alone.
     """
     import numpy as np
 
@@ -84,7 +86,7 @@ def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -
 
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
-    """Where a result belongs: the scene that the work began in, also where another one is seen by now."""
+    """Return the context of the scene that the work began in, even if another scene is open now."""
     scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
     if scene == context.scene:
         return nullcontext()

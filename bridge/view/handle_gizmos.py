@@ -1,4 +1,4 @@
-"""The gizmos of the handles that are there: held, pulled and wished spirals."""
+"""Gizmos of the handles: spirals that are held, pulled or have a drag target."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ..store import handles
 from ..store.objects import unusable
 from . import picking
 
-MOST = 200  # gizmos at the most, so that a piece that is held all along its border is drawn at once; by eye
-# sRGB of held spirals, pulls and wishes: told apart in both themes, by eye
+MOST = 200  # gizmos of a kind at most; more would delay drawing a piece held along its whole border; by eye
+# sRGB of held spirals, forces and drag targets, distinct in both themes; by eye
 COLOURS = {"held": (0.95, 0.35, 0.30), "pull": (0.25, 0.65, 0.95), "wish": (0.45, 0.80, 0.35)}
 
 
 class Handles:
-    """A ring where a spiral is held, an arrow where one is pulled, an arrow with a box to where one is wished; of a group of gizmos.
+    """A gizmo group's handles: a ring on held spirals, an arrow for a force, an arrow with a box for a drag target.
 
-    shape_of : gives the live shape of an object, where one is drawn
+    shape_of : returns the live shape of an object, if one is drawn
     """
 
     gizmos: Any
     shape_of: Callable[[bpy.types.Object], Any]
 
     def setup(self, context: bpy.types.Context) -> None:
-        self._made: list[tuple[str, int]] = []
+        self._existing: list[tuple[str, int]] = []
 
     def refresh(self, context: bpy.types.Context) -> None:
-        """As many gizmos as there are handles."""
+        """Make as many gizmos as there are handles."""
         wanted = [(kind, quad) for kind, quad, _, _ in _handles(context, self.shape_of)]
-        if wanted == getattr(self, "_made", []):
+        if wanted == getattr(self, "_existing", []):
             return
         self.gizmos.clear()
         for kind, quad in wanted:
@@ -51,14 +51,14 @@ class Handles:
                 one.use_draw_scale = False
                 given = one.target_set_operator("flexmaps.drag_spiral")
                 given.quad, given.kind = quad, kind.upper()
-        self._made = wanted
+        self._existing = wanted
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Where they are now: a live piece moves between two changes."""
+        """Move the gizmos to the present places, because a live piece moves between two changes."""
         self.refresh(context)
-        if not self._made:
+        if not self._existing:
             return
-        # heads of arrows grow with their frame: an edge of a quad
+        # an arrow's head scales with its frame: one quad edge
         edge = picking.edge_of(context.object)
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context, self.shape_of), strict=False):
             one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)
@@ -69,7 +69,7 @@ class Handles:
 def _handles(
     context: bpy.types.Context, shape_of: Callable[[bpy.types.Object], Any]
 ) -> list[tuple[str, int, Any, Any]]:
-    """Kind, quad, place and way of every handle, in the scene's units and world axes."""
+    """Return kind, quad, position and vector of every handle, in the scene's units and world axes."""
     obj = context.object
     if unusable(obj) is not None or not any(handles.PREFIXED[name] in obj.data.attributes for name in handles.NAMES):
         return []
@@ -88,7 +88,7 @@ def _handles(
             if name == handles.PULL:
                 way = picking.edge_of(obj) * values[quad]
             elif name == handles.WISH:
-                # from where it is now to where it shall come
+                # from the present place to the target's
                 way = picking.target(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
             found.append((name, quad, Vector(place), Vector(way)))
     return found

@@ -1,4 +1,4 @@
-"""What the head of the tab says beside the guidance: of a job that runs, of live mode, and where there is no mesh to work on."""
+"""Texts of the tab's head besides the guidance: for a running job, for live mode, and without a mesh to work on."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ ABOUT = "It turns a surface into flat panels that spring into its shape. Select 
 
 @dataclass(frozen=True)
 class Head:
-    """What the head says: the button, the status line with its icon, and either notices or a sentence.
+    """Content of the head: the button, the status line with its icon, and either notices or a sentence.
 
-    press : what *Next* runs, with its properties; "" where nothing can be pressed
+    press : operator that *Next* runs, with its properties; "" where nothing can be pressed
     """
 
     label: str
@@ -41,12 +41,13 @@ class Head:
 
 
 def current(context: bpy.types.Context, problem: str, seen: Guidance | None, job: Any, following: Any) -> Head:
-    """What the head says now.
+    """Return the present content of the head.
 
     Parameters
     ----------
+    context : Blender's context
     problem : why there is nothing to work on; "" where there is something
-    seen : the object's guidance, where there is one
+    seen : the object's guidance, if there is an object
     job : the ``background.Job`` that runs, if any
     following : the piece that live mode follows, if any
     """
@@ -69,7 +70,7 @@ def _running(job: Any) -> Head:
 
 
 def _live(context: bpy.types.Context, seen: Guidance, following: Any) -> Head | None:
-    """Of an object that live mode follows."""
+    """Return the head for an object that live mode follows."""
     obj = context.object
     if following is None or obj is None or following.uid != obj.session_uid:
         return None
@@ -103,7 +104,7 @@ def _idle(context: bpy.types.Context, seen: Guidance) -> Head:
 
 
 def _nothing(context: bpy.types.Context, problem: str) -> Head:
-    """Where there is no mesh to work on."""
+    """Return the head without a mesh to work on."""
     obj = context.object
     if obj is None:
         label = interface("Next: {}", interface("Add an example"))
@@ -123,30 +124,30 @@ def _nothing(context: bpy.types.Context, problem: str) -> Head:
 
 
 def around(context: bpy.types.Context) -> tuple[Notice, ...]:
-    """What is to be known beside the object itself, as information."""
-    obj, found = context.object, []
+    """Return notices, all information, about things besides the object itself."""
+    obj, notices = context.object, []
     left = collection.left_over(context.scene)
     if left:
         names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
         said = interface("{} was deleted, its panels are still there", names)
-        found.append(
+        notices.append(
             Notice("left", interface("Left-over panels"), said, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
         )
     if unusable(obj) is not None:
-        return tuple(found)
+        return tuple(notices)
     others, version = shared(obj), notes.made_with(obj.data)
     if others:
         said = interface("The mesh is shared with {}: seams and results are common to all", others)
-        found.append(Notice("shared", interface("Shared mesh"), said, INFORMATION))
+        notices.append(Notice("shared", interface("Shared mesh"), said, INFORMATION))
     changed = versions.since(version)
     if versions.order(version) > versions.order(VERSION):
         said = interface(
             "Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION
         )
-        found.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+        notices.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
     elif changed:
         said = " ".join(
             (interface("Made with FlexMaps {}; since then:", version), *(f"{interface(text)}." for text in changed))
         )
-        found.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
-    return tuple(found)
+        notices.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+    return tuple(notices)

@@ -14,9 +14,9 @@ ROW = 18  # height of a line of the legend, pixels at an interface scale of 1
 
 @dataclass(frozen=True)
 class Legend:
-    """What stands beside the colour bar; ``scale``, sRGB, is ``None`` where there is no bar.
+    """Words of a legend beside its colour bar; ``scale`` in sRGB, None without a bar.
 
-    entries : sRGB colours with what they stand for, from top to bottom
+    entries : sRGB colours with their labels, from top to bottom
     """
 
     title: str
@@ -27,11 +27,11 @@ class Legend:
 
 
 def draw(legend: Legend) -> None:
-    """Lower left: the title, below it a bar with its ends or a list, on a dark plate that any view lets read."""
+    """Draw the title at the lower left, below it a bar with its ends or a list, on a dark plate readable in any view."""
     import blf
 
     unit = bpy.context.preferences.system.ui_scale
-    x, y, width = 90 * unit, 30 * unit + _covered(bpy.context), 180 * unit
+    x, y, width = 90 * unit, 30 * unit + _covered_pixels(bpy.context), 180 * unit
     blf.size(0, 12 * unit)
     blf.color(0, 1.0, 1.0, 1.0, 1.0)
     below = 34 * unit if legend.scale is not None else ROW * unit * len(legend.entries)
@@ -51,15 +51,15 @@ def draw(legend: Legend) -> None:
         _text(x + width - blf.dimensions(0, legend.high)[0], y, legend.high)
 
 
-def _covered(context: bpy.types.Context) -> int:
-    """How many pixels from below Blender's panel of the last operator covers."""
+def _covered_pixels(context: bpy.types.Context) -> int:
+    """Return how many pixels Blender's panel of the last operator covers from below."""
     region = context.region
     tops = [r.y + r.height - region.y for r in context.area.regions if r.type == "HUD" and r.height > 1]
     return max(tops, default=0)
 
 
 def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarray, "colours 3"]) -> None:
-    """A scale of sRGB colours from left to right."""
+    """Draw a scale of sRGB colours from left to right."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

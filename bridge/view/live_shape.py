@@ -1,4 +1,4 @@
-"""The shape that a running simulation has reached, drawn over the 3D view: nothing of the file is touched for it.
+"""The shape of a running simulation, drawn over the 3D view without touching the file.
 
 It is drawn on top of everything, so that the target, which it almost coincides with, does not hide it.
 """
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
 
-FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB, of faces and lines; chosen by eye
-LIFT = 0.01  # in edges: lines float above the faces, or they flicker; not measured
-LIGHT = np.array([0.27, -0.45, 0.85])  # way to a light, of length 1: enough shade to read the shape, chosen by eye
+FILL, LINE = np.array([0.97, 0.80, 0.46]), np.array([0.10, 0.11, 0.14])  # sRGB of faces and lines; by eye
+LIFT = 0.01  # height of lines above the faces, in edges; too small flickers; not measured
+LIGHT = np.array([0.27, -0.45, 0.85])  # unit vector to a light: enough shade to read the shape; by eye
 
 
 class LiveShape:
-    """A shape on its way: vertices in metres and world axes, quads."""
+    """A moving shape: vertices in metres and world axes, quads."""
 
-    legend: Legend | None = None  # of its colours
+    legend: Legend | None = None  # legend of its colours
 
     def __init__(self, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]):
         self._vertices, self._quads = vertices, quads
@@ -34,7 +34,7 @@ class LiveShape:
         self._batches: tuple[Any, Any, Any] | None = None
 
     def draw(self) -> None:
-        """In a 3D view, after the view's own drawing."""
+        """Draw in a 3D view, after the view's own drawing."""
         import gpu
 
         faces, bands, lines = self.batches(bpy.context.scene.unit_settings.scale_length)
@@ -60,30 +60,30 @@ class LiveShape:
 
     @property
     def colours(self) -> Float[np.ndarray, "*quads 3"]:
-        """Of each quad, or of all, sRGB of the quads before light falls on them."""
+        """Return sRGB colours before shading, (F, 3), or (3,) for all quads."""
         return FILL
 
     def bands(self, unit: float) -> tuple[Any, Any] | None:
-        """What is drawn in dark on the quads: points (N, 3) in the scene's units and triangles (T, 3)."""
+        """Return the dark areas on the quads, if any: points (N, 3) in the scene's units and triangles (T, 3)."""
         return None
 
     def prepared(self, unit: float) -> LiveShape:
-        """The same, with all that is computed for drawing done: to be called beside the window's thread."""
+        """Compute everything for drawing, which may run in a thread, and return the shape itself."""
         self._arrays = (*self.drawn(unit), self.bands(unit))
         return self
 
     @property
     def is_drawn(self) -> bool:
-        """Whether all that is computed for drawing is there."""
+        """Return whether everything for drawing is computed."""
         return self._arrays is not None
 
     @property
     def drawn_bands(self) -> tuple[Any, Any] | None:
-        """What ``bands`` gave, once it is drawn."""
+        """Return the computed ``bands``; None before they are computed."""
         return None if self._arrays is None else self._arrays[3]
 
     def batches(self, unit: float) -> tuple[Any, Any, Any]:
-        """What the graphics card draws: faces, bands or ``None``, lines; made once."""
+        """Return the graphics batches: faces, bands or None, lines; made once."""
         if self._batches is None:
             import gpu
             from gpu_extras.batch import batch_for_shader
@@ -102,15 +102,15 @@ class LiveShape:
         return self._batches
 
     def frame(self, unit: float) -> tuple[Float[np.ndarray, "quads 4 3"], Float[np.ndarray, "quads 3"]]:
-        """Corners in the scene's units and unit normals of the quads."""
+        """Return corners (F, 4, 3) in the scene's units and unit normals (F, 3) of the quads."""
         corners = self._vertices[self._quads] / unit
         normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
         return corners, normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
 
     def drawn(self, unit: float) -> tuple[Any, Any, Any]:
-        """Triangles (12 F, 3) in the scene's units, their colours (12 F, 4), and the ends of lines (8 F, 3).
+        """Return triangles (12 F, 3) in the scene's units, their colours (12 F, 4), and ends of lines (8 F, 3).
 
-        Four triangles a quad, about its middle, so that neither diagonal of a warped one stands out.
+        Four triangles a quad about its centre, so that no diagonal of a warped quad stands out.
         """
         corners, normal = self.frame(unit)
         rgb = self.colours * (0.74 + 0.26 * normal @ LIGHT)[:, None]
@@ -123,12 +123,12 @@ class LiveShape:
 
 
 def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
-    """Median length of the quads' first sides."""
+    """Return the median length of the quads' first sides."""
     return float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)))
 
 
 def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """The result simulated, the shape shown as it moves."""
+    """Simulate the result, and show the shape while it moves."""
     from ...engine.runs import job
 
     moving = progress.showing(lambda vertices: LiveShape(vertices, result.mesh.quads))

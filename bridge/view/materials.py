@@ -1,4 +1,4 @@
-"""Blender materials, each made once per file: of the sheets as they look in renders, of one colour, of a colour attribute."""
+"""Blender materials, each made once per file: sheets for renders, single colours, and a colour attribute."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float, Int
 
-UV = "flexmaps_flat"  # in millimetres, so that a grain has its true size and runs the same way in all panels
+UV = "flexmaps_flat"  # UV map in millimetres, so that a grain has its true size and runs the same way in all panels
 
-FEW = 64  # materials of one colour each at most on an object; not measured
+FEW = 64  # single-colour materials on an object at most; not measured
 
 
 @dataclass(frozen=True)
 class Look:
-    """Colour (sRGB), roughness, and what else the surface does.
+    """Appearance of a sheet: colour (sRGB), roughness, and further surface effects.
 
-    grain : darker sRGB colour of the grain, where there is one; glass : share of light that goes through
-    lines : millimetres between the printed strands, 0 where there are none
+    grain : darker sRGB colour of the grain, or None
+    glass : share of light that passes through
+    lines : distance of printed strands in millimetres, 0 without strands
     """
 
     label: str
@@ -34,7 +35,7 @@ class Look:
     lines: float = 0.0
 
 
-# by the sheet's key in the settings; colours and roughness are chosen by eye
+# material's key in the settings -> appearance; by eye
 LOOKS: dict[str, Look] = {
     "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
     "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),
@@ -48,7 +49,7 @@ LOOKS: dict[str, Look] = {
 
 
 def of_material(key: str) -> bpy.types.Material:
-    """The material of a sheet, by its key in the settings."""
+    """Return the material of a sheet, by its key in the settings."""
     look = LOOKS[key]
     name = f"FlexMaps {look.label}"
     existing = bpy.data.materials.get(name)
@@ -59,7 +60,7 @@ def of_material(key: str) -> bpy.types.Material:
     rgba = _rgba(look.colour)
     made.diffuse_color, made.roughness = rgba, look.roughness
     shader = made.node_tree.nodes["Principled BSDF"]
-    given = {
+    inputs = {
         "Base Color": rgba,
         "Roughness": look.roughness,
         "Coat Weight": look.coat,
@@ -68,7 +69,7 @@ def of_material(key: str) -> bpy.types.Material:
         "Transmission Weight": look.glass,
         "IOR": 1.49,
     }
-    for socket, value in given.items():
+    for socket, value in inputs.items():
         shader.inputs[socket].default_value = value
     if look.grain is not None:
         _grain(made.node_tree, shader, look)
@@ -78,7 +79,7 @@ def of_material(key: str) -> bpy.types.Material:
 
 
 def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
-    """A matt material of one colour (linear), or, with ``None``, of the colour attribute; made once per file."""
+    """Return a matt material of one colour (linear), or with None of the colour attribute; made once per file."""
     existing = bpy.data.materials.get(name)
     if existing is not None:
         return existing
@@ -99,7 +100,7 @@ def material(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Materi
 
 
 def glowing(name: str, rgb: Float[np.ndarray, " 3"] | None) -> bpy.types.Material:
-    """Like ``material``, but as bright as its colour, whatever the light."""
+    """Return a material like ``material`` that emits its colour, whatever the light."""
     known = name in bpy.data.materials
     made = material(name, rgb)
     if not known:
@@ -118,12 +119,16 @@ def wear(
     rgb: Float[np.ndarray, "colours 3"],
     of: Int[np.ndarray, " faces"] | None = None,
 ) -> None:
-    """Give the faces, or the lines, the materials of their colours, linear: so they are seen in solid view too.
+    """Assign materials to faces or lines by their linear colours, so that the colours also show in solid view.
 
-    of : the colour of every face or line; one each if not given
+    With more than ``FEW`` colours, as on maps, one material shows the mesh's colour attribute; lines have no attribute and
+    get fewer shades.
 
-    Where there are more than ``FEW`` colours, as on maps, one material shows the colour attribute of a mesh; lines have none,
-    and get fewer shades.
+    Parameters
+    ----------
+    data : a mesh, or a curve of lines
+    rgb : the colours
+    of : index into ``rgb`` for every face or line; default one colour each
     """
     distinct, which = np.unique(np.round(rgb, 5), axis=0, return_inverse=True)
     lines = isinstance(data, bpy.types.Curve)
@@ -139,7 +144,7 @@ def wear(
     index = (which.ravel() if of is None else which.ravel()[of]).astype(np.int32)
     if lines:
         data.splines.foreach_set("material_index", index)
-    else:  # as an attribute, which is many times as fast
+    else:  # an attribute is many times as fast
         data.attributes.new("material_index", "INT", "FACE").data.foreach_set("value", index)
 
 
@@ -156,7 +161,7 @@ def _node(tree: Any, kind: str, place: tuple[float, float], **inputs: Any) -> An
 
 
 def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[float, float]) -> Any:
-    """The flat panel's coordinates, stretched."""
+    """Add nodes for the flat panel's coordinates, scaled."""
     source = _node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
     source.uv_map = UV
     mapping = _node(tree, "ShaderNodeMapping", (place[0] - 200, place[1]), Scale=scale)
@@ -165,7 +170,7 @@ def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[floa
 
 
 def _grain(tree: Any, shader: Any, look: Look) -> None:
-    """Long fibres along x, in uneven bands."""
+    """Add nodes for long fibres along x, in uneven bands."""
     assert look.grain is not None
     fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
     tree.links.new(_millimetres(tree, (0.02, 0.55, 1.0), (-900, 200)), fibres.inputs["Vector"])
@@ -177,7 +182,7 @@ def _grain(tree: Any, shader: Any, look: Look) -> None:
 
 
 def _strands(tree: Any, shader: Any, apart: float) -> None:
-    """Fine ridges, as a printer lays its strands."""
+    """Add nodes for fine ridges, like a printer's strands."""
     wave = _node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
     wave.bands_direction = "DIAGONAL"
     tree.links.new(_millimetres(tree, (0.5 / apart,) * 3, (-900, -200)), wave.inputs["Vector"])

@@ -1,4 +1,4 @@
-"""Blender meshes from arrays, with the colours and attributes that are seen on them."""
+"""Blender meshes from arrays, with colours and attributes for display."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..store import attributes
 
 
 def quads(name: str, points: Float[np.ndarray, "vertices 3"], corners: Int[np.ndarray, "quads 4"]) -> bpy.types.Mesh:
-    """A mesh of quads."""
+    """Make a mesh of quads."""
     return polygons(name, points, corners.ravel(), np.full(len(corners), 4))
 
 
@@ -20,9 +20,9 @@ def polygons(
     corners: Int[np.ndarray, " corners"],
     sizes: Int[np.ndarray, " faces"],
 ) -> bpy.types.Mesh:
-    """A mesh of polygons, their corners face after face.
+    """Make a mesh of polygons, whose corners are listed face after face.
 
-    Quickly: as attributes, values are copied at once, where vertices and loops take them one by one.
+    Values are set as attributes, which copies whole arrays; vertices and loops would take them one by one.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(points))
@@ -37,7 +37,7 @@ def polygons(
 
 
 def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
-    """The colour of every corner, linear, as the attribute that our materials and the overlay use."""
+    """Set the linear colour of every corner, in the attribute that FlexMaps' materials and overlay use."""
     attribute = mesh.attributes.get("flexmaps_colour")
     if attribute is None:
         attribute = mesh.attributes.new("flexmaps_colour", "FLOAT_COLOR", "CORNER")
@@ -48,7 +48,15 @@ def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
 
 
 def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
-    """A new attribute of a kind that its values tell; pairs at corners are a UV map."""
+    """Add an attribute whose type follows from its values; pairs on corners make a UV map.
+
+    Parameters
+    ----------
+    mesh : the mesh
+    name : name with prefix
+    domain : Blender's domain
+    values : (N,) or (N, 2 to 4)
+    """
     kind = {"f": "FLOAT", "i": "INT", "b": "BOOLEAN"}[values.dtype.kind]
     if values.ndim == 2:
         kind = {2: "FLOAT2", 3: "FLOAT_VECTOR", 4: "FLOAT_COLOR"}[values.shape[1]]
@@ -61,7 +69,7 @@ def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> Non
 
 
 def smooth(mesh: bpy.types.Mesh, section: Int[np.ndarray, " vertices"]) -> None:
-    """Shade arms smoothly along their length; section tells which vertices share a section."""
+    """Shade arms smoothly along their length; vertices with the same number in ``section`` share a cross-section."""
     pairs = np.empty(2 * len(mesh.edges), np.int32)
     mesh.attributes[".edge_verts"].data.foreach_get("value", pairs)
     ends = section[pairs.reshape(-1, 2)]

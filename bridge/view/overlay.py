@@ -1,6 +1,6 @@
 """Colours and seams of the active model, the shape of a running simulation and their legend, drawn over the 3D view.
 
-Handlers of our own draw them, so that no setting of the user's viewport is touched: switched off, all is as it was before.
+FlexMaps' own draw handlers draw them, so that the viewport's settings stay untouched.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIGHT, LiveShape
 
-EDIT_ALPHA = 0.55  # of the colours in edit mode, so that the mesh that is worked on shines through; chosen by eye
-SEAMS = "flexmaps_seam"  # the edges' attribute with the numbers of seams
-KEPT = "flexmaps_overlay"  # on the scene: the kind that is shown
-BEFORE = ("DISTANCE", "TWIST", "PATCH")  # what the stages show, the last one first
-NO_SEAM = -2  # of an edge that is no seam; -1 is a seam without a number
-# sRGB of the bars that show which way a spiral is the stiffer
+EDIT_ALPHA = 0.55  # opacity of the colours in edit mode, so that the mesh shines through; by eye
+SEAMS = "flexmaps_seam"  # edge attribute with the numbers of seams
+KEPT = "flexmaps_overlay"  # key on the scene: the kind of colours shown
+BEFORE = ("DISTANCE", "TWIST", "PATCH")  # kinds that the stages show, the latest stage first
+NO_SEAM = -2  # number of an edge that is not a seam; -1 is a seam without a number
+# sRGB of the bars that show the stiffer direction of a spiral
 CROSS = (0.05, 0.05, 0.05, 1.0)
-BAR = 0.8  # of a quad, length of the longest bar; chosen by eye
-LIFT = 0.005  # in edges: the colours float above the surface, or both flicker; not measured
+BAR = 0.8  # length of the longest bar, in quads; by eye
+LIFT = 0.005  # height of the colours above the surface, in edges; too small flickers; not measured
 
 
 def renew(obj: bpy.types.Object, made: str = "") -> None:
-    """After a stage: colour the object anew, in the kind that the stage has ``made`` something of, or in the kind that is shown.
+    """Recolour the object after a stage: in the kind ``made`` by the stage, or in the kind that is shown.
 
-    What the user chose stays as long as there is such a thing, and who switched the colours off is left without.
+    A kind that the user chose stays while it is available; if the user chose no colours, none appear.
     """
     manager = bpy.context.window_manager
     shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen
     kinds = (shown,) if chosen and shown == "NONE" else (shown, made) if chosen else (made, shown)
-    found = next((kind for kind in kinds if kind not in {"", "NONE"} and colouring.store(obj, kind)), shown)
-    if found == shown:
+    kind = next((kind for kind in kinds if kind not in {"", "NONE"} and colouring.store(obj, kind)), shown)
+    if kind == shown:
         _redraw(manager)
     else:
-        manager.flexmaps_overlay, manager.flexmaps_chosen = found, False
+        manager.flexmaps_overlay, manager.flexmaps_chosen = kind, False
 
 
 def switch(kind: str) -> None:
-    """What the user wants to see from now on; "NONE": nothing, until they choose again."""
+    """Show the kind that the user chose; "NONE" shows nothing until the user chooses again."""
     manager = bpy.context.window_manager
     manager.flexmaps_overlay, manager.flexmaps_chosen = kind, True
 
@@ -59,7 +59,7 @@ _cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 
 
 def register(running: Callable[[], Any]) -> None:
-    """Draw from now on; ``running`` gives what the job of now shows of its work, which is drawn if it is a ``LiveShape``."""
+    """Start drawing; ``running`` returns what the current job shows, which is drawn if it is a ``LiveShape``."""
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(
         items=colouring.ITEMS, name="Overlay", update=_switched
     )
@@ -91,7 +91,7 @@ def unregister() -> None:
 
 
 def _switched(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
-    """Keep the kind with the scene, so that a file shows it again."""
+    """Store the kind in the scene, so that the file shows it again."""
     if context.scene is not None and context.scene.get(KEPT, "NONE") != manager.flexmaps_overlay:
         context.scene[KEPT] = manager.flexmaps_overlay
     _redraw(manager)
@@ -106,7 +106,7 @@ def _loaded(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _stepped(*_: object) -> None:
-    """After an undo or redo: where the object has nothing of the kind that was shown, what it has of the stages before."""
+    """After an undo or redo, show an earlier stage's kind if the object lacks the shown one."""
     _cache.clear()
     manager, obj = bpy.context.window_manager, bpy.context.view_layer.objects.active
     shown = manager.flexmaps_overlay
@@ -139,15 +139,15 @@ def _forget(*_: object) -> None:
 
 
 def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
-    """The object, the faces and lines to draw and the legend; ``None`` where nothing is to be drawn."""
+    """Return the object, the faces and lines to draw and the legend; None where nothing is to be drawn."""
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
         return None
     key = (obj.session_uid, kind, obj.data.is_editmode)
     if key not in _cache:
         _cache[key] = _batch(obj, kind)
-    found = _cache[key]
-    return None if found is None else (obj, *found)
+    batch = _cache[key]
+    return None if batch is None else (obj, *batch)
 
 
 def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
@@ -161,7 +161,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lifted = on_both_sides(corners, up[quads.corners])
-    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ LIGHT  # enough to read the shape
+    light = 0.78 + 0.22 * np.concatenate([normal, -normal]) @ LIGHT  # enough shade to read the shape
     srgb = np.tile(np.clip(rgb, 0.0, 1.0) ** (1 / 2.2), (2, 1)) * light[:, None]
     points = lifted[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.float32)
     alpha = np.full(len(srgb), EDIT_ALPHA if obj.data.is_editmode else 1.0)
@@ -185,7 +185,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
 def on_both_sides(
     corners: Float[np.ndarray, "quads 4 3"], up: Float[np.ndarray, "quads 4 3"]
 ) -> Float[np.ndarray, "2*quads 4 3"]:
-    """The quads lifted along their normals, then against them: which side a surface shows does not depend on where its normals point."""
+    """Return the quads lifted along their normals, then against them, so that colours show whichever way normals point."""
     lift = LIFT * float(np.median(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1))) * up
     return np.concatenate([corners + lift, corners - lift])
 
@@ -193,9 +193,9 @@ def on_both_sides(
 def crosses(
     corners: Float[np.ndarray, "quads 4 3"], width: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "bars 2 3"]:
-    """In every quad two bars between the middles of opposite sides, each as long as the two arms there are wide.
+    """Return two bars a quad between the middles of opposite sides, each as long as the two arms there are wide.
 
-    The widest pair of all has a bar of ``BAR`` of its quad; points in the frame of the corners, two a bar.
+    The widest pair of all gets a bar of ``BAR`` of its quad. Points are in the frame of the corners, two a bar.
     """
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1))
     centre, share = corners.mean(axis=1), width[:, :2] + width[:, 2:]
@@ -205,7 +205,7 @@ def crosses(
 
 
 def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
-    """sRGB of the lines on seams: over the patches each in its own colour, as on the assembly sheet."""
+    """Return sRGB of the lines on seams; over patches each seam has its own colour, as on the assembly sheet."""
     palette = np.clip(colours.of_seams(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
     own = (seams >= 0) & (kind == "PATCH")
     rgb = np.tile(colours.SEAM, (len(seams), 1))
@@ -214,7 +214,7 @@ def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarr
 
 
 def _normals(quads: _Quads) -> tuple[Float[np.ndarray, "vertices 3"], Float[np.ndarray, "quads 3"]]:
-    """Of the vertices and of the quads. Colours rise along the first, or neighbours would part."""
+    """Return unit normals of vertices and of quads; colours are lifted along vertex normals, or neighbours would part."""
     p = quads.positions[quads.corners]
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
     up = np.zeros_like(quads.positions)
@@ -228,10 +228,10 @@ def _unit(vectors: Float[np.ndarray, "vectors 3"]) -> Float[np.ndarray, "vectors
 
 @dataclass(frozen=True, eq=False)
 class _Quads:
-    """What is coloured: positions in the object's frame, corners into them, a value and the seams.
+    """The quads to colour: positions in the object's frame, corners, a value each, and seams.
 
-    seams : the seam on every side, -1 for one that has no number yet, ``NO_SEAM`` where there is none
-    width : mm, of the arms at the sides, where these are what is shown
+    seams : the seam on every side, -1 for a seam without a number, ``NO_SEAM`` without a seam
+    width : widths in mm of the arms at the sides, for the anisotropy's bars
     """
 
     positions: Float[np.ndarray, "vertices 3"]
@@ -242,7 +242,7 @@ class _Quads:
 
 
 def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
-    """The object as it is seen, with the values of a kind; None where there are none, or other faces than quads."""
+    """Return the visible object with the values of a kind; None where there are none, or other faces than quads."""
     name = colouring.KINDS[kind].attribute
     if obj.data.is_editmode:
         import bmesh
@@ -259,7 +259,7 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
             found = np.array([loop[corner] for face in bm.faces for loop in face.loops])
         else:
             found = np.array([face[layer] for face in bm.faces])
-            found = np.repeat(found, 4) if name == "flexmaps_width" else found  # of an older file
+            found = np.repeat(found, 4) if name == "flexmaps_width" else found  # an older file stores one width a face
         if not attributes.fits(name, found):
             return None
         number = bm.edges.layers.int.get(SEAMS)
@@ -319,7 +319,7 @@ def _draw_live(running: Callable[[], Any]) -> None:
 
 
 def _draw_legend(running: Callable[[], Any]) -> None:
-    """That of the running shape, or else that of the model's colours."""
+    """Draw the legend of the running shape, or else of the model's colours."""
     shape, shown = running(), _shown(bpy.context)
     wanted = shape.legend if isinstance(shape, LiveShape) else None if shown is None else shown[3]
     if wanted is not None:

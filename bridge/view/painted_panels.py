@@ -1,4 +1,4 @@
-"""The panels beside a model whose spirals are being painted: of one mesh the points move from stroke to stroke."""
+"""The panels beside a model that is being painted: one mesh whose points move from stroke to stroke."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from . import flat_panels
 if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
 
-FACES = "flexmaps_faces"  # on the mesh: a checksum of the faces and of where the panels lie
+FACES = "flexmaps_faces"  # key on the mesh: a checksum of the faces and the panels' places
 
 
 class PaintedPanels:
-    """Those of one design after the other.
+    """The panels of successive designs.
 
-    A mesh of so many faces is made before the first stroke, and used by nothing until then: making one of 100,000 takes Blender some 0.1 s.
+    A mesh is made before the first stroke and waits unused, because making 100,000 faces takes Blender about 0.1 s.
     """
 
     def __init__(self, name: str, design: SpiralDesign):
@@ -30,13 +30,13 @@ class PaintedPanels:
         self._made = self._make(name)
 
     def follow(self, design: SpiralDesign) -> None:
-        """Compute those of this design; touches nothing of Blender's, so that it may be called beside the window's thread."""
+        """Compute the panels of a design; touches no Blender data, so it may run in a thread."""
         self._moving.follow(design)
         if self._corners is not self._moving.solid.corners:
             self._prepare()
 
     def _prepare(self) -> None:
-        """Compute what a mesh of these faces is made of, but for Blender's part of it."""
+        """Compute everything for a mesh with the present faces."""
         solid = self._moving.solid
         parts = (solid.corners, solid.sizes, self._moving.centres)
         self._corners = solid.corners
@@ -47,28 +47,28 @@ class PaintedPanels:
         _ = self._drawing.coloured
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> None:
-        """Let the panels beside the object be those of the latest design."""
+        """Show the panels of the latest design beside the object."""
         standing = flat_panels.panels_of(obj)
         if len(standing) == 1 and standing[0].data.get(FACES) == self._faces:
             self._move(standing[0].data)
             return
-        mesh = self._waiting()
+        mesh = self._prepared_mesh()
         if mesh is None or mesh[FACES] != self._faces:
             self.put_away()
             self._made = self._make(obj.name)
-            mesh = self._waiting()
+            mesh = self._prepared_mesh()
         assert mesh is not None
         self._move(mesh)
         self._drawing.stand(obj, scene, mesh)
 
     def put_away(self) -> None:
         """Remove the mesh if nothing uses it."""
-        mesh = self._waiting()
+        mesh = self._prepared_mesh()
         if mesh is not None:
             bpy.data.meshes.remove(mesh)
 
-    def _waiting(self) -> bpy.types.Mesh | None:
-        """The mesh that was made, while nothing uses it; an undo may have taken it, and what Python holds is nothing then."""
+    def _prepared_mesh(self) -> bpy.types.Mesh | None:
+        """Return the prepared mesh while nothing uses it; found by id, because an undo invalidates Python's reference."""
         return next((m for m in bpy.data.meshes if m.session_uid == self._made and not m.users), None)
 
     def _move(self, mesh: bpy.types.Mesh) -> None:
@@ -77,7 +77,7 @@ class PaintedPanels:
         mesh.update()
 
     def _make(self, name: str) -> int:
-        """A mesh that nothing uses; Blender's id of it."""
+        """Make a mesh that nothing uses, and return Blender's id of it."""
         made = self._drawing.mesh(name)
         made[FACES] = self._faces
         return int(made.session_uid)

@@ -1,4 +1,4 @@
-"""Which spiral is under the mouse, of the piece as it is seen: the live shape where one is drawn, else the mesh itself."""
+"""Find the spiral under the mouse, on the live shape if one is drawn, else on the mesh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..store import seen as seeing
 def seen(
     obj: bpy.types.Object, shape: Any = None
 ) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "quads 4"]]:
-    """Vertices in the scene's units and world axes, and quads; shape : one of a live piece, whose quads are those of the object."""
+    """Return vertices in the scene's units and world axes, and quads; ``shape`` may be the live shape of the object."""
     if shape is not None and shape.vertices is not None and len(shape.quads) == len(obj.data.polygons):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
@@ -23,18 +23,18 @@ def seen(
         corners = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", corners)
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
-    return _placed(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
+    return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
 
 
 def target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
-    """The target's vertices in the scene's units and world axes."""
+    """Return the target's vertices in the scene's units and world axes."""
     with attributes.readable(obj) as mesh:
         points = np.empty(3 * len(mesh.vertices), np.float32)
         mesh.vertices.foreach_get("co", points)
-    return _placed(obj, points.reshape(-1, 3))
+    return _to_world(obj, points.reshape(-1, 3))
 
 
-def _placed(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
+def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
     matrix = np.array(obj.matrix_world)
     return points.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
 
@@ -42,7 +42,7 @@ def _placed(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) -> F
 def quad_at(
     points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Any, way: Any
 ) -> int | None:
-    """The first quad that a ray meets; None where it meets none."""
+    """Return the first quad that a ray hits; None if it misses."""
     from mathutils.bvhtree import BVHTree
 
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())
@@ -51,7 +51,7 @@ def quad_at(
 
 
 def edge_of(obj: bpy.types.Object) -> float:
-    """Median edge of the target in the scene's units: the way that is a newton."""
+    """Return the target's median edge in the scene's units: the length of a force arrow of one newton."""
     with attributes.readable(obj) as mesh:
         pairs = np.empty(2 * len(mesh.edges), np.int32)
         mesh.edges.foreach_get("vertices", pairs)

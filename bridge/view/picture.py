@@ -1,4 +1,4 @@
-"""Pictures of a piece: its layout, its panels, the shape that it takes, and all of them beside each other."""
+"""Pictures of a piece: its layout, its panels, its simulated shape, and all of them side by side."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
 
 SIZE = (1280, 720)  # pixels of the main job's pictures
-SAMPLES = 8  # a pixel; the denoiser does the rest, chosen by eye
+SAMPLES = 8  # samples a pixel, before denoising; more is less noisy and slower; by eye
 Size = tuple[int, int] | None
-ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # from the piece to the camera
-CLAY = (0.80, 0.79, 0.76)  # sRGB, of a target without colours
-GAP = 0.12  # between pieces beside each other, as a share of the widest; chosen by eye
-PAGE = 1.05  # width of the panels on the ground before the pieces, as a share of theirs; chosen by eye
-MANY = 1200  # spirals, from which on an arm of medium detail looks round in a picture; chosen by eye
+ABOVE, ASIDE = (0.0, 0.0, 1.0), (0.62, -1.0, 0.80)  # directions from the piece to the camera
+CLAY = (0.80, 0.79, 0.76)  # sRGB of a target without colours
+GAP = 0.12  # gap between pieces side by side, as a share of the widest; by eye
+PAGE = 1.05  # width of the panels in front of the pieces, as a share of the pieces' width; by eye
+MANY = 1200  # spirals from which medium detail looks round enough in a picture; by eye
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """The target in the colours of its patches, quads as thin and seams as dark lines."""
+    """Render the target in the colours of its patches, with quads as thin and seams as dark lines."""
     with studio(size or SIZE, samples or SAMPLES) as place:
         _target(place, obj, "PATCH")
         place.set_up(ASIDE)
@@ -45,17 +45,19 @@ def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
 
 def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """The flat panels, or the flat patches before there are spirals, straight from above.
+    """Render the flat panels, or the flat patches before there are spirals, straight from above.
 
-    Raises ``FlexMapsError`` where there are none yet.
+    Raises
+    ------
+    FlexMapsError where there are none yet.
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
-        found = collection.existing(obj)
-        shown = [o for o in found.objects if not o.hide_render] if found is not None else []
+        own = collection.existing(obj)
+        shown = [o for o in own.objects if not o.hide_render] if own is not None else []
         solid = next((o for o in shown if o.get("flexmaps_kind") == "panels" and not o.modifiers), None)
         if design is not None and solid is not None:
-            place.put(solid.data.copy())  # with the connectors, as they are cut
+            place.put(solid.data.copy())  # with connectors, as they are cut
         elif design is not None:
             _panels(place, obj, design, "PATCH")
         else:
@@ -68,9 +70,11 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
 
 def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """The assembled piece as the simulation found it, its spirals coloured by their distance to the target, with a scale.
+    """Render the assembled piece of the last simulation, coloured by distance to the target, with a scale.
 
-    Raises ``FlexMapsError`` where nothing was simulated yet.
+    Raises
+    ------
+    FlexMapsError where nothing was simulated yet.
     """
     design = stored_design(obj)
     if equilibrium.key_of(obj.data) is None or design is None:
@@ -83,15 +87,25 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
 
 
 def overview(obj: bpy.types.Object, path: str | Path) -> None:
-    """``together`` in the colours of the patches. Raises as that does."""
+    """Render ``together`` in the colours of the patches; raises as that does."""
     together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
 def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> None:
-    """Target, assembled piece and flat panels on one ground, as far as they are asked for; ``pack`` as in ``studio``.
+    """Render target, assembled piece and flat panels on one ground, as the settings ask.
 
-    With connectors if the preview has them. Raises ``FlexMapsError`` where what is asked for is not there yet, or nothing is
-    asked for.
+    Connectors are drawn if the preview has them.
+
+    Parameters
+    ----------
+    obj : the model
+    path : the PNG file
+    params : settings of the picture
+    pack : as in ``studio``
+
+    Raises
+    ------
+    FlexMapsError where a part is not made yet, or no part is asked for.
     """
     design = stored_design(obj)
     if design is None:
@@ -122,9 +136,11 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
 
 
 def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
-    """The frames of the assembly's animation, as PNG files or as a film; returns how many. ``pack`` as in ``studio``.
+    """Render the assembly's animation as PNG files or a film, and return the number of frames; ``pack`` as in ``studio``.
 
-    Raises ``FlexMapsError`` where there is no animation.
+    Raises
+    ------
+    FlexMapsError where there is no animation.
     """
     shown, scene = animation.existing(obj), bpy.context.scene
     if not shown:
@@ -140,46 +156,46 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
 
 
 def _direction(params: RenderParams) -> tuple[float, float, float]:
-    """From what is looked at to the camera."""
+    """Return the direction from the piece to the camera."""
     c, s = np.cos(params.elevation), np.sin(params.elevation)
     return c * np.sin(params.azimuth), -c * np.cos(params.azimuth), s
 
 
 def stored_design(obj: bpy.types.Object) -> SpiralDesign | None:
-    """The spirals that an object holds, ``None`` where there are none that can be used."""
+    """Return the spirals that an object holds; None where there are none that can be used."""
     result = snapshot.read(obj).result
     return None if result is None else result.design
 
 
-# -- what is shown -----------------------------------------------------------------------------------------------------
+# -- content of pictures ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Group:
-    """Objects of a studio that belong together; lines round them do not count for their size."""
+    """Objects of a studio that belong together; only its meshes count for its size, not its lines."""
 
     objects: tuple[bpy.types.Object, ...]
 
     def seen(self, azimuth: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-        """Lowest and highest place to the right, backwards and up, as a camera sees them."""
+        """Return the lowest and highest position along right, back and up of a camera at an azimuth."""
         bodies = [points_of(obj) for obj in self.objects if obj.type == "MESH"]
         there = np.concatenate(bodies) @ _axes(azimuth).T
         return there.min(axis=0), there.max(axis=0)
 
     def move(self, shift: Float[np.ndarray, " 3"], azimuth: float) -> None:
-        """Shift by metres to the right, backwards and up."""
+        """Shift by metres along right, back and up of a camera."""
         for obj in self.objects:
             obj.location = np.array(obj.location) + shift @ _axes(azimuth)
 
 
 def _axes(azimuth: float) -> Float[np.ndarray, "3 3"]:
-    """Rows: to the right, backwards and up, for a camera at an azimuth."""
+    """Return rows right, back and up of a camera at an azimuth."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
-    """Beside each other on one ground, with gaps that belong to their sizes; returns how wide and how deep they are."""
+    """Place the groups side by side on one ground with gaps by their size; return their total width and depth in metres."""
     boxes = [group.seen(azimuth) for group in groups]
     gap = GAP * max((float((high - low)[0]) for low, high in boxes), default=0.0)
     at = depth = 0.0
@@ -191,25 +207,25 @@ def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
 
 
 def _before(flat: Group, wide: float, depth: float, azimuth: float) -> None:
-    """The panels on the ground before what stands there."""
+    """Place the panels on the ground in front of the other groups."""
     low, high = flat.seen(azimuth)
     aside = 0.5 * wide - 0.5 * (low + high)[0]
     flat.move(np.array([aside, -0.5 * depth - GAP * wide - high[1], -low[2]]), azimuth)
 
 
-def _finished(data: bpy.types.ID, finish: str) -> None:
-    """Give data the material of a finish: that of a sheet, or that of its own colours."""
-    found = materials.of_material(finish) if finish in materials.LOOKS else materials.material("FlexMaps panel", None)
-    data.materials.append(found)
+def _set_finish(data: bpy.types.ID, finish: str) -> None:
+    """Give data the material of a finish: a sheet's, or the data's own colours."""
+    chosen = materials.of_material(finish) if finish in materials.LOOKS else materials.material("FlexMaps panel", None)
+    data.materials.append(chosen)
 
 
 def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"] | None:
-    """Linear, of every quad, or ``None`` where a material has the say."""
+    """Return linear colours of the quads, or None where a sheet's material is used."""
     return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
 
 
 def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
-    """The target, in its patches' colours or plain, with its quads and seams as lines."""
+    """Add the target, in its patches' colours or plain, with its quads and seams as lines."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
     data = meshes.polygons("FlexMaps target", polygons.vertices, polygons.corners, polygons.sizes)
@@ -228,7 +244,7 @@ def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
 
 
 def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"]) -> Int[np.ndarray, "corners 2"]:
-    """Ascending vertex pairs of the sides of polygons."""
+    """Return ascending vertex pairs of the sides of polygons."""
     following = np.arange(1, len(corners) + 1)
     ends = np.cumsum(sizes)
     following[ends - 1] = ends - sizes
@@ -238,12 +254,12 @@ def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"
 def _assembled(
     place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
 ) -> Group:
-    """The piece with its spirals bent as the last simulation says, or on the target where there was none."""
+    """Add the piece with its spirals bent as in the last simulation, or on the target without a simulation."""
     rgb = _colours(obj, finish)
     built = preview.build(design, _stand(obj, design), _detail(design), tips, base=_base(obj, design))
     assert built.panels is not None
     data = preview.piece_mesh("FlexMaps assembled", built.panels, built.vertices, rgb)
-    _finished(data, finish)
+    _set_finish(data, finish)
     piece = place.put(data)
     if built.base is None:
         return Group((piece,))
@@ -251,7 +267,7 @@ def _assembled(
 
 
 def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
-    """Where the hubs are in the last simulation, or on the target where there was none."""
+    """Return the hubs' pose of the last simulation, or on the target without a simulation."""
     from ...engine.mechanics.assembly import target_pose
 
     stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
@@ -259,12 +275,12 @@ def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
 
 
 def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
-    """What the piece stands on, if it is to have a base and can."""
-    given = settings.read(obj.flexmaps, ObjectSettings)
-    if given.base.base == "none":
+    """Return the base, if the settings ask for one and the piece can have it."""
+    used = settings.read(obj.flexmaps, ObjectSettings)
+    if used.base.base == "none":
         return None
-    held = supports.supported(obj, mesh.read_surface(obj, bpy.context.scene), given.loads)
-    return preview.base_of(design, _stand(obj, design), held, given)
+    held = supports.supported(obj, mesh.read_surface(obj, bpy.context.scene), used.loads)
+    return preview.base_of(design, _stand(obj, design), held, used)
 
 
 def _panels(
@@ -276,7 +292,7 @@ def _panels(
     width: float | None = None,
     azimuth: float = 0.0,
 ) -> Group:
-    """The panels, flat beside each other, as wide as asked for and turned towards a camera."""
+    """Add the flat panels side by side, as wide as asked for and facing a camera."""
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
 
     rgb, base = _colours(obj, finish), _base(obj, design)
@@ -284,7 +300,7 @@ def _panels(
     made = panel_mesh(design, DETAILS[_detail(design)], tips)
     flat = made.flat(arrange.side_by_side(design.flat, width)) @ _axes(azimuth)
     data = preview.piece_mesh("FlexMaps panels", made, flat, rgb)
-    _finished(data, finish)
+    _set_finish(data, finish)
     return Group((place.put(data),))
 
 
@@ -298,7 +314,7 @@ def _lines(
     pairs: Int[np.ndarray, "edges 2"],
     bold: Bool[np.ndarray, " edges"],
 ) -> Iterable[bpy.types.Object]:
-    """Edges between points as thin round lines, the bold ones thicker and darker."""
+    """Add edges as thin round lines, bold ones thicker and darker."""
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
@@ -309,7 +325,7 @@ def _lines(
 
 
 def _legend(studio: Studio, legend: Legend) -> None:
-    """A colour bar with its numbers in the picture's upper left corner, close before the camera; lit by nothing."""
+    """Add a colour bar with its numbers to the upper left corner, in front of the camera and independent of light."""
     scene = studio.scene
     camera = scene.camera
     near = 2.0 * camera.data.clip_start
@@ -346,7 +362,7 @@ def _legend(studio: Studio, legend: Legend) -> None:
 
 
 def _chains(pairs: Int[np.ndarray, "edges 2"]) -> list[list[int]]:
-    """Edges put together into chains of vertices that end where more or less than two edges meet."""
+    """Join edges into chains of vertices that end where more or fewer than two edges meet."""
     at: dict[int, list[int]] = {}
     for k, (a, b) in enumerate(pairs.tolist()):
         at.setdefault(a, []).append(k)

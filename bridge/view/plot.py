@@ -1,4 +1,4 @@
-"""How the match improves step by step, as an icon that the sidebar can show large: its panels know no other pictures."""
+"""The improvement of the match step by step, as an icon that the sidebar enlarges: panels can show no other pictures."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ...engine.display import plots, raster
 
 SIZE = 192  # pixels of the icon
 
-_kept: dict[str, Any] = {}  # Blender's previews, and which values the one of ours shows
+_kept: dict[str, Any] = {}  # Blender's preview collection, its icon, and the values that the icon shows
 
 
 def icon(rmse: Sequence[float]) -> int:
-    """The number of an icon that shows these values, first to last; 0 without a window, where there are no icons."""
+    """Return the number of an icon that plots these values, first to last; 0 without a window, where there are no icons."""
     import bpy.utils.previews
 
     if not _kept:
@@ -38,6 +38,6 @@ def unregister() -> None:
 
 
 def picture(rmse: Sequence[float]) -> np.ndarray:
-    """(SIZE, SIZE, 4) premultiplied sRGB with alpha, as Blender's icons want it, lowest row first."""
+    """Return (SIZE, SIZE, 4) premultiplied sRGB with alpha, bottom row first, as Blender's icons need it."""
     drawn = plots.sparkline(rmse, SIZE / raster.SCALE)
     return np.ascontiguousarray(raster.pixels(drawn, {}, paper=None)[::-1])

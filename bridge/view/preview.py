@@ -1,6 +1,6 @@
-"""The assembled piece as an object beside its model: every spiral with its true arms, bent as the last simulation says.
+"""The assembled piece as an object beside its model: every spiral with its true arms, bent as in the last simulation.
 
-It is a picture: made anew by its operator, never read back by a stage. Engine coordinates, metres.
+Its operator rebuilds it, and no stage reads it back. Coordinates are the engine's, in metres.
 """
 
 from __future__ import annotations
@@ -33,18 +33,20 @@ if TYPE_CHECKING:
 
 KIND, NAME = "assembled", "Assembled"
 BASE, BASE_NAME = "base", "Base"
-GREY = 0.42  # of the plates, which belong to no patch
-NOTE = "flexmaps_preview"  # on the object, JSON: its figures
-WIRE = 9  # points along an arm that is drawn as a wire; by eye
+GREY = 0.42  # linear grey of the base's plates, which belong to no patch
+NOTE = "flexmaps_preview"  # key on the object: its figures as JSON
+WIRE = 9  # points along an arm drawn as a wire; more is smoother and slower; by eye
 
 
 @dataclass(frozen=True, eq=False)
 class Built:
     """An assembled piece, ready to be shown.
 
-    design, pose, arms : what it is
-    panels : its mesh, None where it is drawn as wires; vertices : (V, 3) metres, of the mesh, or (A, WIRE, 3) of the wires
-    seconds : spent on building it; base : what it stands on
+    design, pose, arms : the spirals, their hubs and their bent arms
+    panels : its mesh, None if drawn as wires
+    vertices : (V, 3) metres of the mesh, or (A, WIRE, 3) of the wires
+    seconds : time spent on building it
+    base : the base under it, or None
     """
 
     design: SpiralDesign
@@ -57,9 +59,17 @@ class Built:
 
 
 def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> tuple[Tip, ...]:
-    """The ends of arms that have a connector, if the preview, the animation and pictures are to show them.
+    """Return the arm ends with connectors, if preview, animation and pictures are to show them.
 
-    Raises ``FlexMapsError`` where the settings allow no connectors.
+    Parameters
+    ----------
+    design : the spirals
+    settings : all settings
+    progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError where the settings allow no connectors.
     """
     if not settings.preview.joined:
         return ()
@@ -72,7 +82,7 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
 def base_of(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " supports"] | None, settings: ObjectSettings
 ) -> Base | None:
-    """What a piece stands on that is to have a base; None where it is to have none, or can have none: the export tells why."""
+    """Return the base of a piece; None without one, or where it cannot have one, for a reason that Export reports."""
     if settings.base.base == "none":
         return None
     from ...engine.runs.steps import standing
@@ -91,9 +101,15 @@ def build(
     progress: Progress = SILENT,
     base: Base | None = None,
 ) -> Built:
-    """The spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread. ``tips`` have connectors.
+    """Build the spirals of a design whose hubs stand in a pose; pure numerics, safe in another thread.
 
-    With a ``base`` the piece has feet and stands on it.
+    Parameters
+    ----------
+    design, pose : the spirals and their hubs
+    detail : "LINES" for wires, or a key of ``DETAILS``
+    tips : arm ends with connectors
+    progress : called with a fraction and a text
+    base : adds feet and the base, if given
     """
     from ...engine.display.base_mesh import base_mesh
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
@@ -112,7 +128,7 @@ def build(
 
 
 def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms points 3"]:
-    """``WIRE`` points on each, metres: the centre lines of all arms in space, from the joints to the centres of the hubs."""
+    """Return ``WIRE`` points on the centre line of each arm in space, metres, from the joint to the hub's centre."""
     from ...engine.mechanics.arms.bent import flat_centre
 
     arm = np.repeat(np.arange(4 * len(design.width)), WIRE)
@@ -126,13 +142,13 @@ def wires(design: SpiralDesign, arms: BentArms) -> Float[np.ndarray, "arms point
 
 
 def existing(obj: bpy.types.Object) -> bpy.types.Object | None:
-    """The assembled piece of a model, if it is there."""
+    """Return the assembled piece of a model, if it exists."""
     own = collection.existing(obj)
     return next((o for o in own.objects if o.get("flexmaps_kind") == KIND), None) if own is not None else None
 
 
 def note_of(obj: bpy.types.Object) -> dict[str, Any]:
-    """The figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty if none."""
+    """Return the figures of a model's assembled piece: spirals, triangles, seconds, ``simulated``; empty without a piece."""
     piece = existing(obj)
     return json.loads(piece.get(NOTE, "{}")) if piece is not None else {}
 
@@ -140,7 +156,7 @@ def note_of(obj: bpy.types.Object) -> dict[str, Any]:
 def show(
     obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, params: PreviewParams, simulated: bool
 ) -> bpy.types.Object:
-    """Put the assembled piece beside its model, in the place of an earlier one. Raises ``FlexMapsError`` without its colours."""
+    """Put the assembled piece beside its model, replacing an earlier one; raise ``FlexMapsError`` without its colours."""
     began = time.perf_counter()
     rgb = None if params.colour == "MATERIAL" else quad_colours(obj, params.colour)
     points = built.vertices.reshape(-1, 3)
@@ -178,7 +194,7 @@ def show(
 def shift(
     obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " 3"]:
-    """Metres: what brings a piece between these corners to the left of its model, onto the same ground."""
+    """Return the shift in metres that puts a box with these corners to the left of its model, on the same ground."""
     box = (
         np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
         * scene.unit_settings.scale_length
@@ -191,7 +207,7 @@ def shift(
 def _put_object(
     obj: bpy.types.Object, scene: bpy.types.Scene, data: bpy.types.ID, place: Float[np.ndarray, " 3"]
 ) -> bpy.types.Object:
-    """The object with this data; one of an earlier time keeps what else it had."""
+    """Return the object with this data; an existing object keeps its other properties."""
     made = existing(obj)
     if made is not None and made.type != ("MESH" if isinstance(data, bpy.types.Mesh) else "CURVE"):
         collection.clear(obj, (KIND, BASE))
@@ -207,7 +223,7 @@ def _put_object(
 
 
 def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3"]:
-    """Linear: the overlay's colours of a kind; raises ``FlexMapsError`` where its stage has not run."""
+    """Return the overlay's linear colours of a kind; raise ``FlexMapsError`` where its stage has not run."""
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, colouring.KINDS[kind].attribute)
     if values is None:
@@ -216,7 +232,7 @@ def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3
 
 
 def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> dict[str, np.ndarray]:
-    """What is known of the quads, for every face of the piece, by the names of the model's attributes."""
+    """Return the model's attributes of quads as values of the piece's faces."""
     of_faces = {"flexmaps_quad": quad_of}
     with attributes.readable(obj) as mesh:
         for name in ("patch", "strain_energy", "strain", "distance"):
@@ -226,13 +242,13 @@ def _face_values(obj: bpy.types.Object, quad_of: Int[np.ndarray, " faces"]) -> d
     return of_faces
 
 
-# -- its data ----------------------------------------------------------------------------------------------------------
+# -- data of the object -----------------------------------------------------------------------------------------------
 
 
 def piece_mesh(
     name: str, panels: PanelMesh, vertices: Float[np.ndarray, "vertices 3"], rgb: Float[np.ndarray, "quads 3"] | None
 ) -> bpy.types.Mesh:
-    """The panels with their vertices, metres, as a mesh with UV map, colours and smooth arms between sharp edges."""
+    """Make a mesh of the panels, vertices in metres, with UV map, colours and smooth shading between sharp edges."""
     mesh = meshes.polygons(name, vertices, panels.corners, panels.sizes)
     centres = arrange.side_by_side(panels.design.flat)
     uv = (1e3 * panels.flat(centres)[:, :2]).astype(np.float32)[panels.corners]
@@ -247,7 +263,7 @@ def piece_mesh(
 
 
 def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | float = 0.0) -> bpy.types.Mesh:
-    """The plates of a base, grey, moved by metres."""
+    """Make a grey mesh of a base's plates, shifted by metres."""
     vertices, faces = base.vertices + shift, base.triangles
     data = meshes.polygons(name, vertices, faces.ravel(), np.full(len(faces), 3))
     data.materials.append(materials.material("FlexMaps base", np.full(3, GREY)))
@@ -255,5 +271,5 @@ def plates_mesh(name: str, base: BaseMesh, shift: Float[np.ndarray, " 3"] | floa
 
 
 def _curve(name: str, built: Built) -> bpy.types.Curve:
-    """The arms as wires as thick as they are wide in the mean, from hub to joint; of four sides, for there are thousands."""
+    """Make the arms as wires as thick as their mean width, with only four sides because there are thousands."""
     return curves.lines(name, list(built.vertices), 0.5 * float(built.design.width.mean()), sides=4)

@@ -1,4 +1,4 @@
-"""How far a job is, as the status bar, the cursor and the sidebar tell it, and when they are drawn again."""
+"""Show a job's progress in the status bar, the cursor and the sidebar, and decide when to redraw."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import bpy
 
 from ..store.i18n import button_name, translate
 
-LEAST = 0.2  # seconds between two drawings of the progress at least; by eye
-SHARE = 0.1  # of the time at most is spent on drawing, which without a graphics card slows the work down
+LEAST = 0.2  # seconds between two drawings of the progress at least; smaller is smoother and slower; by eye
+SHARE = 0.1  # largest share of the time spent on drawing, which slows the work down without a graphics card
 
 
 class Pace:
-    """Decides when the progress is drawn again: the longer the last drawing took, the later.
+    """Decide when to redraw the progress: the longer the last drawing took, the later.
 
-    Blender draws before it sends the next timer event, so the delay of that event is the time that drawing took.
+    Blender draws before it sends the next timer event, so that event's delay is the drawing time.
     """
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Pace:
         self._next = 0.0
 
     def due(self, now: float) -> bool:
-        """Whether to draw now, in seconds of any clock; ask at every tick, and draw when it says so."""
+        """Return whether to draw now, in seconds of any clock; call it at every tick, and draw when it returns True."""
         if self._asked is not None:
             self._next = self._asked + max(LEAST, (now - self._asked) / SHARE)
             self._asked = None
@@ -34,7 +34,7 @@ class Pace:
 
 
 def show(context: bpy.types.Context, running: Any) -> None:
-    """The status bar, the cursor and the sidebar say how far a ``background.Job`` is; the 3D views are drawn where it shows something."""
+    """Show a ``background.Job``'s progress in status bar, cursor and sidebar; redraw the 3D views if it shows a shape."""
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
@@ -49,7 +49,7 @@ def progress_line(running: Any) -> str:
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:
-    """Draw every 3D view again, for the sidebar and the overlay, or only its regions of one kind."""
+    """Redraw every 3D view, or only its regions of one kind."""
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":

@@ -1,4 +1,4 @@
-"""An object in the place of another one, or with other quads: what goes along, and what goes."""
+"""Replace an object by another one, or give it other quads: transfer its settings and remove old results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
-    """The new object takes the place of the old one, with its settings."""
+    """Let the new object replace the old one, with its settings."""
     from ..store import handing_down  # scipy comes with it
 
     leave_edit_mode(context)
@@ -34,21 +34,21 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
 
 
 def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
-    """Scale an object about its origin until its longest side is so long; the views go along."""
+    """Scale an object about its origin until its longest side has a length; the views follow."""
     context.view_layer.update()
     factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
     scale(context, obj, factor)
 
 
 def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
-    """Scale an object about its origin; the views go along."""
+    """Scale an object about its origin; the views follow."""
     obj.scale = [s * factor for s in obj.scale]
     framing.follow(context, obj, factor)
     context.view_layer.update()
 
 
 def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
-    """Drop what was made of quads that are others now, and note what the check says of these."""
+    """Drop all results of an object whose quads have changed, and store the findings of the check."""
     from ..store import mesh
 
     mesh.forget(obj, mesh.NAMES)
@@ -58,6 +58,6 @@ def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
 
 
 def leave_edit_mode(context: bpy.types.Context) -> None:
-    """For a new object, which becomes the active one; *Check* may have gone to edit mode to show what is wrong."""
+    """Leave edit mode before a new object becomes active; *Check* may have entered it to show a fault."""
     if context.object is not None and context.object.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")

@@ -1,4 +1,4 @@
-"""The report and the plots of what an object in Blender holds."""
+"""The report and the plots of an object in Blender."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ SIMULATED = ("equilibrium", "reach", "optimise", "structure")
 
 @dataclass(frozen=True, eq=False)
 class Reported:
-    """What a report needs of an object, read from Blender: plain arrays and texts, safe in another thread.
+    """Input of a report, read from an object in Blender: plain arrays and texts, safe in another thread.
 
-    blocks : the notes of the stages that are not out of date
-    shape : (V, 3) float32, the simulated vertices in the object's own frame; None where no simulation is up to date
+    taken : the snapshot of the object
+    blocks : the notes of the stages that are up to date
+    shape : (V, 3) float32, simulated vertices in the object's own frame; None without an up-to-date simulation
     values : (F,) arrays of that simulation, or None, by the names of ``Measured``
-    pose : where it has left the hubs; None as ``shape`` is, or where it was lost
-    findings : what there is to look at, each with its cures
+    pose : the hubs' pose of that simulation; None where it is missing
+    findings : the notices, each with its cures
     """
 
     taken: Snapshot
@@ -44,16 +45,18 @@ class Reported:
 
 
 def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """The report and the plots of what an object holds; what its mesh has left behind is left out.
+    """Return the report and the plots of an object; results that are out of date are left out.
 
-    Raises ``FlexMapsError`` where the object cannot be used, where the check finds errors, or where nothing was laid out yet.
+    Raises
+    ------
+    FlexMapsError where the object cannot be used, the check finds errors, or nothing was laid out yet.
     """
     found = taken(obj)
     return drawn(found.taken.result(), found)
 
 
 def taken(obj: bpy.types.Object) -> Reported:
-    """Read an object on Blender's main thread; raises ``FlexMapsError`` where it cannot be used."""
+    """Read an object on Blender's main thread; raise ``FlexMapsError`` where it cannot be used."""
     import bpy
 
     from ..store import mesh, snapshot
@@ -64,7 +67,7 @@ def taken(obj: bpy.types.Object) -> Reported:
 
 
 def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
-    """Read what ``drawn`` needs besides, on Blender's main thread; milliseconds."""
+    """Read what ``drawn`` needs besides the snapshot, on Blender's main thread, within milliseconds."""
     import bpy
 
     from ..store import attributes, equilibrium, guidance, notes, pose, scans, states
@@ -93,9 +96,17 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
-    """The report and the plots of a result that was taken from an object; touches no Blender data.
+    """Return the report and the plots of a result that was taken from an object; touches no Blender data.
 
-    Raises ``FlexMapsError`` where nothing was laid out yet.
+    Parameters
+    ----------
+    result : the result
+    found : what was read of the object
+    progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError where nothing was laid out yet.
     """
     taken = found.taken
     stages.needed(result, "flat")
@@ -108,7 +119,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
 
 
 def shown(result: Result, found: Reported) -> Shown | None:
-    """What the page's 3D view shows of a result that was taken from an object; None where there are no spirals."""
+    """Return the content of the page's 3D view of a result that was taken from an object; None without spirals."""
     if result.design is None:
         return None
     return Shown(result.design, _measured(result, found), found.pose)
@@ -120,5 +131,5 @@ def _measured(result: Result, found: Reported) -> run_plots.Measured:
         return replace(measured, scan=found.values.get("scan"))
     to_metres = found.taken.surface.to_metres
     world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
-    used = np.unique(found.taken.surface.polygons.corners)  # the engine knows no others
+    used = np.unique(found.taken.surface.polygons.corners)  # the engine knows only vertices of faces
     return replace(measured, shape=world[used], **found.values)

@@ -1,4 +1,4 @@
-"""The points of a scan where it was laid over a piece, as an object of vertices."""
+"""The points of a scan, laid over the model as an object of vertices."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 def show(obj: bpy.types.Object, scene: bpy.types.Scene, found: Comparison) -> bpy.types.Object:
-    """Lay the scan's points over the model; those beside the piece carry 0 in the attribute ``shows_piece``."""
+    """Lay the scan's points over the model; the attribute ``shows_piece`` is 0 for points beside the piece."""
     mesh = bpy.data.meshes.new(f"{obj.name} scan")
     mesh.vertices.add(len(found.points))
     mesh.attributes["position"].data.foreach_set("vector", found.points.astype(np.float32).ravel())
     mesh.attributes.new("shows_piece", "BOOLEAN", "POINT").data.foreach_set("value", found.used)
     mesh.update()
     made = collection.add(obj, scene, "scan", "scan", mesh, np.zeros(3))
-    made.hide_render = True  # bare vertices are not rendered, but would stretch what a picture frames
+    made.hide_render = True  # vertices do not render, but would widen a picture's frame
     return made

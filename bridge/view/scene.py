@@ -1,4 +1,4 @@
-"""Finished results as a Blender scene: for the main job and for scripts, with the same functions as the operators."""
+"""Finished results as a Blender scene, for the main job and for scripts, built with the operators' functions."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ from . import choices, collection, colouring, flat_panels, materials, meshes, on
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
-    """The object of ``open_blend`` as it is seen there: metres, world axes. Raises as that does."""
+    """Open a .blend file and return its visible polygons in metres and world axes; raises as ``open_blend`` does."""
     obj, context = open_blend(path), bpy.context
     return mesh.read_evaluated(obj, context.scene)
 
 
 def open_blend(path: str | Path) -> bpy.types.Object:
-    """The active mesh object of a .blend file, or else its first one, out of edit mode. The file that is open is left.
+    """Open a .blend file in place of the open one, and return its active mesh object, or else its first one.
 
-    A text, curve or metaball is taken where there is no mesh: as a mesh beside it.
-    Raises ``FlexMapsError`` where the file cannot be read or holds nothing with faces.
+    Without a mesh, a text, curve or metaball is converted to one.
+
+    Raises
+    ------
+    FlexMapsError where the file cannot be read or holds nothing with faces.
     """
     path = Path(path)
     if not path.is_file():
@@ -44,9 +47,9 @@ def open_blend(path: str | Path) -> bpy.types.Object:
         raise FlexMapsError(f"{path.name} cannot be opened ({reason}); save it again in Blender") from error
     context = bpy.context
     active = context.view_layer.objects.active
-    found = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
-    obj = next((o for o in found if o.type == "MESH" and len(o.data.polygons)), None)
-    obj = obj or next(filter(None, (converted(o, context) for o in found if o.type in CONVERTIBLE)), None)
+    candidates = [active, *context.scene.objects] if active is not None else list(context.scene.objects)
+    obj = next((o for o in candidates if o.type == "MESH" and len(o.data.polygons)), None)
+    obj = obj or next(filter(None, (converted(o, context) for o in candidates if o.type in CONVERTIBLE)), None)
     if obj is None:
         raise FlexMapsError(f"{path.name} holds no object with faces; add a mesh, or give another file")
     if obj.mode != "OBJECT":
@@ -55,7 +58,7 @@ def open_blend(path: str | Path) -> bpy.types.Object:
 
 
 def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
-    """A mesh object in the place of a text, curve, surface or metaball, which stays, hidden; None where it has no faces."""
+    """Make a mesh object beside a text, curve, surface or metaball, which is hidden; None where it has no faces."""
     data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
     if not len(data.polygons):
         bpy.data.meshes.remove(data)
@@ -72,18 +75,23 @@ def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Ob
 def show(
     result: Result, name: str = "FlexMaps", used: Settings | None = None, progress: Progress = SILENT
 ) -> bpy.types.Object:
-    """Empty the file and put a finished job into it: the model with seams, UV map, attributes and colours, and what is flat.
+    """Empty the file and put a finished job into it: the model with its attributes and colours, and the flat panels.
 
-    name : of the model; used : the settings of the job, which the object then carries with it
+    Parameters
+    ----------
+    result : the job
+    name : name of the model
+    used : settings of the job, which the object gets
+    progress : called with a fraction and a text
     """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True, load_ui=True)
-    return _filled(bpy.context.scene, result, name, used, progress)
+    return _fill(bpy.context.scene, result, name, used, progress)
 
 
-def _filled(
+def _fill(
     scene: bpy.types.Scene, result: Result, name: str, used: Settings | None, progress: Progress = SILENT
 ) -> bpy.types.Object:
-    """Put a finished job into an empty scene; returns the model."""
+    """Put a finished job into an empty scene, and return the model."""
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
@@ -99,9 +107,18 @@ def put(
     used: Settings | None = None,
     progress: Progress = SILENT,
 ) -> None:
-    """Write what the stages of a job have made into the object that it is about, as the operators do one by one.
+    """Write a job's results into its object, as the operators do one by one.
 
-    The object has the quads of the job's mesh, in their order; its vertices come to lie where they are there.
+    Parameters
+    ----------
+    result : the job
+    obj, scene : an object with the quads of the job's mesh, in their order; its vertices are moved to the mesh's
+    used : settings of the job, which the object gets
+    progress : called with a fraction and a text
+
+    Raises
+    ------
+    FlexMapsError where the object has other faces.
     """
     surface = mesh.read_surface(obj, scene)
     quads, corners = result.mesh, surface.polygons.corners
@@ -138,7 +155,7 @@ def put(
 def _put_flat(
     result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, progress: Progress
 ) -> None:
-    """Seams, flat patches and spirals, and what lies beside the model."""
+    """Write seams, flat patches and spirals, and the objects beside the model."""
     assert result.flat is not None
     progress(0.0, "panels side by side")
     centres = arrange.side_by_side(result.flat)
@@ -167,7 +184,7 @@ def _outlines(result: Result) -> list[tuple[Any, ...]]:
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
-    """The surface as a mesh object, selected and active, in the scene's units."""
+    """Add the surface as a mesh object, selected and active, in the scene's units."""
     data = meshes.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
     data.materials.append(materials.material("FlexMaps panel", None))
     obj = bpy.data.objects.new(name, data)
@@ -180,10 +197,10 @@ def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.O
 
 
 def save(path: str | Path) -> None:
-    """Save the file, compressed, with the 3D views framed on what is there. Raises ``FlexMapsError`` where it cannot be."""
+    """Save the file, compressed, with the 3D views framed on all objects; raise ``FlexMapsError`` on failure."""
     _frame_views()
-    path = Path(path).absolute()  # Blender has a working folder of its own
-    path.unlink(missing_ok=True)  # or Blender keeps a backup of the placeholder beside it
+    path = Path(path).absolute()  # Blender's working folder may differ
+    path.unlink(missing_ok=True)  # else Blender keeps a backup of the placeholder beside it
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, copy=True, check_existing=False)
     except (OSError, RuntimeError) as error:
@@ -191,32 +208,34 @@ def save(path: str | Path) -> None:
 
 
 def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
-    """Save a file that holds a finished job and nothing of the open one, which stays as it is.
+    """Save a file that holds a finished job and nothing of the open file, which stays as it is.
 
-    Raises ``FlexMapsError`` where it cannot be written.
+    Raises
+    ------
+    FlexMapsError where it cannot be written.
     """
     path = Path(path).absolute()
-    there = _everything()
+    there = _all_data()
     scene = bpy.data.scenes.new(name)
     try:
-        _filled(scene, result, name, used)
+        _fill(scene, result, name, used)
         path.unlink(missing_ok=True)
         try:
             one_scene.write(path, scene, compress=True)
         except (OSError, RuntimeError) as error:
             raise FlexMapsError(f"{path} cannot be written; choose another folder or make room on the disk") from error
     finally:
-        bpy.data.batch_remove(_everything() - there)
+        bpy.data.batch_remove(_all_data() - there)
 
 
-def _everything() -> set[bpy.types.ID]:
-    """All that the open file holds."""
+def _all_data() -> set[bpy.types.ID]:
+    """Return all data-blocks of the open file."""
     groups = (getattr(bpy.data, prop.identifier) for prop in bpy.data.bl_rna.properties if prop.type == "COLLECTION")
     return {one for group in groups for one in group if isinstance(one, bpy.types.ID)}
 
 
 def _frame_views() -> None:
-    """Whoever opens the file sees everything at once, small pieces included."""
+    """Frame the 3D views so that the file opens with everything in view, even small pieces."""
     objects = bpy.context.scene.objects
     boxes = [np.array([o.matrix_world @ collection.vector(c) for c in o.bound_box]) for o in objects]
     if not boxes:

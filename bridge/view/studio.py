@@ -1,7 +1,7 @@
-"""Where pictures are taken: a scene of its own with soft light, a ground and a camera that fits.
+"""A studio for pictures: a separate scene with soft light, a ground and a fitted camera.
 
-Nothing of the user's scene is touched, and nothing is left of it. Cycles on the CPU needs no screen; where Blender has a
-window, EEVEE draws the same scene on the graphics card.
+The user's scene stays untouched, and the studio is removed afterwards. Cycles on the CPU needs no screen; where Blender has
+a window, EEVEE draws the same scene on the graphics card.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import collection, meshes, one_scene
 
-MARGIN = 1.06  # size of the picture over that of what is in it
-UNDENOISED = 4  # times as many samples where there is no denoiser; not measured
-LENS = 85.0  # millimetres, as for portraits: short ones draw what is near too large
+MARGIN = 1.06  # size of the picture over the size of its content
+UNDENOISED = 4  # factor on the samples without a denoiser; not measured
+LENS = 85.0  # millimetres, a portrait lens; shorter ones enlarge what is near
 GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 
 
@@ -29,9 +29,15 @@ GROUNDS = {"WHITE": (0.93, 0.93, 0.93), "GREY": (0.66, 0.67, 0.69)}  # sRGB
 def studio(
     size: tuple[int, int], samples: int, ground: str = "WHITE", engine: str = "AUTO", pack: Path | None = None
 ) -> Iterator[Studio]:
-    """A studio for one picture, or for the frames of one film, of ``size`` pixels; everything in it is removed in the end.
+    """Yield a studio for one picture or film, and remove everything in it afterwards.
 
-    pack : a .blend file that gets the scene instead, for a Blender without a window to render it
+    Parameters
+    ----------
+    size : width and height in pixels
+    samples : samples a pixel
+    ground : a key of ``GROUNDS``
+    engine : "AUTO", "CYCLES" or "EEVEE"
+    pack : a .blend file that gets the scene instead of a render, for a Blender without a window
     """
     scene = bpy.data.scenes.new("FlexMaps picture")
     made = Studio(scene, ground, pack)
@@ -54,7 +60,7 @@ class Studio:
         self._theirs: list[bpy.types.Object] = []
 
     def put(self, data: bpy.types.ID, framed: bool = True) -> bpy.types.Object:
-        """Data that was made for the picture, in metres; it is removed with the studio. The camera sees all that is framed."""
+        """Add data made for the picture, in metres; it is removed with the studio. The camera frames it if ``framed``."""
         made = bpy.data.objects.new(data.name, data)
         self.keep(made, data)
         if framed:
@@ -62,33 +68,33 @@ class Studio:
         return made
 
     def show(self, obj: bpy.types.Object) -> None:
-        """An object of the user's file, as it stands, and moves."""
+        """Add an object of the user's file, as it stands and moves."""
         self.scene.collection.objects.link(obj)
         self._theirs.append(obj)
 
     def keep(self, *items: bpy.types.ID) -> None:
-        """Things that are to go with the studio but are not framed."""
+        """Add data-blocks that are removed with the studio but not framed."""
         self._made += items
         for item in items:
             if isinstance(item, bpy.types.Object):
                 self.scene.collection.objects.link(item)
 
     def points(self) -> Float[np.ndarray, "points 3"]:
-        """Points that enclose all that was put in tightly enough to frame it."""
+        """Return points that enclose the content tightly enough to frame it."""
         boxes = [np.array([o.matrix_world @ collection.vector(v) for v in o.bound_box]) for o in self._theirs]
         return np.concatenate([*(points_of(o) for o in self._shown), *boxes])
 
     def points_in(self, frames: Iterable[int]) -> Float[np.ndarray, "points 3"]:
-        """Vertices of the user's meshes, some of them, as they are seen in some frames."""
-        found, graph = [], self.scene.view_layers[0].depsgraph
+        """Return some vertices of the user's meshes, as seen in some frames."""
+        visible, graph = [], self.scene.view_layers[0].depsgraph
         for frame in frames:
             self.scene.frame_set(frame)
             for obj in self._theirs:
                 if obj.type == "MESH":
                     there = obj.evaluated_get(graph)
                     points, matrix = vertices_of(there.data)[::5], np.array(there.matrix_world)
-                    found.append(points @ matrix[:3, :3].T + matrix[:3, 3])
-        return np.concatenate(found)
+                    visible.append(points @ matrix[:3, :3].T + matrix[:3, 3])
+        return np.concatenate(visible)
 
     def set_up(
         self,
@@ -96,16 +102,20 @@ class Studio:
         points: Float[np.ndarray, "points 3"] | None = None,
         tight: bool = False,
     ) -> None:
-        """Light, ground and a camera that looks against ``direction`` at points, or at all that was put in.
+        """Add light, ground and a camera.
 
-        ``tight`` makes the picture as high as they need.
+        Parameters
+        ----------
+        direction : from the content to the camera
+        points : points to frame; default the whole content
+        tight : fit the picture's height to the points
         """
         shown = self.points() if points is None else points
         self._light(shown)
         self._camera(shown, np.asarray(direction, dtype=float), tight)
 
     def take(self, path: str | Path) -> None:
-        """Render to a PNG file. Raises ``FlexMapsError`` where it cannot be written."""
+        """Render to a PNG file; raise ``FlexMapsError`` where it cannot be written."""
         self.scene.render.filepath = _literal(Path(path).absolute())
         try:
             self._render(write_still=True)
@@ -113,9 +123,17 @@ class Studio:
             raise FlexMapsError(f"The picture {path} could not be made: {error}") from error
 
     def film(self, path: str | Path, frames: tuple[int, int], rate: tuple[int, float]) -> None:
-        """Render frames to numbered PNG files, or to one film if the path ends in .mp4; rate: fps and its base.
+        """Render frames to numbered PNG files, or to one film if the path ends in .mp4.
 
-        Raises ``FlexMapsError`` where they cannot be written.
+        Parameters
+        ----------
+        path : the file
+        frames : first and last frame
+        rate : frames per second, and its base
+
+        Raises
+        ------
+        FlexMapsError where the files cannot be written.
         """
         path, render = Path(path).absolute(), self.scene.render
         self.scene.frame_start, self.scene.frame_end = frames
@@ -146,7 +164,7 @@ class Studio:
     # -- light ---------------------------------------------------------------------------------------------------------
 
     def _light(self, points: Float[np.ndarray, "points 3"]) -> None:
-        """A bright sky, a large soft lamp from the upper left, a weak one from behind, and the ground under the lowest point."""
+        """Add a bright sky, a large soft lamp from the upper left, a weak back lamp, and the ground under the lowest point."""
         low, high = points.min(axis=0), points.max(axis=0)
         radius = float(np.linalg.norm(high - low)) / 2
         middle = (low + high) / 2
@@ -177,7 +195,7 @@ class Studio:
     # -- camera --------------------------------------------------------------------------------------------------------
 
     def _camera(self, points: Float[np.ndarray, "points 3"], direction: Float[np.ndarray, " 3"], tight: bool) -> None:
-        """It sees all points with a little room; straight from above without perspective."""
+        """Add a camera that sees all points with a margin; straight from above without perspective."""
         from mathutils import Vector
 
         data = bpy.data.cameras.new("FlexMaps camera")
@@ -210,13 +228,13 @@ class Studio:
 
 
 def _literal(path: Path) -> str:
-    """The path for Blender's renderer, which from 4.5 on takes braces for templates unless they are doubled."""
+    """Return the path for Blender's renderer, which since 4.5 reads braces as templates unless they are doubled."""
     text = str(path)
     return text.replace("{", "{{").replace("}", "}}") if bpy.app.version >= (4, 5) else text
 
 
 def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Float[np.ndarray, " 3"]:
-    """The nearest place for a camera along -z from which all points are seen; tangents of half its angles."""
+    """Return the nearest position of a camera along -z that sees all points; ``across``, ``up``: tangents of half angles."""
     x, y, z = points.T
     ends = []
     for side, half in ((x, across / MARGIN), (y, up / MARGIN)):
@@ -226,7 +244,7 @@ def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Flo
 
 
 def _needed(points: Float[np.ndarray, "points 3"], across: float) -> float:
-    """The smallest tangent upwards that does not move the camera farther away than its tangent ``across`` asks for."""
+    """Return the smallest tangent upwards that moves the camera no farther away than the tangent ``across`` does."""
     far = _fit(points, across, 1e3)[2]
     low, high = 1e-3 * across, 1e3 * across
     for _ in range(60):
@@ -240,16 +258,16 @@ def _pixels(width: int, aspect: float) -> int:
 
 
 def points_of(obj: bpy.types.Object) -> Float[np.ndarray, "points 3"]:
-    """The vertices of a mesh, or the corners of another object's box, in the world."""
+    """Return the vertices of a mesh, or the corners of another object's box, in the world."""
     points = vertices_of(obj.data) if obj.type == "MESH" else np.array(obj.bound_box, dtype=float)
     return points + np.array(obj.location)
 
 
 def vertices_of(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    """In the mesh's own frame."""
-    found = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", found)
-    return found.reshape(-1, 3).astype(float)
+    """Return the vertices in the mesh's own frame."""
+    positions = np.empty(3 * len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    return positions.reshape(-1, 3).astype(float)
 
 
 def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:
@@ -275,7 +293,7 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
     if hasattr(cycles, "denoising_quality"):
         cycles.denoising_quality = "BALANCED"
     cycles.max_bounces, cycles.diffuse_bounces, cycles.transmission_bounces = 4, 2, 4
-    cycles.sample_clamp_indirect = 3.0  # no lone bright pixels
+    cycles.sample_clamp_indirect = 3.0  # avoids single bright pixels
     cycles.blur_glossy = 1.0
     cycles.caustics_reflective = cycles.caustics_refractive = False
     cycles.use_auto_tile, cycles.tile_size = True, 512  # less memory than one large tile
@@ -283,9 +301,9 @@ def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engin
 
 
 def _as_film(render: bpy.types.RenderSettings) -> None:
-    """H.264 in an MP4 file; sizes must be even. Raises ``FlexMapsError`` where this Blender writes no films."""
+    """Set H.264 in an MP4 file with even sizes; raise ``FlexMapsError`` where this Blender writes no films."""
     try:
-        if hasattr(render.image_settings, "media_type"):  # from 5.0 on
+        if hasattr(render.image_settings, "media_type"):  # Blender 5.0 and later
             render.image_settings.media_type = "VIDEO"
         render.image_settings.file_format = "FFMPEG"
         render.ffmpeg.format, render.ffmpeg.codec = "MPEG4", "H264"
@@ -297,14 +315,14 @@ def _as_film(render: bpy.types.RenderSettings) -> None:
 
 
 def _denoises() -> bool:
-    """Whether this Blender was built with a denoiser; some distributions' are not, and fail when asked to."""
+    """Return whether this Blender has a denoiser; some distributions lack it, and fail when it is used."""
     import _cycles
 
     return bool(_cycles.with_openimagedenoise)
 
 
 def _eevee(scene: bpy.types.Scene, samples: int) -> None:
-    """EEVEE under the name that this Blender knows it by."""
+    """Set EEVEE by the name that this Blender uses."""
     known = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items_static_ui}
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
     eevee: Any = scene.eevee
@@ -314,13 +332,13 @@ def _eevee(scene: bpy.types.Scene, samples: int) -> None:
 
 
 def _sky() -> bpy.types.World:
-    """White above, a little darker towards the horizon, so that smooth surfaces have something to reflect."""
+    """Make a sky that is white above and a little darker towards the horizon, so that smooth surfaces reflect something."""
     world = bpy.data.worlds.new("FlexMaps picture")
     world.use_nodes = True
     tree = world.node_tree
     sky = tree.nodes["Background"]
     sky.inputs["Strength"].default_value = 0.5
-    world.cycles.sampling_method = "NONE"  # it is even enough; a third of the time
+    world.cycles.sampling_method = "NONE"  # the sky is even enough; takes a third of the time
     where = tree.nodes.new("ShaderNodeTexCoord")
     parts = tree.nodes.new("ShaderNodeSeparateXYZ")
     ramp = tree.nodes.new("ShaderNodeMapRange")

@@ -1,4 +1,4 @@
-"""Which section of the tab is open, and what else of it is of the window alone: nothing here goes into a file."""
+"""The open section of the tab and other state of the window; none of it goes into a file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Tab(bpy.types.PropertyGroup):
     """The open section and the open tabs within sections."""
 
     __annotations__ = {
-        "by_hand": BoolProperty(),  # a person opened or folded a section since the last press
+        "by_hand": BoolProperty(),  # the user opened or folded a section since the last press
         "check": EnumProperty(items=CHECKS, name="Check", translation_context=CONTEXT),
         "habits": EnumProperty(items=HABITS, name="Workshop", translation_context=CONTEXT),
     }
@@ -49,12 +49,12 @@ def _show_only(tab: Any, key: str) -> None:
 
 
 def pressed() -> None:
-    """Call when a stage begins: its end may open another section."""
+    """Note that a stage begins; its end may open another section."""
     bpy.context.window_manager.flexmaps_tab.by_hand = False
 
 
 def follow(context: bpy.types.Context) -> None:
-    """Open the section that *Next* uses now, unless a person chose one since the last press."""
+    """Open the section that *Next* uses now, unless the user chose one since the last press."""
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.unusable(obj) is not None:
         return
@@ -65,7 +65,7 @@ def follow(context: bpy.types.Context) -> None:
 
 def register() -> None:
     bpy.utils.register_class(Tab)
-    # Blender 4.2 crashes at its end where a property with ``update`` was in the annotations
+    # Blender 4.2 crashes on exit if a property with ``update`` is among the annotations
     for key in SECTIONS:
         setattr(Tab, f"open_{key}", BoolProperty(default=key == "piece", update=_opened(key)))
     bpy.types.WindowManager.flexmaps_tab = PointerProperty(type=Tab)

@@ -1,4 +1,4 @@
-"""How wide words are in Blender's font, and sentences broken into lines of the sidebar."""
+"""Widths of words in Blender's font, and sentences broken into lines of the sidebar."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from functools import lru_cache
 import blf
 import bpy
 
-# pixels at an interface scale of 1, read off pictures of the sidebar: what tabs, frames and a box take of a line, and the sidebar's
-# width where no window tells it
+# pixels at an interface scale of 1, read off pictures of the sidebar: width of tabs, frames and box, and default width
+# of the sidebar without a window
 FRAMES, UNKNOWN = 66, 291
 
 
 def lines(text: str, width: float, most: int) -> list[str]:
-    """A sentence in at most so many lines of a width in pixels; a longer word, such as a path, goes on in the next line."""
-    found: list[str] = []
+    """Break a sentence into at most ``most`` lines of a width in pixels; split words longer than a line, such as paths."""
+    broken: list[str] = []
     for word in text.split():
-        if found and wide(f"{found[-1]} {word}") <= width:
-            found[-1] += f" {word}"
+        if broken and wide(f"{broken[-1]} {word}") <= width:
+            broken[-1] += f" {word}"
             continue
         while len(word) > 1 and wide(word) > width:
             fits = next((k for k in range(len(word) - 1, 1, -1) if wide(word[:k]) <= width), 1)
-            found.append(word[:fits])
+            broken.append(word[:fits])
             word = word[fits:]
-        found.append(word)
-    if len(found) > most:
-        found[most - 1] += "\N{HORIZONTAL ELLIPSIS}"
-    return found[:most]
+        broken.append(word)
+    if len(broken) > most:
+        broken[most - 1] += "\N{HORIZONTAL ELLIPSIS}"
+    return broken[:most]
 
 
 def room(context: bpy.types.Context) -> float:
-    """Pixels, at an interface scale of 1, that the sidebar has for the words of one line."""
+    """Return the sidebar's width for the words of one line, in pixels at an interface scale of 1."""
     region = context.region
     return (UNKNOWN if region is None else region.width / _unit()) - FRAMES
 
@@ -40,7 +40,7 @@ def _unit() -> float:
 
 
 def wide(text: str) -> float:
-    """Pixels, at an interface scale of 1, that some words take in Blender's font."""
+    """Return the width of words in Blender's font, in pixels at an interface scale of 1."""
     unit = _unit()
     return _measured(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
 
