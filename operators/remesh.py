@@ -68,9 +68,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         edge = check.median_edge(polygons)
         said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
         said += [finding.message for finding in result.findings]
-        said = (
-            said if bpy.app.background else said[:1]
-        )  # the box below Next shows the others
+        said = said if bpy.app.background else said[:1]  # the box below Next shows the others
         self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
         redraw(context)
         yield

@@ -1,4 +1,4 @@
-"""The sidebar: draws, never computes. Knows the operators by their names only."""
+"""The sidebar: draws, never computes, and knows the operators by their idname only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section *Check*: what the piece bears, how it was built, and other sizes and sheets of it."""
+"""The section *Check*: structural check, comparison with the built piece, and other sizes and sheets."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ..engine.structure import cases
 from .rows import button, figure, figures, popover, sentence, tr, value
 from .stages import block_of, look
 
-CANDIDATES, OUTCOMES = 6, 4  # in sight; by eye
+CANDIDATES, OUTCOMES = 6, 4  # rows shown at most, so that the section stays short; by eye
 VARIED = (
     ("vary_size", "Size"), ("vary_thickness", "Thickness"), ("vary_widths", "Width"), ("vary_twist", "Twist"),
     ("vary_material", "Material"), ("vary_arms", "Arms"), ("vary_panels", "Panels"),
 )  # fmt: skip
-A_ROW = 3  # toggles in a row
+A_ROW = 3  # toggles in a row; more would cut their words
 EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 snow"
 
 
@@ -51,7 +51,7 @@ def _loads(body: Any, context: bpy.types.Context) -> None:
 
 
 def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
-    """One case: how far the piece gives way, what is carried, and how far the load may rise."""
+    """Return the rows of one load case: how far the piece bends, utilisation, and how far the load may rise."""
     name = tr(row["name"]) if row["kind"] == row["name"] else row["name"]
     critical = row["critical"]
     times = f"> {row['followed_to']:.3g}" if critical is None else f"{critical:.3g}"
@@ -115,7 +115,7 @@ def _explore(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """The figure beside the heading: the smallest factor at which a load breaks the piece."""
+    """Return the figure beside the heading: the smallest load factor at which the piece gives way."""
     block = look(context).blocks.get("structure")
     if block is None or not block["outcomes"]:
         return ""

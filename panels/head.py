@@ -1,4 +1,4 @@
-"""The head of the tab: object, size, *Next*, a status line and three rows. It is as high in every state, so that nothing below moves."""
+"""The head of the tab: object, size, *Next*, status line and three rows; equally high always, so that nothing moves."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from ..bridge.view.widths import lines, room, wide
 from .rows import button, menu, sentence, tr
 from .stages import look
 
-SLOTS = 3  # rows below the status line, always as many
-THIN = 0.01  # of a usual space
+SLOTS = 3  # rows below the status line
+THIN = 0.01  # width of an invisible separator, in usual spaces
 EMPHASIS = 1.5  # height of Next, in rows; by eye
-NARROW = 205  # pixels for words below which the size stands without its words, or Blender would cut its numbers
-CURE, SIGN = 14, 26  # pixels that a button has beside its words, and that the sign of a notice takes
-WORDS = 0.40, 0.70  # least and largest share of a row for the words of a notice
+NARROW = 205  # pixels for words below which the size loses its label, or Blender would cut its numbers
+CURE, SIGN = 14, 26  # pixels: a button's width beyond its words, and the width of a notice's icon
+WORDS = 0.40, 0.70  # least and largest share of a row for a notice's words
 GROUPS = (
     ("PATCH", "ENERGY", "SQUARE"),
     ("STIFFNESS", "WIDTH", "ANISOTROPY", "TWIST"),
     ("DISTANCE", "STRAIN_ENERGY", "SAFETY", "SLOT", "REACH"),
     ("UTILISATION", "SCAN"),
     ("NONE",),
-)  # of colours in their menu
+)  # kinds of colours in their menu, by group
 
 
 def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
-    """All rows of the head; ``problem``: why there is nothing to work on."""
+    """Draw all rows of the head; ``problem`` says why there is nothing to work on."""
     running, obj = background.current(), context.object
     row = layout.row()
     row.label(text=obj.name if obj else tr("No mesh selected"), icon="MESH_DATA" if obj else "BLANK1", translate=False)
@@ -87,14 +87,14 @@ def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
 
 
 def _next(layout: Any, said: head_text.Head, running: Any) -> None:
-    """*Next* and its menu, or the progress of what runs and a cross: the same two rectangles."""
+    """Draw *Next* and its menu, or the progress of a job and a cross, in the same two rectangles."""
     whole = layout.row(align=True)
     row = whole.row(align=True)
     row.scale_y = EMPHASIS
     if running is not None:
         row.progress(factor=running.fraction, text=said.label)
         row.operator("flexmaps.stop", text="", icon="X")
-        _unlit(whole)
+        _highlight_stop(whole)
         return
     main = row.row(align=True)
     main.active_default, main.enabled = True, bool(said.press)
@@ -102,13 +102,16 @@ def _next(layout: Any, said: head_text.Head, running: Any) -> None:
     for name, value in said.properties:
         setattr(pressed, name, value)
     row.menu("FLEXMAPS_MT_next", text="", icon="DOWNARROW_HLT")
-    _unlit(whole)
+    _highlight_stop(whole)
     bpy.types.FLEXMAPS_OT_next.see(said.label)
 
 
-def _unlit(row: Any) -> None:
-    """Draw what cannot be lit, of no width: when a job ends, Blender lights the first thing without an operator in place of the progress
-    that was under the pointer, which would be the box below."""
+def _highlight_stop(row: Any) -> None:
+    """Draw an invisible separator without an operator.
+
+    When a job ends under the pointer, Blender highlights the next item that has no operator; without the
+    separator that would be the box below.
+    """
     row.separator(factor=THIN)
 
 
@@ -116,9 +119,9 @@ def _unlit(row: Any) -> None:
 
 
 def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> None:
-    """Three rows: as many notices, or two and the way to the others; the cures of one alone below each other.
+    """Draw three rows: up to three notices, or two and a link to all; the cures of a lone notice below each other.
 
-    If more notices than rows speak against cutting, only these are listed, so that the count in the status agrees; the popover lists all.
+    If more notices than rows speak against cutting, only these are listed, so that the status line's count agrees.
     """
     serious = tuple(notice for notice in notices if notice.kind != INFORMATION)
     many = len(serious) > SLOTS
@@ -144,7 +147,7 @@ def _rows(box: Any, context: bpy.types.Context, notices: tuple[Notice, ...]) -> 
 
 
 def _share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> float:
-    """Share of a row for the words, so that buttons stand below each other: what the words need, as far as the cures leave it."""
+    """Return the share of a row for the words, so that buttons line up: as much as the words need and the cures leave."""
     words = max((wide(notice.words) for notice in notices), default=0) + SIGN
     cures = max((wide(cure.label) for notice in notices for cure in notice.cures[:SLOTS]), default=0) + CURE
     free = max(0.0, room(context) - words - cures)
@@ -152,18 +155,18 @@ def _share(context: bpy.types.Context, notices: tuple[Notice, ...]) -> float:
 
 
 def _words(layout: Any, notice: Notice) -> None:
-    """The words of a notice; a click shows the place, a rest the whole sentence."""
+    """Draw the words of a notice; a click shows the place, the tooltip the whole sentence."""
     row = layout.row()
     row.alignment, row.alert = "LEFT", notice.kind == STOPS
     icon = "INFO" if notice.kind == INFORMATION else "ERROR"
-    if "/" not in notice.key and notice.key != KEPT:  # nothing of the object that could be shown
+    if "/" not in notice.key and notice.key != KEPT:  # the notice has no place on the object
         row.label(text=notice.words, icon=icon, translate=False)
         return
     button(row, "flexmaps.show_notice", notice.words, icon, emboss=False).key = notice.key
 
 
 def cured(layout: Any, cure: Any) -> None:
-    """The button of a cure."""
+    """Draw the button of a cure."""
     pressed = button(layout, cure.idname, cure.label)
     for name, value in cure.properties.items():
         setattr(pressed, name, value)

@@ -11,8 +11,8 @@ from ..bridge.view import choices
 from .rows import LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
 
-PICTURE = 3.2  # size of a card's picture, in rows: three beside each other
-CARDS, A_ROW = 6, 3  # cards in sight, and in a row
+PICTURE = 3.2  # size of a card's picture, in rows, so that three fit side by side
+CARDS, A_ROW = 6, 3  # cards at most, and cards in a row
 LIMITS = "distortion_limit", "compactness_limit", "neck_min", "patch_min", "seamless"
 
 
@@ -48,7 +48,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def _cards(body: Any, context: bpy.types.Context) -> None:
-    """The layouts that were compared."""
+    """Draw the compared layouts."""
     found = block_of(body, context, "choose")
     if found is None:
         return
@@ -64,7 +64,7 @@ def _cards(body: Any, context: bpy.types.Context) -> None:
 
 
 def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool) -> None:
-    """One layout: its picture, the button that takes it, and the three figures that decide, a line each."""
+    """Draw one layout: its picture, the button that takes it, and the three deciding figures, one a line."""
     card.template_icon(icon_value=picture, scale=PICTURE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
     taking.number, taking.tip = number, _tip(row)
@@ -76,7 +76,7 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
 
 
 def _tip(row: dict[str, Any]) -> str:
-    """The other figures of a layout, for the button's tooltip."""
+    """Return the other figures of a layout, for the button's tooltip."""
     said = [
         tr("{} joint" if row["joints"] == 1 else "{} joints", row["joints"]),
         tr("strain {} of its limit", f"{100 * row['strain_share_max']:.0f} %"),
@@ -87,13 +87,13 @@ def _tip(row: dict[str, Any]) -> str:
 
 
 def past_limit(context: bpy.types.Context) -> bool:
-    """Whether some quad is distorted by more than the limit, as far as rounding tells them apart."""
+    """Return whether a quad is distorted beyond the limit, with a tolerance for rounding."""
     limit = context.object.flexmaps.layout.distortion_limit
     return bool(look(context).blocks.get("layout", {}).get("energy_max", 0.0) > limit * 1.0001)
 
 
 def key(context: bpy.types.Context) -> str:
-    """The figure beside the heading."""
+    """Return the figure beside the heading."""
     block = look(context).blocks.get("layout")
     return "" if block is None else panels(block.get("patches", 0))
 

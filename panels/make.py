@@ -1,4 +1,4 @@
-"""The section *Make*: files for the cutter, the report, and a page to send to somebody."""
+"""The section *Make*: files for the cutter, the report, and a page to share."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..bridge.store.settings import unsaved
 from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
 from .stages import block_of, look
 
-# kinds of files that several versions stand for: setting, words, what a press switches on
+# kinds of files that come in several versions: setting, label, value that a press switches on
 KINDS = ("dxf", "DXF", "R2010"), ("solids", "3D", "3MF")
 BASES = ("feet", "Feet"), ("plates", "Plates"), ("planks", "Planks"), ("eyelets", "Eyelets")
 
@@ -25,7 +25,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         switch = row.operator(
             "wm.context_toggle_enum", text=words, depress=getattr(files, name) != "NONE", translate=False
         )
-        # whatever is not the second value is made the second one
+        # this operator sets the second value whenever the current value is not the second
         switch.data_path, switch.value_1, switch.value_2 = f"object.flexmaps.export.{name}", usual, "NONE"
     row.prop(files, "pdf", text="PDF", toggle=True, translate=False)
     row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
@@ -43,10 +43,10 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     rare(row, "page")
     found = block_of(body, context, "sheets")
     if found is not None:
-        figures(found[0], *_figures(found[1]))
+        figures(found[0], *_figure_rows(found[1]))
 
 
-def _figures(block: dict[str, Any]) -> list[Any]:
+def _figure_rows(block: dict[str, Any]) -> list[Any]:
     rows: list[Any] = [(tr("Sheets, filled"), f"{block.get('sheets')}, {percent(block, 'fill')}")]
     cut = decimals(block, "cut_length_m", 1, " m")
     rows.append((tr("Cutting"), f"{duration(block['cut_minutes'])}, {cut}" if "cut_minutes" in block else cut))
@@ -66,7 +66,7 @@ def _figures(block: dict[str, Any]) -> list[Any]:
 
 
 def key(context: bpy.types.Context) -> str:
-    """The figures beside the heading."""
+    """Return the figures beside the heading."""
     block = look(context).blocks.get("sheets")
     if block is None:
         return ""

@@ -1,4 +1,4 @@
-"""The section *Piece*: what a maker decides before anything runs."""
+"""The section *Piece*: decisions before anything runs."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """What was decided, beside the heading."""
+    """Return the decisions, for display beside the heading."""
     obj = context.object
     border = [(obj, "flexmaps_border")] if decided.has_border(obj.data) else []
     chosen = *border, (obj, "flexmaps_rests"), (obj.flexmaps.material, "lasts")
@@ -60,7 +60,7 @@ def key(context: bpy.types.Context) -> str:
 
 
 def _material(layout: Any, wanted: Any) -> None:
-    """The values of a custom material; those of the list are known."""
+    """Draw the values of a custom material; those of listed materials are fixed."""
     layout.enabled = wanted.material.material == "custom"
     settings_of(layout, wanted.material, *CUSTOM)
 

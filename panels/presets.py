@@ -1,4 +1,4 @@
-"""Blender's menu of presets, by name at the right of the tab's heading."""
+"""Blender's menu of presets, shown with the preset's name at the right of the tab's heading."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PresetPanel(BlenderPresets, bpy.types.Panel):
 
     @classmethod
     def draw_by_name(cls, layout: Any, obj: bpy.types.Object) -> None:
-        """The name of the preset that was taken, with a star where a setting was changed since."""
+        """Draw the menu under the name of the preset taken, with a star where a setting was changed since."""
         layout.popover(panel=cls.bl_idname, text=presets.taken(obj)[0] or tr("Presets"), translate=False)
 
 

@@ -1,4 +1,4 @@
-"""Small pieces that the sections are put together from: rows with a name, figures, popovers, words in the person's language."""
+"""Building blocks of the sections: labelled rows, figures, popovers, and words in the user's language."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ..bridge.store.i18n import CONTEXT
 from ..bridge.store.i18n import interface as tr
 from ..bridge.view.widths import lines, room
 
-NAMES = 0.4  # share of a row that the name before its value takes, as Blender has it
+NAMES = 0.4  # share of a row for the label before its value, as in Blender
 LOW = 0.85  # height of a figure, in rows; by eye
 Layout = Any  # bpy.types.UILayout, which tests stand in for
 
-# -- rows that set something -------------------------------------------------------------------------------------------
+# -- rows with settings ------------------------------------------------------------------------------------------------
 
 
 def line(layout: Layout, name: str) -> Layout:
-    """A row beside a name, in line with the settings above and below it."""
+    """Add a row beside a label, aligned with the settings above and below."""
     split = layout.split(factor=NAMES, align=True)
     split.use_property_split = False
     left = split.row()
@@ -29,33 +29,33 @@ def line(layout: Layout, name: str) -> Layout:
 
 
 def value(layout: Layout, owner: Any, name: str, label: str, **options: Any) -> Layout:
-    """One setting beside its short name; the row comes back, for what belongs to it."""
+    """Add one setting beside its short label, and return the row, for related buttons."""
     row = line(layout, label)
     row.prop(owner, name, text="", **options)
     return row
 
 
 def pair(layout: Layout, label: str, owner: Any, *names: str) -> None:
-    """Several numbers of one thing in one row."""
+    """Add several numbers in one row."""
     row = line(layout, label)
     for name in names:
         row.prop(owner, name, text="")
 
 
 def choice(layout: Layout, label: str, owner: Any, name: str) -> Layout:
-    """A choice spread out beside its name; the row comes back."""
+    """Add a choice whose values stand side by side, and return the row."""
     row = line(layout, label)
     row.prop(owner, name, expand=True)
     return row
 
 
 def button(layout: Layout, idname: str, text: str, icon: str = "NONE", **options: Any) -> Any:
-    """An operator under words that are translated already."""
+    """Add an operator under words that are already translated."""
     return layout.operator(idname, text=text, icon=icon, translate=False, **options)
 
 
 def rare(row: Layout, name: str) -> None:
-    """At the end of a row: the popover of its rare settings."""
+    """Add to the end of a row the popover of its rare settings."""
     row.popover(f"FLEXMAPS_PT_{name}", text="", icon="OPTIONS")
 
 
@@ -69,7 +69,7 @@ class _Popover:
 
 
 def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
-    """The class of a popover; ``draw`` gets its layout and the object's settings."""
+    """Return the class of a popover; ``draw`` gets its layout and the object's settings."""
 
     def drawn(self: Any, context: bpy.types.Context) -> None:
         self.layout.label(text=tr(label), translate=False)
@@ -81,7 +81,7 @@ def popover(name: str, label: str, draw: Callable[[Layout, Any], None]) -> type:
 
 
 def settings_of(layout: Layout, owner: Any, *names: str) -> None:
-    """Settings of a group with their whole names and units, in its order: those named, or all."""
+    """Add the named settings of a group, or all, with full names and units, in the group's order."""
     for name, prop in owner.bl_rna.properties.items():
         ours = prop.type != "POINTER" and not prop.is_hidden and name != "name"
         if name in names or (ours and not names):
@@ -89,15 +89,15 @@ def settings_of(layout: Layout, owner: Any, *names: str) -> None:
 
 
 def settings_popover(name: str, label: str, section: str, *names: str) -> type:
-    """The class of a popover with settings of a section, see ``settings_of``."""
+    """Return the class of a popover with settings of a section, see ``settings_of``."""
     return popover(name, label, lambda layout, wanted: settings_of(layout, getattr(wanted, section), *names))
 
 
 def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None]) -> type:
-    """The class of a menu."""
+    """Return the class of a menu."""
 
     def drawn(self: Any, context: bpy.types.Context) -> None:
-        self.layout.operator_context = "INVOKE_DEFAULT"  # or stages would run at once, and the window not answer
+        self.layout.operator_context = "INVOKE_DEFAULT"  # else stages would run at once and block the window
         draw(self.layout, context)
 
     idname = f"FLEXMAPS_MT_{name}"
@@ -109,7 +109,7 @@ def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None
 
 
 def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
-    """The box of results of a section: what it is, how much, and whether that is past its limit, which is red."""
+    """Draw a section's box of results: label, value, and whether the value is past its limit, which shows red."""
     box = layout.box().column(align=True)
     for label, said, *alert in rows:
         row = box.row()
@@ -121,7 +121,7 @@ def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> N
 
 
 def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 99, units: int = 0) -> None:
-    """A sentence over as many lines as the width needs, that of the sidebar or of a popover of ``units``."""
+    """Draw a sentence over as many lines as the sidebar's width needs, or a popover's width of ``units``."""
     column = layout.column(align=True)
     for said in lines(text, room(context) if not units else 20 * units - 20, most):
         row = column.row()
@@ -129,24 +129,24 @@ def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 
         row.label(text=said, translate=False)
 
 
-# -- how values are written --------------------------------------------------------------------------------------------
+# -- formatting --------------------------------------------------------------------------------------------------------
 
 
 def decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> str:
-    found = block.get(key)
-    return "-" if found is None else f"{found:.{digits}f}{unit}"
+    number = block.get(key)
+    return "-" if number is None else f"{number:.{digits}f}{unit}"
 
 
 def figure(number: float) -> str:
-    """Two digits; 0 below a hundredth, of a millimetre or of a percent, which no machine cuts."""
+    """Format with two digits; below 0.01 mm or percent, which no machine cuts, return 0."""
     if abs(number) < 0.01:
         return "0"
     return f"{number:.2g}" if abs(number) < 99.5 else f"{number:.0f}"
 
 
 def percent(block: dict[str, Any], key: str) -> str:
-    found = block.get(key)
-    return "-" if found is None else f"{100 * found:.1f} %"
+    share = block.get(key)
+    return "-" if share is None else f"{100 * share:.1f} %"
 
 
 def duration(minutes: float) -> str:

@@ -1,4 +1,4 @@
-"""The section *Shape*: spirals that spring into the shape, searched, painted or pulled by hand."""
+"""The section *Shape*: make spirals that spring into the shape, optimised, painted or pulled by hand."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def _brush(column: Any, context: bpy.types.Context) -> None:
-    """Its settings while it is in hand."""
+    """Draw the brush's settings while it is the active tool."""
     brush = context.window_manager.flexmaps_brush
     value(column, brush, "brush", tr("Paints"))
     for name, label in (("size", tr("Size")), ("strength", tr("Strength"))):
@@ -63,18 +63,18 @@ def _brush(column: Any, context: bpy.types.Context) -> None:
 
 
 def _search(body: Any, history: Any) -> None:
-    """How the distance falls while a search runs."""
+    """Draw how the distance falls while an optimisation runs."""
     seconds, rmse = history[-1]
     row = body.box().row()
     row.template_icon(icon_value=plot.icon([r for _, r in history]), scale=PLOT)
     column = row.column(align=True)
-    column.separator(factor=2.0)  # about the plot's middle
+    column.separator(factor=2.0)  # centres the text beside the plot
     for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * rmse:.3g} mm")):
         column.label(text=text, translate=False)
 
 
 def _results(body: Any, context: bpy.types.Context) -> None:
-    """The slider between target and result, and one box of figures."""
+    """Draw the slider between target and result, and the box of figures."""
     rows: list[Any] = []
     found = block_of(body, context, "equilibrium")
     if found is not None:
@@ -101,24 +101,24 @@ def _results(body: Any, context: bpy.types.Context) -> None:
         rows.append((tr("From drag targets"), arrow.format(searched["wished_mm_before"], searched["wished_mm"])))
     found = found or block_of(body, context, "spirals")
     layout, block = body if found is None else found[0], look(context).blocks["spirals"]
-    if "slot_min_mm" in block:  # measured with the finished outlines, not after every stroke of a brush
+    if "slot_min_mm" in block:  # only after finished outlines, not after every stroke of a brush
         rows.append((tr("Narrowest gap"), decimals(block, "slot_min_mm", 2, " mm")))
     rows += [(tr(label), _span(block, name, form)) for name, label, form in RANGES if block.get(name)]
     figures(layout, *rows)
 
 
-# key, words, digits and unit
+# key in the block, label, digits and unit
 RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f", "\N{DEGREE SIGN}"))
 
 
 def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
-    """The smallest and the largest of [smallest, mean, largest]."""
+    """Return the range from the smallest to the largest of [smallest, mean, largest]."""
     digits, unit = form
     return span(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 
 
 def key(context: bpy.types.Context) -> str:
-    """The figures beside the heading."""
+    """Return the figures beside the heading."""
     block = look(context).blocks.get("equilibrium", {})
     if not block:
         return ""

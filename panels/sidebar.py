@@ -1,4 +1,4 @@
-"""The tab in the 3D view's sidebar: one panel with a head that stays and seven sections, of which one is open."""
+"""The tab in the 3D view's sidebar: one panel with a fixed head and seven sections, of which one is open."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from . import check, head, layout, make, piece, presets, shape, show, workshop
 from .rows import button, tr
 from .stages import ICONS, look
 
-# key of the section, heading, popover of its rare settings, its module, and the stages whose sign it has
+# key of the section, heading, popover of its rare settings, its module, and the stages that its icon sums up
 SECTIONS = (
     ("piece", "Piece", "", piece, ()),
     ("layout", "Layout", "limits", layout, ("layout",)),
@@ -53,11 +53,11 @@ class MainPanel(bpy.types.Panel):
         for section in SECTIONS:
             _section(panel, context, *section)
         if not any(notes.NAME in mesh for mesh in bpy.data.meshes):
-            _begin(panel)
+            _tutorial_buttons(panel)
 
 
 def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear: str, module: Any, stages: Any) -> None:
-    """The heading of a section: folded with its key figure and sign, open with the popover of rare settings."""
+    """Draw the heading of a section: folded with its key figure and icon, open with the popover of rare settings."""
     header, body = panel.panel_prop(context.window_manager.flexmaps_tab, f"open_{key}")
     header.label(text=tr(title), translate=False)
     right = header.row(align=True)
@@ -77,7 +77,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
 
 
 def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
-    """A tick where all of its stages are done, or what tells that one is out of date or past its limit."""
+    """Return the icon of a section: a tick if all its stages are done, else out of date, to do or past a limit."""
     seen = look(context)
     kinds = {seen.states[stage].kind for stage in stages}
     if states.OLD in kinds:
@@ -92,15 +92,15 @@ def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> s
 
 
 def _welcome(panel: Any) -> None:
-    """In place of the sections, until there is a mesh."""
+    """Draw an introduction in place of the sections, while there is no mesh."""
     column = panel.column()
     for icon, words in STEPS:
         column.label(text=tr(words), icon=icon, translate=False)
-    _begin(panel)
+    _tutorial_buttons(panel)
 
 
-def _begin(panel: Any) -> None:
-    """Until a first piece is made: where to learn it."""
+def _tutorial_buttons(panel: Any) -> None:
+    """Draw links to the tutorial and the example, until a first piece is made."""
     row = panel.row(align=True)
     button(row, "flexmaps.tutorial", tr("Tutorial"), "LIGHT")
     button(row, "flexmaps.example", tr("Example"), "ADD")

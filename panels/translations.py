@@ -1,4 +1,4 @@
-"""Translations of the sidebar, its explanations and what stages report: the files ``locale/LANGUAGE.po``, given to Blender."""
+"""Register the translations of the sidebar, tooltips and reports, from the files ``locale/LANGUAGE.po``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent / "locale"
 
 
 def register() -> None:
-    # "de" serves German wherever it is spoken, "pt_BR" Brazil's Portuguese alone
+    # "de" serves every German-speaking country, "pt_BR" only Brazil
     bpy.app.translations.register(
         __package__, {file.stem: catalogue.table(file) for file in sorted(FOLDER.glob("*.po"))}
     )

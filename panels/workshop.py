@@ -1,4 +1,4 @@
-"""The section *Workshop*: what goes with the machine and its material, and is kept in a preset."""
+"""The section *Workshop*: settings of the machine and its material, which a preset keeps."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..bridge.store import presets
 from ..bridge.view.tab import HABITS
 from .rows import button, pair, tr, value
 
-# of each tab its rows: words, then "section.name" of one or two settings
+# rows of each tab: label, then "section.name" of one or two settings
 ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
     "CUT": (
         ("Kerf, inside", "cut.kerf_outline", "cut.kerf_holes"),
@@ -52,7 +52,7 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("Labour hour", "cost.labour_rate"),
     ),
 }
-# numbers of the searches: section, names
+# numbers of the solvers: section -> names
 SOLVER = {
     "regularise": ("iterations",),
     "spiral": ("blend", "curvature_top"),
@@ -96,7 +96,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 
 def key(context: bpy.types.Context) -> str:
-    """What cuts, beside the heading."""
+    """Return the cutter's width, for display beside the heading."""
     cut = context.object.flexmaps.cut
     if cut.mill > 0:
         return tr("Mill of {} mm", f"{cut.mill:.2g}")
@@ -119,7 +119,7 @@ class Preferences(bpy.types.AddonPreferences):
 
 
 def expert(context: bpy.types.Context) -> bool:
-    """Whether the numbers of the searches are to be seen."""
+    """Return whether the solvers' numbers are shown."""
     addon = context.preferences.addons.get(Preferences.bl_idname)
     return addon is not None and addon.preferences.expert
 

@@ -1,6 +1,6 @@
-"""Cures: what a button beside a notice does, as the operator that does it, its properties and its label.
+"""Cures: the buttons beside a notice, each an operator with its properties and a label.
 
-``api`` has a function and the command line a ``--cure`` of the same name for each.
+``api`` has a function, and the command line a ``--cure``, of the same name for each.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 from ...engine.optimisation import remedies
 from .i18n import interface
 
-# findings of the check that one press mends, by what ``flexmaps.mend`` calls it; the words are of its button
+# findings of the check that one press repairs -> kind for ``flexmaps.mend``, label of the button
 MENDS = {
     "zero-edge": ("short-edges", "Merge {}"),
     "repeated-vertex": ("short-edges", "Merge {}"),
@@ -29,12 +29,12 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
-# Shares of its quads that a mesh is remeshed with where some have no room, one after the other; fewer quads are larger ones
+# shares of the present number of quads to remesh to, in this order, where spirals lack room; fewer quads are larger
 FEWER = (0.6, 0.3)
-MORE = (2, 4)  # times as many quads, where none were found
-LEAST_QUADS = 50  # of a piece that is more than a toy; fewer are offered a remesh first
-FOLDS = "sharp-folds"  # a finding whose button says a radius too
-# what the operator does
+MORE = (2, 4)  # factors on the number of quads where a remesh found none
+LEAST_QUADS = 50  # below this a piece is a toy, and a remesh is offered first
+FOLDS = "sharp-folds"  # finding whose button also names a radius
+# kinds of repair: value, name, tooltip
 MENDING = (
     ("short-edges", "Merge vertices", "Merge vertices that lie in one place"),
     ("doubles", "Merge doubled vertices", "Merge vertices of the border that lie in one place"),
@@ -56,7 +56,7 @@ MENDING = (
 
 @dataclass(frozen=True)
 class Cure:
-    """A button: its label without *Next*, in the interface's language, its operator and that operator's properties."""
+    """A button: its label without *Next* in the interface's language, its operator, and the operator's properties."""
 
     label: str
     idname: str
@@ -64,20 +64,20 @@ class Cure:
 
     @property
     def name(self) -> str:
-        """What the command line calls it, such as "make_larger"; "mend-normals" where its operator does several things."""
+        """Return the name on the command line, such as "make_larger", or "mend-normals" if the operator has kinds."""
         short = self.idname.partition(".")[2]
         kind = self.properties.get("what") or self.properties.get("where")
         return f"{short}-{kind}" if kind else short
 
     @property
     def call(self) -> str:
-        """The call that does it, for reports and scripts."""
+        """Return the Python call of the operator, for reports and scripts."""
         arguments = ", ".join(f"{key}={value!r}" for key, value in self.properties.items())
         return f"bpy.ops.{self.idname}({arguments})"
 
 
 def mend(code: str, count: int) -> Cure | None:
-    """The cure of a finding of the check; None where only a person can mend it."""
+    """Return the cure of a finding of the check; None where only a person can repair it."""
     if code not in MENDS:
         return None
     what, words = MENDS[code]
@@ -85,42 +85,46 @@ def mend(code: str, count: int) -> Cure | None:
 
 
 def round_folds(edge: float) -> Cure:
-    """Folds rounded; ``edge``: metres, of the quads."""
+    """Return the cure that rounds folds; ``edge``: the quad edge in metres."""
     from ...engine.surface.checking.folds import radius  # scipy comes with it
 
     return Cure(interface("Round to {:.0f} mm", 1e3 * radius(edge)), "flexmaps.mend", {"what": "round"})
 
 
 def fewer(quads: int) -> list[int]:
-    """Numbers of quads to try instead of so many, in hundreds where that is near enough."""
+    """Return smaller numbers of quads to try, rounded to tens or hundreds."""
     wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
     return [int(n) for n in wanted if n >= LEAST_QUADS]
 
 
 def other_counts(quads: int) -> list[int]:
-    """Numbers of quads to try where so many were not found: more, in which small parts have room, and fewer."""
+    """Return numbers of quads to try where a remesh found none: more, to give small parts room, then fewer."""
     return [*(round(times * quads, -1) for times in MORE), *fewer(quads)[:1]]
 
 
 def remesh(quads: int) -> Cure:
-    """New quads, about so many."""
+    """Return the cure that remeshes to about so many quads."""
     return Cure(interface("Remesh to {}", quads), "flexmaps.quad_remesh", {"quads": quads})
 
 
 def larger(times: float) -> Cure:
-    """The piece so many times larger."""
+    """Return the cure that enlarges the piece by a factor."""
     return Cure(interface("Larger: {:g} x", times), "flexmaps.set_size", {"times": times})
 
 
 def regularise() -> Cure:
-    """Squarer quads."""
+    """Return the cure that makes the quads squarer."""
     return Cure(interface("Squarer quads"), "flexmaps.regularise")
 
 
 def hold(where: str, setting: str = "supports", percent: float | None = None) -> Cure:
-    """Let the piece stand on its lowest quads, hold its border, or choose nothing where a vertex group was chosen.
+    """Return the cure that lets the piece stand on its lowest quads, holds its border, or clears a vertex group.
 
-    percent : how near to its target it comes then, of its size, where that is known
+    Parameters
+    ----------
+    where : "lowest", "border" or "nothing"
+    setting : "supports" or "pulled", the group to clear
+    percent : predicted RMS distance from the target in percent of the size, if known
     """
     all_words = {
         "lowest": interface("Stand on lowest"),
@@ -132,19 +136,24 @@ def hold(where: str, setting: str = "supports", percent: float | None = None) ->
 
 
 def cut_there(percent: float | None = None) -> Cure:
-    """Further cuts where the shape is to blame; ``percent`` as in ``hold``."""
+    """Return the cure that adds cuts where the shape limits the match; ``percent`` as in ``hold``."""
     return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")
 
 
 def choose() -> Cure:
-    """Many layouts, compared by the shape that their panels take."""
+    """Return the cure that compares many layouts by the shape that their panels take."""
     return Cure(interface("Propose layouts"), "flexmaps.choose")
 
 
 def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
-    """What brings an optimised piece nearer to its target: what short searches have tried, with their figures, and other layouts.
+    """Return cures that bring an optimised piece nearer to its target: remedies tried by short searches, and other layouts.
 
-    The best first; other layouts, of which no figure is known, come after what holds the match that is ``wanted``, its settings.
+    Sorted by predicted distance; other layouts, without a prediction, rank at the wanted match.
+
+    Parameters
+    ----------
+    wanted : settings of the layout's choice
+    blocks : the up-to-date notes
     """
     found = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
     ways = [(percent, cut_there(percent) if name == "cut" else hold(name, percent=percent)) for name, percent in found]
@@ -158,12 +167,12 @@ def _with_percent(words: str, percent: float | None) -> str:
 
 
 def let_go(key: str) -> Cure:
-    """The notice becomes information, and *Next* goes on."""
+    """Return the cure that dismisses a notice, so that *Next* goes on."""
     return Cure(interface("Go on as it is"), "flexmaps.let_go", {"key": key})
 
 
 def remedy(name: str, amount: float | None) -> Cure:
-    """What the optimiser advises, see ``engine/optimisation/remedies.py``."""
+    """Return the cure for a remedy of the optimiser, see ``engine/optimisation/remedies.py``."""
     if name == remedies.LARGER:
         return Cure(interface("Larger: {:g} x", amount), "flexmaps.make_larger")
     if name == remedies.THINNER:

@@ -1,4 +1,4 @@
-"""What *Next* does: the one act that a person would do now; cheap enough to be asked at every redraw."""
+"""*Next*: the one action that a person would take now; quick enough for every redraw."""
 
 from __future__ import annotations
 
@@ -17,18 +17,21 @@ from .i18n import interface, translate
 from .notices import KEPT, MADE_SQUARER, Notice
 from .states import DONE, TODO, State, is_current_unnoted
 
-FITTED = ("spirals", "equilibrium", "optimise")  # what one press makes
-LAYOUTS = ("flexmaps.cut_there", "flexmaps.choose")  # cures that leave to the person what holds the piece, and its size
-SIZES = 0.5, 2.0  # quads within these shares of the wanted edge need no scaling
-LETTERS = 28  # of a label at most, in every language
+FITTED = ("spirals", "equilibrium", "optimise")  # stages that one press of Make it fit runs
+LAYOUTS = ("flexmaps.cut_there", "flexmaps.choose")  # cures that *Next* presses: they change neither supports nor size
+SIZES = 0.5, 2.0  # quad edges between these shares of the wanted edge need no scaling
+LETTERS = 28  # letters of a label at most, in every language; more would not fit the button
 
 
 @dataclass(frozen=True)
 class Act:
     """One press of *Next*.
 
-    idname, properties : the operator; label : what stands on the button, "Next: 500 quads"; tooltip : the whole sentence
-    section : of the sidebar, that it uses: piece, layout, shape or make; cure : whether it cures something, rather than going on
+    idname, properties : the operator
+    label : words on the button, such as "Next: 500 quads"
+    tooltip : the whole sentence
+    section : section of the sidebar that it uses: piece, layout, shape or make
+    cure : the cure that it presses; None for a stage
     """
 
     idname: str
@@ -40,13 +43,20 @@ class Act:
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) -> str:
-    """The operator that a person would press next, by its idname; "" when the sheets are up to date."""
+    """Return the idname of the operator to press next; "" when the sheets are up to date."""
     found = act(obj, scene, stages, notices.of(obj, scene, stages))
     return "" if found is None or found.idname == "wm.path_open" else found.idname
 
 
 def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]) -> Act | None:
-    """What *Next* does, given the states of the stages and all notices; None where only a person can go on."""
+    """Return the next action; None where only a person can go on.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    stages : states of the stages
+    found : all notices
+    """
     mesh = obj.data
     if not len(mesh.polygons) and not objects.changed_by_modifiers(obj):
         return None
@@ -58,9 +68,9 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
     changing = objects.changing(obj)
     if changing:
         said = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
-        label = _next(interface("Apply {}", changing[0]))
+        label = _label(interface("Apply {}", changing[0]))
         if len(changing) > 1 or changing[0] not in label:
-            label = _next(interface("Apply modifiers"))
+            label = _label(interface("Apply modifiers"))
         return Act("object.convert", label, said, "piece", {"target": "MESH", "keep_original": True})
     if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
         if stages["layout"].kind == TODO:
@@ -71,20 +81,20 @@ def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State],
             return _unless_failed(mesh, preparing, found)
         if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in found):
             return None
-    return _unless_failed(mesh, _way(obj, stages, found), found)
+    return _unless_failed(mesh, _next_stage(obj, stages, found), found)
 
 
-def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice]) -> Act:
-    """The next stage from a mesh that is fit to be cut."""
+def _next_stage(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice]) -> Act:
+    """Return the next stage for a mesh that is ready to be cut."""
     blocks = notes.read(obj.data)
     if stages["layout"].kind != DONE:
         if stages["layout"].part == "seams" and "layout" in blocks:
             said = translate("Flattens the panels whose seams were edited; the others stay as they are")
-            return Act("flexmaps.update_from_seams", _next(interface("Update from seams")), said, "layout")
+            return Act("flexmaps.update_from_seams", _label(interface("Update from seams")), said, "layout")
         tried = any(notice.key == "failed/flexmaps.merge" for notice in found)
         if stages["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
             said = translate("Takes the seams that are there as the borders of the panels; Lay out anew replaces them")
-            return Act("flexmaps.flatten", _next(interface("Use these seams")), said, "layout")
+            return Act("flexmaps.flatten", _label(interface("Use these seams")), said, "layout")
         return _layout()
     if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
         return _layout()
@@ -92,38 +102,38 @@ def _way(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
         said = translate("Opens the folder with the files for the cutter")
         return Act("wm.path_open", interface("Open the folder"), said, "make", {"filepath": folder})
-    wanted = ("spirals",) if passed_over(obj) or _passed_over("flexmaps.fit", found) else FITTED
+    wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", found) else FITTED
     if any(stages[stage].kind != DONE for stage in wanted):
         if wanted == ("spirals",):
             said = translate("Gives every quad its spiral")
-            return Act("flexmaps.spirals", _next(interface("Cut the spirals")), said, "shape")
+            return Act("flexmaps.spirals", _label(interface("Cut the spirals")), said, "shape")
         said = translate("Gives every quad its spiral, and searches for those that spring into the shape")
-        return Act("flexmaps.fit", _next(interface("Make it fit")), said, "shape")
-    return _cured(obj.data, found) or _files()
+        return Act("flexmaps.fit", _label(interface("Make it fit")), said, "shape")
+    return _next_cure(obj.data, found) or _files()
 
 
 def _layout() -> Act:
     said = translate("Cuts the surface into panels that lie flat and fit the sheet")
-    return Act("flexmaps.merge", _next(interface("Lay out the panels")), said, "layout")
+    return Act("flexmaps.merge", _label(interface("Lay out the panels")), said, "layout")
 
 
 def _files() -> Act:
     said = translate("Lays the panels on sheets and writes the files for the cutter")
-    return Act("flexmaps.export", _next(interface("Write the files")), said, "make")
+    return Act("flexmaps.export", _label(interface("Write the files")), said, "make")
 
 
 def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
     count, size = obj.flexmaps.remesh.quads, _better_size(obj, scene)
     said = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
     if not size:
-        return Act("flexmaps.quad_remesh", _next(interface("{} quads", count)), said, "piece")
+        return Act("flexmaps.quad_remesh", _label(interface("{} quads", count)), said, "piece")
     said += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
-    label = _next(interface("{} quads, {:.0f} mm", count, size))
+    label = _label(interface("{} quads, {:.0f} mm", count, size))
     return Act("flexmaps.quad_remesh", label, said, "piece", {"size": size})
 
 
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Millimetres of the longest side with which so many quads have about the edge that is set; 0 where they have it already."""
+    """Return the longest side in millimetres at which a remesh gives about the wanted quad edge; 0 if it does already."""
     mesh, unit = obj.data, scene.unit_settings.scale_length
     if any(obj.lock_scale):
         return 0.0
@@ -140,35 +150,37 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 def _before_layout(
     obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]
 ) -> Act | None:
-    """What a mesh of quads still needs before it is cut; None where it is fit."""
+    """Return what a mesh of quads still needs before it is cut; None if it is ready."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
         said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
-        return Act("flexmaps.set_size", _next(interface("Scale to {:.0f} mm", size)), said, "piece")
+        return Act("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), said, "piece")
     wrong = [notice for notice in found if notice.kind == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _untried(obj.data, notice))
     mending = next((_cure(notice, cure, "piece") for notice, cure in ways), None)
     if mending is not None:
         return mending
     poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in found)
-    if poor and not is_current_unnoted(obj, scene, "regularise") and not _passed_over("flexmaps.regularise", found):
+    if poor and not is_current_unnoted(obj, scene, "regularise") and not _skips_failed("flexmaps.regularise", found):
         said = translate("Moves the vertices along the surface so that the quads become squarer")
-        return Act("flexmaps.regularise", _next(interface("Squarer quads")), said, "piece")
+        return Act("flexmaps.regularise", _label(interface("Squarer quads")), said, "piece")
     return None
 
 
 def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, found: Sequence[Notice]) -> Act | None:
-    """What is wanted, or the first cure of its failure where it failed with the same input; None without a cure."""
+    """Return the action, or the first cure if it failed with the same input; None without a cure."""
     failed = next((notice for notice in found if notice.key == f"failed/{wanted.idname}"), None)
     if failed is None:
         return wanted
     return next((_cure(failed, cure, wanted.section) for cure in _untried(mesh, failed)), None)
 
 
-def _cured(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
-    """A cure of what would break the piece, then another layout where it misses its match; None where nothing does, all were
-    tried, or somebody goes on as it is."""
+def _next_cure(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
+    """Return a cure for what would break the piece, then another layout for a poor match.
+
+    None where there is neither, all were tried, or the user dismissed the notices.
+    """
     breaking = [notice for notice in found if notice.kind == BREAKS]
     missing = [notice for notice in found if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
     ways = [
@@ -179,13 +191,13 @@ def _cured(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
 
 
 def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
-    """The cures that *Next* has not pressed yet; going on as it is can always be pressed."""
+    """Return the cures that *Next* has not pressed yet; dismissing is always available."""
     tried = failures.tried(mesh)
     return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
 
 
-def _passed_over(idname: str, found: Sequence[Notice]) -> bool:
-    """Whether somebody goes on without a stage that failed."""
+def _skips_failed(idname: str, found: Sequence[Notice]) -> bool:
+    """Return whether the user goes on without a stage that failed."""
     return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in found)
 
 
@@ -194,10 +206,10 @@ def _sentence(found: Sequence[Notice], key: str) -> str:
 
 
 def _cure(notice: Notice, cure: Cure, section: str) -> Act:
-    return Act(cure.idname, _next(cure.label), notice.sentence, section, cure.properties, cure)
+    return Act(cure.idname, _label(cure.label), notice.sentence, section, cure.properties, cure)
 
 
-def _next(words: str) -> str:
-    """The words on the button, short enough for it."""
+def _label(words: str) -> str:
+    """Return the words on the button, cut to its length."""
     label = interface("Next: {}", words)
     return label if len(label) <= LETTERS else words[:LETTERS]

@@ -1,7 +1,7 @@
-"""What there is to look at on an object: each a few words, a sentence, where it is, and the buttons that cure it.
+"""Notices about an object: each has a few words, a sentence, its place, and buttons that cure it.
 
-Built from the notes alone, so that it is cheap enough for every redraw. ``of`` gives them in the order in which they are shown:
-what stops, what breaks, what makes the piece worse, then information.
+They are built from the notes alone, quick enough for every redraw. ``of`` returns them in display order: what stops, what
+breaks, what makes the piece worse, then information.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
 from .i18n import interface, quads, translate
 
-MADE_SQUARER = {"concave", "warped", "thin"}  # what Regularise helps with
+MADE_SQUARER = {"concave", "warped", "thin"}  # codes that Regularise helps with
 REMESHED = {
     "non-quad",
     "crossed",
@@ -28,10 +28,10 @@ REMESHED = {
     "size-ratio",
     "non-manifold-edge",
     "repeated-vertex",
-}  # what new quads cure
-LARGER = 1.5  # times larger, where there is no room for spirals; not measured
-MOST_LARGER = 2.0  # times: of what would have to be larger still, other quads are made; by eye
-# finding of a simulation -> what helps with it of what is advised, the best first
+}  # codes that a remesh helps with
+LARGER = 1.5  # factor offered where spirals lack room; not measured
+MOST_LARGER = 2.0  # largest factor offered; beyond it a remesh is offered instead; by eye
+# simulation's finding -> remedies that help with it if advised, best first
 HELPED = {
     "stays-flat": (remedies.CUT,),
     "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
@@ -40,10 +40,10 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-AGAIN = {"about-to-snap", "other-rest"}  # findings of a simulation with which another search helps, even after one
-# keys of notices of a piece that misses its match
+AGAIN = {"about-to-snap", "other-rest"}  # findings for which another optimisation helps, even after one
+# keys of notices about a poor match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
-# keys of notices that foretell how a piece will come out, from its mesh or its layout alone
+# keys of notices that only predict the result, from the mesh or the layout
 FORETELLING = (
     "checks/size-ratio",
     "checks/small-quads",
@@ -52,16 +52,19 @@ FORETELLING = (
     "checks/thin",
     "layout/remarks",
 )
-KEPT = "quads-kept"  # key of what somebody let go who keeps so few
+KEPT = "quads-kept"  # key of the notice about few quads, once dismissed
 
 
 @dataclass(frozen=True)
 class Notice:
-    """One thing to look at.
+    """One notice.
 
-    key : tells it from the others, for ``flexmaps.show_notice`` and ``flexmaps.let_go``; words : two or three, for a row
-    sentence : the whole of it, for a tooltip; kind : one of ``ORDER``
-    faces, edges : where it is, in the engine's numbers; cures : buttons, the best first
+    key : unique name, for ``flexmaps.show_notice`` and ``flexmaps.let_go``
+    words : two or three, for a row of the sidebar
+    sentence : the full text, for a tooltip
+    kind : severity, one of ``ORDER``
+    faces, edges : its place, in the engine's numbers
+    cures : buttons, best first
     """
 
     key: str
@@ -73,32 +76,32 @@ class Notice:
     cures: tuple[Cure, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """For report.json and the command line."""
+        """Return plain values for report.json and the command line."""
         cured = [{"name": cure.name, "label": cure.label, "call": cure.call} for cure in self.cures]
         place = {"faces": list(self.faces), "edges": list(self.edges)}
         return {"key": self.key, "text": self.sentence, "words": self.words, "kind": self.kind, **place, "cures": cured}
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> list[Notice]:
-    """All there is to look at of an object, the worst first; ``known``: its ``states``."""
+    """Return all notices of an object, worst first; ``known``: its ``states``."""
     blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
     found = [
-        *_failed(obj, failures.read(obj, scene)),
+        *_from_failures(obj, failures.read(obj, scene)),
         *_checks(obj, scene, blocks.get("checks", ())),
-        *_few(obj),
-        *_gone(obj),
+        *_few_quads(obj),
+        *_missing_groups(obj),
         *_seams(obj, known["layout"].kind),
         *_equilibrium(obj, blocks),
         *_findings("structure", blocks.get("structure", {}).get("findings", ())),
         *_flat(obj),
         *(one for name in SAID for one in _sentences(name, blocks)),
     ]
-    seen = [_seen(obj.data, notice) for notice in _answered(obj, blocks, found)]
+    seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, found)]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
 
 
-def _answered(obj: bpy.types.Object, blocks: dict[str, Any], found: list[Notice]) -> list[Notice]:
-    """The notices, those that foretell as information where the shape is near or flat, and nothing breaks in it."""
+def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], found: list[Notice]) -> list[Notice]:
+    """Downgrade predictions to information once the shape is near its target or flat and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.passed_over(obj)
@@ -107,28 +110,28 @@ def _answered(obj: bpy.types.Object, blocks: dict[str, Any], found: list[Notice]
     return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in found]
 
 
-def _seen(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
-    """The notice as information where somebody went on in spite of it."""
+def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
+    """Downgrade a notice to information if the user dismissed it."""
     if notice.kind == INFORMATION or not failures.is_let_go(mesh, notice.key, notice.sentence):
         return notice
     return replace(notice, kind=INFORMATION, cures=())
 
 
-# -- one source each ---------------------------------------------------------------------------------------------------
+# -- one function for each source ---------------------------------------------------------------------------------------
 
 
-def _failed(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[Notice]:
+def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[Notice]:
     found = []
     for idname, said in failed.items():
         faces, edges = tuple(said["faces"]), tuple(said["edges"])
         words = interface(FAILED.get(idname, "Stopped"), quads(len(faces)))
-        ways = tuple(_ways(obj, idname, said.get("quads")))
+        ways = tuple(_cures_of_failure(obj, idname, said.get("quads")))
         found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, ways))
     return found
 
 
-def _ways(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
-    """What may help where a stage failed: never the same act with the same input. ``wanted``: quads that mend it, as the stage says."""
+def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
+    """Return cures of a failed stage, never the action that failed; ``wanted``: number of quads that the stage asks for."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
@@ -164,7 +167,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
         if code in REMESHED or code in MADE_SQUARER or code == "surface-missed":
             from ...engine.surface.remeshing.coverage import finer  # scipy comes with it
 
-            # as many quads again would be the same quads
+            # a remesh to the same number of quads would give the same quads
             again = code == "surface-missed" or origin.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
         if kind != STOPS and code != cures.FOLDS:
@@ -175,13 +178,13 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
 
 
 def is_coarse(obj: bpy.types.Object) -> bool:
-    """Whether a mesh has so few quads that it makes no more than a toy, and nobody has asked for as few."""
+    """Return whether a mesh has too few quads for more than a toy, unless a remesh made them on request."""
     count = len(obj.data.polygons)
     return count < cures.LEAST_QUADS and len(obj.data.loops) == 4 * count and origin.SOURCE not in obj
 
 
-def _few(obj: bpy.types.Object) -> list[Notice]:
-    """A mesh of a few quads, of which modifiers make no others."""
+def _few_quads(obj: bpy.types.Object) -> list[Notice]:
+    """Warn of a mesh of few quads, unless modifiers make others."""
     if not is_coarse(obj) or objects.changed_by_modifiers(obj):
         return []
     count = len(obj.data.polygons)
@@ -193,8 +196,8 @@ def _few(obj: bpy.types.Object) -> list[Notice]:
     return [Notice(KEPT, interface("Only {} quads", count), sentence, WORSE, cures=ways)]
 
 
-def _gone(obj: bpy.types.Object) -> list[Notice]:
-    """Vertex groups that were chosen and are gone."""
+def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
+    """Report chosen vertex groups that no longer exist."""
     found = []
     for setting, what in (("supports", "Supports"), ("pulled", "Pulled")):
         name = getattr(obj.flexmaps.loads, setting)
@@ -210,7 +213,7 @@ def _gone(obj: bpy.types.Object) -> list[Notice]:
 
 
 def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
-    """Seams that were there before ours."""
+    """Report seams that existed before FlexMaps' own."""
     if layout != states.TODO or not has_seams(obj.data):
         return []
     said = translate(
@@ -221,7 +224,7 @@ def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
 
 
 def has_seams(mesh: bpy.types.Mesh) -> bool:
-    """Whether any edge is marked."""
+    """Return whether any edge is a seam."""
     seams = np.empty(len(mesh.edges), bool)
     mesh.edges.foreach_get("use_seam", seams)
     return bool(seams.any())
@@ -238,12 +241,12 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
     advised = remedies.of_block({"advice": "", **reach})
-    if remedies.CUT not in reach.get("prospects", advised):  # short searches have shown that no cut brings it nearer
+    if remedies.CUT not in reach.get("prospects", advised):  # trial searches have shown that no cut helps
         advised.pop(remedies.CUT, None)
     found = []
     found += _other_limit(obj, block)
     for row in equilibrium.by_code(block.get("findings", ())):
-        if row["code"] == "strained-for-years":  # of an earlier version, which knew both limits at once
+        if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
             continue
         helping = HELPED.get(row["code"], ())
         key, ways = (
@@ -251,7 +254,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
             [cures.remedy(name, advised[name]) for name in helping if name in advised],
         )
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
-        if row["code"] == "stays-flat" and not _far(block):
+        if row["code"] == "stays-flat" and not _is_far(block):
             kind = WORSE
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
@@ -270,16 +273,16 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     return found + _match(obj, blocks, advised)
 
 
-def _far(block: dict[str, Any]) -> bool:
-    """Whether a piece as a whole lies far from its target, and not only one of its small bodies."""
+def _is_far(block: dict[str, Any]) -> bool:
+    """Return whether the piece as a whole, not only one of its small bodies, lies far from its target."""
     return 0.01 * block.get("rms_percent", 100.0) > FAR
 
 
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
-    """A piece that is farther from its target than is wanted, where no finding says so yet."""
+    """Report a match worse than wanted, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
     percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _far(block) else ())}
+    told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _is_far(block) else ())}
     choose = obj.flexmaps.choose
     if percent is None or percent <= remedies.wanted(choose) or said & told:
         return []
@@ -292,7 +295,7 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
 
 
 def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
-    """What a piece that is made for days would take to last for years; a plain line, no warning."""
+    """Say what a piece made for days would need to last for years; information only."""
     share, given = block.get("strain_share_max"), obj.flexmaps.material
     material = MATERIALS.get(given.material)
     if share is None or given.lasts == "years" or material is None or material.lasting is None:
@@ -312,7 +315,7 @@ def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
 
 
 def given_thickness(obj: bpy.types.Object) -> float:
-    """Metres of the sheet."""
+    """Return the sheet's thickness in metres."""
     return float(obj.flexmaps.spiral.thickness) / remedies.MILLIMETRES
 
 
@@ -326,10 +329,10 @@ def _findings(source: str, found: Any) -> list[Notice]:
 
 
 def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
-    """Return warnings of a block that are plain sentences as one notice, with what helps; of a layout also that it was cut once more."""
+    """Return a block's warnings as one notice with cures, and for a layout also the note of a further cut."""
     rows, one, more = SAID[source]
     block, key = blocks.get(source, {}), f"{source}/{rows}"
-    halved = block.get("halved")  # a seam that makes the panel leave the plane: no limit was missed
+    halved = block.get("halved")  # text about a seam that lets a panel leave the plane; it is not a missed limit
     plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
     said = [sentence for sentence in block.get(rows, ()) if sentence != halved]
     if not said:
@@ -337,7 +340,7 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     ways = []
     if source == "layout" and "choose" not in blocks:
         ways = [cures.choose()]
-    elif source == "assembly":  # what joints carry falls as the piece grows, and with its thickness
+    elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
         advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
     words = interface(one) if len(said) == 1 else interface(more, len(said))

@@ -295,7 +295,7 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     def pressed(more: dict[str, Any]) -> list[str]:
         piece.data.pop("flexmaps_tried", None)
         names = []
-        while (act := next_button._cured(piece.data, notices._equilibrium(piece, blocks | more))) is not None:
+        while (act := next_button._next_cure(piece.data, notices._equilibrium(piece, blocks | more))) is not None:
             assert act.cure is not None
             failures.note_tried(piece.data, act.cure.call)
             names.append(act.idname.partition(".")[2])
@@ -306,8 +306,8 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
     (notice,) = (n for n in notices._equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
     failures.let_go(piece.data, notice.key, notice.sentence)
-    assert notices._seen(piece.data, notice).kind == INFORMATION
-    assert next_button._cured(piece.data, [notices._seen(piece.data, notice)]) is None
+    assert notices._downgrade_dismissed(piece.data, notice).kind == INFORMATION
+    assert next_button._next_cure(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 
 
 def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> None:

@@ -60,10 +60,12 @@ def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -
     breaking = Notice("equilibrium/strained", "2 too strained", "Too strained", finding_words.BREAKS)
 
     def kinds(block: dict[str, Any], *more: Notice) -> list[str]:
-        return [one.kind for one in notices._answered(piece, {"equilibrium": block}, [small, crossing, *more])]
+        return [
+            one.kind for one in notices._downgrade_predictions(piece, {"equilibrium": block}, [small, crossing, *more])
+        ]
 
     before = [finding_words.WORSE, finding_words.WORSE]
     assert kinds({}) == before and kinds({"rms_percent": 1.2}) == before
     assert kinds({"rms_percent": 0.7}, breaking)[:2] == before
     assert kinds({"rms_percent": 0.7}) == [finding_words.INFORMATION, finding_words.WORSE]
-    assert notices._answered(piece, {"equilibrium": {"rms_percent": 0.7}}, [small])[0].cures == small.cures
+    assert notices._downgrade_predictions(piece, {"equilibrium": {"rms_percent": 0.7}}, [small])[0].cures == small.cures

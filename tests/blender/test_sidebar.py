@@ -317,7 +317,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
                 notices.interface(words, "24 quads"),
                 "",
                 finding_words.STOPS,
-                cures=tuple(notices._ways(dome, name)),
+                cures=tuple(notices._cures_of_failure(dome, name)),
             )
             for name, words in finding_words.FAILED.items()
         ),
