@@ -59,31 +59,31 @@ def export(
     from ..engine import files
     from ..engine.fabrication.writers import export as exporting
 
-    told, base = progress_of(progress), Path(folder) / name
+    reporter, base = progress_of(progress), Path(folder) / name
     pieces = [piece] if isinstance(piece, Piece) else list(piece)
     guard = guard_of(pieces, overwrite)
     guard.check(exporting.present(base, formats), base.parent)
     letters.learn(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
-        made = _together(pieces, told.part(0.0, 0.8))
+        made = _together(pieces, reporter.part(0.0, 0.8))
         with files.replacing_many(exporting.stale(base, made.sheets.count), base.parent, guard) as new:
-            return job_folder.write_batch(made, base, tuple(formats), new, True, told.part(0.8, 1.0))
+            return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
-    ready = one if one.result.sheets is not None else sheets(one, progress=told.part(0.0, 0.8))
-    laid = stages.needed(ready.result, "sheets")
-    with files.replacing_many(exporting.stale(base, laid.count), base.parent, guard) as new:
-        title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), told.part(0.8, 1.0)
+    ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
+    packed = stages.needed(ready.result, "sheets")
+    with files.replacing_many(exporting.stale(base, packed.count), base.parent, guard) as new:
+        title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
 
-def _together(pieces: Sequence[Piece], told: Progress) -> Batch:
+def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
     from ..engine.runs.together import together
 
-    shares = [told.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
+    shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
     ready = [go_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]
     settings = [piece.settings for piece in ready]
-    return together([Path(p.name).stem for p in ready], [p.result for p in ready], settings, told.part(0.7, 1.0))
+    return together([Path(p.name).stem for p in ready], [p.result for p in ready], settings, progress.part(0.7, 1.0))
 
 
 def report(
@@ -142,11 +142,11 @@ def share(piece: Piece | bpy.types.Object, path: str | Path, *, overwrite: bool 
     """
     from ..bridge.hosts import pages
 
-    told, guard = progress_of(progress), _guard(piece, overwrite)
+    reporter, guard = progress_of(progress), _guard(piece, overwrite)
     guard.check([Path(path)])
     if isinstance(piece, Piece) and piece.result.design is None:
-        piece, told = spirals(piece, progress=told.part(0.0, 0.5)), told.part(0.5, 1.0)
-    return pages.share(piece, Path(path), guard, told)
+        piece, reporter = spirals(piece, progress=reporter.part(0.0, 0.5)), reporter.part(0.5, 1.0)
+    return pages.share(piece, Path(path), guard, reporter)
 
 
 def _guard(piece: Piece | bpy.types.Object, overwrite: bool) -> Guard:
@@ -261,27 +261,27 @@ def run(
     """
     from ..bridge.hosts import job_folder
 
-    told = progress_of(progress)
+    reporter = progress_of(progress)
     names = job.stages(stop_after, optimised, chosen, structured)
     guard = Guard(_named_files(source, settings), overwrite)
     written = tuple(formats) if "sheets" in names else ()
     # Open the folder first: one that cannot be written to must fail before the work, not after it.
     with job_folder.folder(Path(out), guard, written, pictures) as new:
         piece = load(source, edge=edge, height=height, up=up, quads=quads, remeshed=remeshed, settings=settings,
-                     supports=supports, progress=told.part(0.0, 0.2))  # fmt: skip
+                     supports=supports, progress=reporter.part(0.0, 0.2))  # fmt: skip
         guard.also([*piece.files, *remnants_of(piece.settings)])
         job_folder.refuse(Path(out), guard, written, pictures)
         piece = replace(piece, made=stages.without(piece.result, {"layout"}))
         piece = replace(piece, made=replace(piece.result, mesh=near(piece.mesh)))
-        piece = go_on(piece, names[1:], told.part(0.2, 0.6), lenient=True)
+        piece = go_on(piece, names[1:], reporter.part(0.2, 0.6), lenient=True)
         return job_folder.write(
-            piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, told.part(0.6, 1.0)
+            piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, reporter.part(0.6, 1.0)
         )
 
 
 def _named_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | None) -> list[str]:
     """Return the paths of the files that the arguments name for reading."""
-    given = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
-    return given + remnants_of(
+    paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
+    return paths + remnants_of(
         settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
     )

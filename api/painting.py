@@ -55,8 +55,8 @@ def paint(
     ------
     FlexMapsError where ``where``, ``strength`` or ``direction`` cannot be read.
     """
-    told = progress_of(progress)
-    ready = go_to(piece, "design", told.part(0.0, 0.8))
+    reporter = progress_of(progress)
+    ready = go_to(piece, "design", reporter.part(0.0, 0.8))
     design, kept = stages.needed(ready.result, "design"), ready.result.protected
     weight, share = field(ready, where), _share(strength)
     level = weight if brush == "stiffness" else None
@@ -65,7 +65,7 @@ def paint(
     changed = painting.painted(design, brush, weight, stroke, kept=kept)
     free = np.ones(len(weight), dtype=bool)
     free[[] if kept is None else kept] = False
-    sound = proved(changed, told.part(0.8, 1.0), free=free)
+    sound = proved(changed, reporter.part(0.8, 1.0), free=free)
     made = stages.without(ready.result, stages.made_from({"design"}))
     return replace(ready, made=replace(made, design=sound))
 

@@ -220,15 +220,15 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     from ..bridge.hosts import remesh as remeshing
 
     wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
-    found = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
+    remeshed = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
     made = begun(
-        Piece(piece.name, replace(found.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
+        Piece(piece.name, replace(remeshed.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
         piece.edge,
         piece.height,
     )
     if made.made is None:
         return made
-    return replace(made, made=replace(made.made, findings=[*made.made.findings, *found.findings]))
+    return replace(made, made=replace(made.made, findings=[*made.made.findings, *remeshed.findings]))
 
 
 def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
@@ -239,8 +239,8 @@ def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
     pieces : the pieces
     overwrite : also replace other files that FlexMaps did not write or that changed since
     """
-    given = [path for piece in pieces for path in piece.files]
-    return Guard([*given, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
+    sources = [path for piece in pieces for path in piece.files]
+    return Guard([*sources, *(path for piece in pieces for path in remnants_of(piece.settings))], overwrite)
 
 
 def remnants_of(settings: ObjectSettings) -> list[str]:

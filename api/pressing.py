@@ -100,11 +100,11 @@ def presses(
         name = next((name for name in waiting if name in offered), None)
         if name is not None:
             waiting.remove(name)
-        found = press(obj, cure=name or (cures > 0 and last))
-        if found is None:
+        report = press(obj, cure=name or (cures > 0 and last))
+        if report is None:
             return
         cures -= cures > 0 and last and name is None
-        yield found
+        yield report
         obj = bpy.context.view_layer.objects.active
 
 

@@ -217,11 +217,11 @@ def explore(
     guard = guard_of([piece], overwrite)
     if folder is not None:
         refuse(Path(folder), guard)
-    told, question = progress_of(progress), space(vary, piece.settings, goals, minimised)
+    reporter, question = progress_of(progress), space(vary, piece.settings, goals, minimised)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
-    laid = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
-    results = {count: one.result for count, one in laid.items()}
-    return explored(results, piece.settings, question, folder, guard=guard, progress=told, **search)
+    laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
+    results = {count: one.result for count, one in laid_out.items()}
+    return explored(results, piece.settings, question, folder, guard=guard, progress=reporter, **search)
 
 
 def _refuse_offline() -> None:

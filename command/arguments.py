@@ -94,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     pressing.add(commands)
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
-    listed.set_defaults(keeps=False, run=lambda args, tell: _listed(), tell=summary.settings)
+    listed.set_defaults(keeps=False, run=lambda args, tell: _list_settings(), tell=summary.settings)
     return made
 
 
@@ -220,12 +220,12 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings given by flags and --set, as the api takes them."""
-    given = {name: value for name, value in vars(args).items() if "." in name and value is not None}
-    given |= calibration.assigned(args.settings)
+    values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
+    values |= calibration.assigned(args.settings)
     if args.remnants_given:
-        given["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
-    wished = {name: given.get(f"choose.{name}") for name in ("goal", "panels", "match")}
-    return given | wish(**wished)
+        values["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
+    wished = {name: values.get(f"choose.{name}") for name in ("goal", "panels", "match")}
+    return values | wish(**wished)
 
 
 # -- what the commands do ----------------------------------------------------------------------------------------------
@@ -246,9 +246,9 @@ def _source(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    given = _source(args)
-    chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(given["settings"])
-    return api.run(args.mesh, args.out, **given, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
+    inputs = _source(args)
+    chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(inputs["settings"])
+    return api.run(args.mesh, args.out, **inputs, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, overwrite=args.overwrite, progress=tell)  # fmt: skip
 
 
@@ -261,15 +261,15 @@ def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     piece = api.load(args.mesh, **_source(args))
-    return _saved(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
+    return _save_and_report(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
 
 
 def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, api.choose(api.load(args.mesh, **_source(args)), progress=tell))
+    return _save_and_report(args, api.choose(api.load(args.mesh, **_source(args)), progress=tell))
 
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
+    return _save_and_report(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
 
 
 def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -280,27 +280,29 @@ def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     piece = painting.protected(args, api.load(args.mesh, **_source(args)))
-    return _saved(args, api.optimise(piece, progress=tell))
+    return _save_and_report(args, api.optimise(piece, progress=tell))
 
 
 def _paint(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, painting.paint(args, api.load(args.mesh, **_source(args)), tell))
+    return _save_and_report(args, painting.paint(args, api.load(args.mesh, **_source(args)), tell))
 
 
 def _pull(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, handles.pull(args, api.load(args.mesh, **_source(args))))
+    return _save_and_report(args, handles.pull(args, api.load(args.mesh, **_source(args))))
 
 
 def _wish(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _saved(args, handles.wish(args, api.load(args.mesh, **_source(args))))
+    return _save_and_report(args, handles.wish(args, api.load(args.mesh, **_source(args))))
 
 
 def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece, told = api.load(args.mesh, **_source(args)), Progress(tell)
+    piece, reporter = api.load(args.mesh, **_source(args)), Progress(tell)
     if args.simulate:
-        piece = api.simulate(piece, progress=told.part(0.0, 0.6))
-    found = api.compare(piece, args.scan, unit=args.unit or "", anywhere=not args.near, progress=told.part(0.6, 1.0))
-    return api.report(found, args.out, overwrite=args.overwrite)
+        piece = api.simulate(piece, progress=reporter.part(0.0, 0.6))
+    compared = api.compare(
+        piece, args.scan, unit=args.unit or "", anywhere=not args.near, progress=reporter.part(0.6, 1.0)
+    )
+    return api.report(compared, args.out, overwrite=args.overwrite)
 
 
 def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
@@ -308,7 +310,7 @@ def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     wrong = [text for text, (_, equals, _) in zip(args.vary, pairs, strict=True) if not equals]
     if wrong:
         raise FlexMapsError(f"--vary {wrong[0]}: give it as NAME=LOW:HIGH or NAME=A,B,C")
-    vary = {name.strip(): given.strip() for name, _, given in pairs}
+    vary = {name.strip(): values.strip() for name, _, values in pairs}
     made = api.explore(
         api.load(args.mesh, **_source(args)), vary, args.out, candidates=args.candidates, goals=args.goals or GOALS,
         minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, overwrite=args.overwrite, progress=tell,
@@ -316,7 +318,7 @@ def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return made.report()
 
 
-def _saved(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
+def _save_and_report(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
     if args.out:
         api.save(piece, args.out, overwrite=args.overwrite)
     return api.report(piece)
@@ -340,9 +342,9 @@ def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> 
     copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
     pieces = []
     for mesh, count in zip(meshes, copies, strict=True):
-        given = _source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
-        given["settings"] = {**given["settings"], "export.copies": count}
-        pieces.append(api.load(mesh, **given))
+        inputs = _source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
+        inputs["settings"] = {**inputs["settings"], "export.copies": count}
+        pieces.append(api.load(mesh, **inputs))
     written = api.export(pieces, args.out, formats=args.formats, overwrite=args.overwrite, progress=tell)
     args.tell = summary.together
     return {
@@ -352,19 +354,19 @@ def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> 
 
 
 def _report(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    told = Progress(tell)
-    piece = _simulated(args, told.part(0.0, 0.7))
-    return api.report(piece, args.out, overwrite=args.overwrite, progress=told.part(0.7, 1.0))
+    reporter = Progress(tell)
+    piece = _simulate_if_needed(args, reporter.part(0.0, 0.7))
+    return api.report(piece, args.out, overwrite=args.overwrite, progress=reporter.part(0.7, 1.0))
 
 
 def _share(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    told = Progress(tell)
-    piece = _simulated(args, told.part(0.0, 0.7))
-    api.share(piece, args.out, overwrite=args.overwrite, progress=told.part(0.7, 1.0))
+    reporter = Progress(tell)
+    piece = _simulate_if_needed(args, reporter.part(0.0, 0.7))
+    api.share(piece, args.out, overwrite=args.overwrite, progress=reporter.part(0.7, 1.0))
     return api.report(piece)
 
 
-def _simulated(args: argparse.Namespace, tell: Any) -> Any:
+def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
     """Return an object that has a valid simulation in Blender as it is, and anything else as a piece simulated now."""
     import bpy
 
@@ -378,7 +380,7 @@ def _simulated(args: argparse.Namespace, tell: Any) -> Any:
     return api.simulate(piece, progress=tell)
 
 
-def _listed() -> dict[str, Any]:
+def _list_settings() -> dict[str, Any]:
     rows = {}
     for block in fields(ObjectSettings):
         for f in fields(block.default_factory):  # type: ignore[arg-type, misc]

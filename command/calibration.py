@@ -24,7 +24,7 @@ def add(commands: Any) -> None:
     made.add_argument("--overwrite", action="store_true",
                       help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
     made.add_argument("--json", action="store_true", help="print the paths as JSON")
-    made.set_defaults(keeps=False, run=_draw, tell=_drawn)
+    made.set_defaults(keeps=False, run=_draw, tell=_tell_files)
     help = "kerf, clearance and stiffness from what was measured on a calibration sheet"
     read = commands.add_parser(
         "calibrated", help=help, description=f"{help.capitalize()}. Lengths in mm, weights in g."
@@ -67,7 +67,7 @@ def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
     return {"files": [path.name for path in written]}
 
 
-def _drawn(described: dict[str, Any], args: argparse.Namespace) -> None:
+def _tell_files(described: dict[str, Any], args: argparse.Namespace) -> None:
     print(
         f"{', '.join(described['files'])} in {args.out}; cut, measure, then: flexmaps calibrated {args.out} --kerf-comb ..."
     )

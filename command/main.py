@@ -59,7 +59,7 @@ def main(argv: list[str]) -> int:
         return int(end.code or 0)
     console = Console()
     try:
-        with stoppable(console if args.keeps else None), quiet_blender(), _warned(console):
+        with stoppable(console if args.keeps else None), quiet_blender(), _show_version_warnings(console):
             described = args.run(args, console)
         status = _status(args.command, described)
     except FlexMapsError as error:
@@ -98,7 +98,7 @@ def _status(command: str, described: dict[str, Any]) -> int:
 
 
 @contextmanager
-def _warned(console: Console) -> Iterator[None]:
+def _show_version_warnings(console: Console) -> Iterator[None]:
     """Print warnings about results of another version as lines of this program."""
     from ..engine.versions import OtherVersion
 

@@ -28,8 +28,8 @@ def add(made: argparse.ArgumentParser) -> None:
 def paint(args: argparse.Namespace, piece: Any, tell: Any) -> Any:
     """Paint and protect as the arguments say."""
     if args.brush:
-        given = {"strength": args.strength, "inverted": args.inverted, "direction": args.along}
-        piece = api.paint(piece, args.brush, 1.0 if args.where is None else args.where, **given, progress=tell)
+        options = {"strength": args.strength, "inverted": args.inverted, "direction": args.along}
+        piece = api.paint(piece, args.brush, 1.0 if args.where is None else args.where, **options, progress=tell)
     return protected(args, piece)
 
 

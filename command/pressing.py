@@ -14,14 +14,14 @@ from ..engine.errors import FlexMapsError
 
 def add(commands: Any) -> None:
     """Add the command and its arguments."""
-    said = "press Next on an object of a .blend file until its files are written, and save it"
-    made = commands.add_parser("next", help=said, description=said[0].upper() + said[1:] + ".")
+    words = "press Next on an object of a .blend file until its files are written, and save it"
+    made = commands.add_parser("next", help=words, description=words[0].upper() + words[1:] + ".")
     made.epilog = "Exit status: 0 the files are written, nothing against it; 3 they are, with things to look at; 2 only a person can go on."
     made.add_argument("mesh", metavar="FILE.blend", help="the file, which is saved after every object")
     made.add_argument("--object", metavar="NAME", help="the object, instead of the active one")
     made.add_argument("--all", action="store_true", help="every mesh that is seen, one after the other")
-    said = "before files are written, press this cure where it is offered, as --json names it; 'first' is the first of what speaks against it"
-    made.add_argument("--cure", action="append", default=[], metavar="NAME", help=said)
+    words = "before files are written, press this cure where it is offered, as --json names it; 'first' is the first of what speaks against it"
+    made.add_argument("--cure", action="append", default=[], metavar="NAME", help=words)
     made.add_argument("--json", action="store_true", help="print one JSON object a press")
     made.set_defaults(keeps=False, run=_run, tell=_tell)
 

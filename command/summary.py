@@ -13,9 +13,9 @@ FAULTS = 5  # kinds of faults printed at most, so that the candidates stay in si
 def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the result of every stage that ran, and where the files are."""
     if "input" in described:
-        given = described["input"]
-        print(f"{given['file']}: {counted(given['quads'], 'quad', 'quads')}, edge {given['edge_mm']:.1f} mm, "
-              f"{' x '.join(f'{x:.0f}' for x in given['size_mm'])} mm")  # fmt: skip
+        source = described["input"]
+        print(f"{source['file']}: {counted(source['quads'], 'quad', 'quads')}, edge {source['edge_mm']:.1f} mm, "
+              f"{' x '.join(f'{x:.0f}' for x in source['size_mm'])} mm")  # fmt: skip
     for finding in described["checks"]:
         print(f"  {finding['severity']}: {finding['message']}")
     if "layout" in described:
@@ -82,9 +82,9 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
     )
     for number in described["front"]:
         one, mark = rows[number], "*" if number == described["best"] else " "
-        given = ", ".join(f"{name} {value}" for name, value in one["values"].items())
+        values = ", ".join(f"{name} {value}" for name, value in one["values"].items())
         measured = ", ".join(f"{name} {one['measures'].get(name, '-')}" for name in described["minimised"])
-        print(f"  {mark} {number:3d}: {measured}: {given}")
+        print(f"  {mark} {number:3d}: {measured}: {values}")
     for fault in list(dict.fromkeys(faults))[:FAULTS]:
         print(f"  {faults.count(fault)} could not be made: {fault}")
     print(f"{described['note']}\n  everything is in {args.out}")

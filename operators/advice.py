@@ -196,10 +196,10 @@ class MakeFiner(Advised, bpy.types.Operator):
         from ..engine.surface.mesh import PolygonMesh
 
         settings, polygons = snapshot.settings, snapshot.surface.polygons
-        found = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
-        begun = job.begin(found.polygons)
+        remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
+        begun = job.begin(remeshed.polygons)
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
-        return replace(made, findings=[*check.everything(PolygonMesh.of(made.mesh)), *found.findings])
+        return replace(made, findings=[*check.everything(PolygonMesh.of(made.mesh)), *remeshed.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.hosts import remesh

@@ -78,11 +78,11 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         obj = context.object
         wanted = settings.read(obj.flexmaps, ObjectSettings)
         made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
-        found = calibrate.calibrate(made, self._readings())
-        settings.write(obj.flexmaps, changed(wanted, found.settings))
-        kept = presets.keep(self.preset, found.settings) if self.preset.strip() else None
-        self.level = "WARNING" if found.warnings else "INFO"
-        return _describe(found, kept)
+        result = calibrate.calibrate(made, self._readings())
+        settings.write(obj.flexmaps, changed(wanted, result.settings))
+        kept = presets.keep(self.preset, result.settings) if self.preset.strip() else None
+        self.level = "WARNING" if result.warnings else "INFO"
+        return _describe(result, kept)
 
     def _readings(self) -> Any:
         from ..engine.calibrating.calibrate import Readings, numbers
@@ -97,20 +97,20 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         )  # fmt: skip
 
 
-def _describe(found: Any, kept: Path | None) -> str:
+def _describe(result: Any, kept: Path | None) -> str:
     """Describe the results in one line."""
     rows = (
-        (found.kerf, 1e3, "kerf", "mm"),
-        (found.clearance, 1e3, "clearance", "mm"),
-        (found.youngs, 1e-9, "Young's modulus", "GPa"),
+        (result.kerf, 1e3, "kerf", "mm"),
+        (result.clearance, 1e3, "clearance", "mm"),
+        (result.youngs, 1e-9, "Young's modulus", "GPa"),
     )
-    said = [
+    parts = [
         f"{translate(name)} {one.value * factor:.3g} {unit} \N{PLUS-MINUS SIGN} {one.error * factor:.2g}"
         for one, factor, name, unit in rows
         if one is not None
     ]
-    said += [] if kept is None else [translate("kept as preset {}", kept.stem)]
-    return ". ".join([", ".join(said), *found.warnings])
+    parts += [] if kept is None else [translate("kept as preset {}", kept.stem)]
+    return ". ".join([", ".join(parts), *result.warnings])
 
 
 CLASSES = (CalibrationSheet, Calibrated)

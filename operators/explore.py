@@ -59,10 +59,10 @@ class UseCandidate(AtOnce, AnyMesh, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.store import explored
 
-        found = explored.read(context.object)
-        if found is None or self.number >= len(found["rows"]):
+        kept = explored.read(context.object)
+        if kept is None or self.number >= len(kept["rows"]):
             raise FlexMapsError("There is no such candidate; press Explore first")
-        explored.use(context.object, context.scene, found["rows"][self.number]["values"])
+        explored.use(context.object, context.scene, kept["rows"][self.number]["values"])
         return translate("Settings and size of the candidate were taken")
 
 

@@ -39,9 +39,9 @@ class _OnSpiral(OnObject):
         origin = view3d_utils.region_2d_to_origin_3d(context.region, context.region_data, mouse)
         way = view3d_utils.region_2d_to_vector_3d(context.region, context.region_data, mouse)
         points, quads = picking.seen(context.object, live.shape_of(context.object))
-        found = picking.quad_at(points, quads, origin, way)
-        self.quad = ALONE if found is None else found
-        return found is not None
+        hit = picking.quad_at(points, quads, origin, way)
+        self.quad = ALONE if hit is None else hit
+        return hit is not None
 
     def _quads(self, obj: bpy.types.Object) -> list[int]:
         """Return the named quad, with the others selected in edit mode."""
@@ -56,7 +56,7 @@ class _OnSpiral(OnObject):
             count = len(bm.faces)
         return [self.quad] if 0 <= self.quad < count else []
 
-    def _none(self) -> set[str]:
+    def _warn_no_spiral(self) -> set[str]:
         self.report({"WARNING"}, translate("There is no spiral there"))
         return {"CANCELLED"}
 
@@ -77,7 +77,7 @@ class HoldSpiral(_OnSpiral, bpy.types.Operator):
 
         quads = self._quads(context.object)
         if not quads:
-            return self._none()
+            return self._warn_no_spiral()
         values = handles.read(context.object, handles.HELD)
         values[quads] = 0.0 if values[self.quad] > 0.5 else 1.0
         handles.write(context.object, handles.HELD, values)
@@ -114,7 +114,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         quads = self._quads(context.object)
         if not quads:
-            return self._none()
+            return self._warn_no_spiral()
         self._put(context, quads)
         return {"FINISHED"}
 
@@ -152,7 +152,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         far = max(abs(event.mouse_x - self._began[0]), abs(event.mouse_y - self._began[1]))
         self._moves |= far > context.preferences.inputs.drag_threshold_mouse
         if event.type == "MOUSEMOVE" and self._moves:
-            self.by = self._dragged(context, event)
+            self.by = self._dragged_value(context, event)
             self._put(context, self._quads(context.object))
             _say(context, self.kind, self.by)
         if event.type == "LEFTMOUSE" and event.value == "RELEASE":
@@ -176,7 +176,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         mouse = event.mouse_region_x, event.mouse_region_y
         return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
 
-    def _dragged(self, context: bpy.types.Context, event: Any) -> Any:
+    def _dragged_value(self, context: bpy.types.Context, event: Any) -> Any:
         """Return the handle's value: that at the start plus the mouse's displacement."""
         import numpy as np
 

@@ -49,7 +49,7 @@ class Next(AnyMesh, bpy.types.Operator):
         return self._press(context, "EXEC_DEFAULT")
 
     def _press(self, context: bpy.types.Context, how: str) -> set[str]:
-        seen = self._checked(context, guidance.of(context.object, context.scene))
+        seen = self._check_before_cut(context, guidance.of(context.object, context.scene))
         if seen.act is None:
             stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
             self.report({"ERROR"}, stopped)
@@ -66,7 +66,7 @@ class Next(AnyMesh, bpy.types.Operator):
             bpy.ops.ed.undo_push(message=seen.act.label)
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
-    def _checked(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
+    def _check_before_cut(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:
         """Check the mesh before it is cut, and return the guidance afterwards, which may offer another action."""
         from ..bridge.store import states
 
@@ -104,10 +104,10 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> str:
         from ..bridge.view import framing
 
-        found = _find_notice(context, self.key)
-        if found.faces or found.edges:
-            framing.show_place(context, list(found.faces), list(found.edges))
-        return found.sentence
+        notice = _find_notice(context, self.key)
+        if notice.faces or notice.edges:
+            framing.show_place(context, list(notice.faces), list(notice.edges))
+        return notice.sentence
 
 
 class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
@@ -119,8 +119,8 @@ class LetGo(AtOnce, AnyMesh, bpy.types.Operator):
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> None:
-        found = _find_notice(context, self.key)
-        failures.let_go(context.object.data, found.key, found.sentence)
+        notice = _find_notice(context, self.key)
+        failures.let_go(context.object.data, notice.key, notice.sentence)
 
 
 class StandOn(AtOnce, OnObject, bpy.types.Operator):

@@ -99,12 +99,12 @@ def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) 
         return made
     unseen = replace(progress, shown=None)  # keep showing the present piece
     try:
-        found = prospects(
+        tried = prospects(
             made.simulation, made.limits, settings, supports=made.supports, force=made.force, progress=unseen
         )
     except Cancelled:
         return made
-    return replace(made, limits=replace(made.limits, prospects=found))
+    return replace(made, limits=replace(made.limits, prospects=tried))
 
 
 class Optimise(SearchStage, bpy.types.Operator):

@@ -75,10 +75,10 @@ class RemoveLeftOver(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         from ..bridge.view import collection
 
-        found = collection.left_over(context.scene)
-        for own in found:
+        orphans = collection.left_over(context.scene)
+        for own in orphans:
             collection.remove(own)
-        return {"FINISHED"} if found else {"CANCELLED"}
+        return {"FINISHED"} if orphans else {"CANCELLED"}
 
 
 CLASSES = (RemoveLeftOver, Preview)

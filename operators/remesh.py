@@ -66,10 +66,10 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         states.stamp(made, context.scene)
         states.stamp_unnoted(made, context.scene, "regularise")  # the remesh has already regularised the quads
         edge = check.median_edge(polygons)
-        said = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
-        said += [finding.message for finding in result.findings]
-        said = said if bpy.app.background else said[:1]  # the box below Next shows the others
-        self.report({"WARNING" if result.findings else "INFO"}, ". ".join(said))
+        lines = [translate("'{}': {} quads, edge {:.3g} mm", made.name, len(made.data.polygons), edge * 1e3)]
+        lines += [finding.message for finding in result.findings]
+        lines = lines if bpy.app.background else lines[:1]  # the box below Next shows the others
+        self.report({"WARNING" if result.findings else "INFO"}, ". ".join(lines))
         redraw(context)
         yield
 

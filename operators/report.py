@@ -44,19 +44,19 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
         from ..bridge.view import report as held
         from ..engine.runs import report_page
 
-        found = held.read(obj, snapshot)
+        content = held.read(obj, snapshot)
         letters = self._letters = Future()
-        given, folder = snapshot.settings.export.folder, None
-        if self.files and not unsaved(given):
-            folder = folder_of(given) / f"{file_name(snapshot.name)}-report"
+        export_folder, folder = snapshot.settings.export.folder, None
+        if self.files and not unsaved(export_folder):
+            folder = folder_of(export_folder) / f"{file_name(snapshot.name)}-report"
             guard = self.guard(snapshot.settings, report_page.stale(folder), folder)
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine import files
             from ..engine.display import raster
 
-            told = pages.of_object(result, found, progress.part(0.0, 0.2))
-            drawn, view = told.drawn, told.piece(progress.part(0.2, 0.5)) if folder is not None else None
+            page = pages.of_object(result, content, progress.part(0.0, 0.2))
+            drawn, view = page.drawn, page.piece(progress.part(0.2, 0.5)) if folder is not None else None
             while not letters.done():  # keep reporting progress, so that a stop is noticed
                 progress(0.5, "Waiting for letters")
                 time.sleep(0.02)
@@ -67,7 +67,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
             if folder is not None:
                 with files.replacing_many(report_page.stale(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)
-                    report_page.write(told.described, drawn, folder, new, progress=rest, piece=view)
+                    report_page.write(page.described, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder
 
         return go_on
@@ -118,13 +118,13 @@ class Share(IntoFolder, ContinuedStage, bpy.types.Operator):
         from ..bridge.hosts import pages
         from ..bridge.view import report as held
 
-        found = held.read(obj, snapshot)
+        content = held.read(obj, snapshot)
         path = folder_of(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
         guard = self.guard(snapshot.settings, [path])
 
         def go_on(result: Result, progress: Progress) -> Any:
-            told = pages.of_object(result, found, progress.part(0.0, 0.2))
-            return pages.save(told, path, guard, progress.part(0.2, 1.0)), found.pose is not None
+            page = pages.of_object(result, content, progress.part(0.0, 0.2))
+            return pages.save(page, path, guard, progress.part(0.2, 1.0)), content.pose is not None
 
         return go_on
 

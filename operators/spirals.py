@@ -50,10 +50,10 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         drawing.write(obj, surface, block, layout)
         low, _, high = block["twist_deg"]
         twist = span(f"{low:.0f}", f"{high:.0f}", "\N{DEGREE SIGN}")
-        said = translate("{} spirals, twist {}", block["count"], twist)
-        found = drawing.design.findings
-        self.level = "WARNING" if found else "INFO"
-        return ". ".join([said, *(finding.message for finding in found)])
+        text = translate("{} spirals, twist {}", block["count"], twist)
+        findings = drawing.design.findings
+        self.level = "WARNING" if findings else "INFO"
+        return ". ".join([text, *(finding.message for finding in findings)])
 
 
 CLASSES = (Spirals,)

@@ -51,9 +51,9 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         equilibrium.write_utilisation(obj, result.utilisation)
         block = result.report()
         notes.write(obj.data, "structure", block)
-        told = [finding["message"] for finding in block.get("findings", ())]
-        self.level = "WARNING" if told else "INFO"
-        return ". ".join(told) or translate("{} loads are borne", len(block["outcomes"]))
+        messages = [finding["message"] for finding in block.get("findings", ())]
+        self.level = "WARNING" if messages else "INFO"
+        return ". ".join(messages) or translate("{} loads are borne", len(block["outcomes"]))
 
 
 class AddLoad(AtOnce, OnObject, bpy.types.Operator):

@@ -64,8 +64,8 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
         written, sheets, pieces, folder = result
-        said = translate("{} pieces on {}: {} files in {}", pieces, counted_sheets(sheets), len(written), folder)
-        self.report({"INFO"}, said)
+        text = translate("{} pieces on {}: {} files in {}", pieces, counted_sheets(sheets), len(written), folder)
+        self.report({"INFO"}, text)
         yield
 
 
@@ -89,10 +89,10 @@ class AddRemnant(FromDialog, AtOnce, OnObject, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> str:
         from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
 
-        found = read_file(Path(bpy.path.abspath(self.filepath)))
+        remnants = read_file(Path(bpy.path.abspath(self.filepath)))
         sheet = context.object.flexmaps.sheet
         sheet.remnants = SEPARATOR.join([*filter(None, [sheet.remnants.strip()]), bpy.path.abspath(self.filepath)])
-        sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in found)
+        sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in remnants)
         return translate("Remnant of {}", sizes)
 
 

@@ -31,19 +31,19 @@ def _loads(body: Any, context: bpy.types.Context) -> None:
     wanted = context.object.flexmaps.structure
     row = body.row()
     column = row.box().column(align=True)
-    for number, said in enumerate(cases.lines(wanted.cases)):
+    for number, text in enumerate(cases.lines(wanted.cases)):
         one = column.row(align=True)
-        one.label(text=said, translate=False)
+        one.label(text=text, translate=False)
         one.operator("flexmaps.remove_load", text="", icon="X", emboss=False).number = number
     column = row.column(align=True)
     column.operator("flexmaps.add_load", text="", icon="ADD")
     column.popover("FLEXMAPS_PT_loads", text="", icon="DOWNARROW_HLT")
     value(body.column(align=True), wanted, "factor_max", tr("Up to times"))
     button(body, "flexmaps.structure", tr("Check the loads"), "MOD_PHYSICS")
-    found = block_of(body, context, "structure")
-    if found is None:
+    stored = block_of(body, context, "structure")
+    if stored is None:
         return
-    layout, block = found
+    layout, block = stored
     rows: list[Any] = []
     for outcome in block["outcomes"][:OUTCOMES]:
         rows += _outcome(outcome)
@@ -66,10 +66,10 @@ def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
 
 def _built(body: Any, context: bpy.types.Context) -> None:
     button(body, "flexmaps.compare_file", tr("Compare with a scan"), "POINTCLOUD_DATA")
-    found = block_of(body, context, "scan")
-    if found is None:
+    stored = block_of(body, context, "scan")
+    if stored is None:
         return
-    layout, block = found
+    layout, block = stored
     for text in block["remarks"]:
         sentence(layout, context, tr(text))
     size = "{} %, {} mm"
@@ -99,15 +99,15 @@ def _explore(body: Any, context: bpy.types.Context) -> None:
     ):
         value(column, wanted, name, tr(label))
     button(body, "flexmaps.explore", tr("Explore"), "VIEWZOOM")
-    found = explored.read(obj)
-    if found is None:
+    kept = explored.read(obj)
+    if kept is None:
         return
-    sentence(body, context, tr(found["note"]), most=3)
+    sentence(body, context, tr(kept["note"]), most=3)
     column = body.box().column(align=True)
-    for number, row in enumerate(found["rows"][:CANDIDATES]):
+    for number, row in enumerate(kept["rows"][:CANDIDATES]):
         line = column.split(factor=0.62, align=True)
-        said = ", ".join(explored.said(*one) for one in row["values"].items())
-        button(line, "flexmaps.use_candidate", said).number = number
+        text = ", ".join(explored.said(*one) for one in row["values"].items())
+        button(line, "flexmaps.use_candidate", text).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)
         line.alert = share > STRAINED

@@ -44,18 +44,18 @@ def draw(layout: Any, context: bpy.types.Context, problem: str | None) -> None:
     shown.menu("FLEXMAPS_MT_colours", text="", icon="OVERLAY")
     _size(layout, context, problem is None and running is None)
     seen = look(context).guidance if problem is None else None
-    said = head_text.current(context, problem or "", seen, running, live.current())
-    _next(layout, said, running)
+    content = head_text.current(context, problem or "", seen, running, live.current())
+    _next(layout, content, running)
     box = layout.box().column(align=True)
     row = box.row()
-    row.alert = said.alert
-    row.label(text=said.status, icon=said.icon, translate=False)
-    if len(said.notices) > 1:
+    row.alert = content.alert
+    row.label(text=content.status, icon=content.icon, translate=False)
+    if len(content.notices) > 1:
         row.popover("FLEXMAPS_PT_notices", text="", icon="DOWNARROW_HLT")
-    if said.notices:
-        _rows(box, context, said.notices)
+    if content.notices:
+        _rows(box, context, content.notices)
     else:
-        words = lines(said.about, room(context), SLOTS)
+        words = lines(content.about, room(context), SLOTS)
         for k in range(SLOTS):
             row = box.row()
             row.active = False
@@ -86,24 +86,24 @@ def _size(layout: Any, context: bpy.types.Context, editable: bool) -> None:
         unit.label(text="mm", translate=False)
 
 
-def _next(layout: Any, said: head_text.Head, running: Any) -> None:
+def _next(layout: Any, content: head_text.Head, running: Any) -> None:
     """Draw *Next* and its menu, or the progress of a job and a cross, in the same two rectangles."""
     whole = layout.row(align=True)
     row = whole.row(align=True)
     row.scale_y = EMPHASIS
     if running is not None:
-        row.progress(factor=running.fraction, text=said.label)
+        row.progress(factor=running.fraction, text=content.label)
         row.operator("flexmaps.stop", text="", icon="X")
         _highlight_stop(whole)
         return
     main = row.row(align=True)
-    main.active_default, main.enabled = True, bool(said.press)
-    pressed = button(main, said.press or "flexmaps.next", said.label, "PLAY")
-    for name, value in said.properties:
+    main.active_default, main.enabled = True, bool(content.press)
+    pressed = button(main, content.press or "flexmaps.next", content.label, "PLAY")
+    for name, value in content.properties:
         setattr(pressed, name, value)
     row.menu("FLEXMAPS_MT_next", text="", icon="DOWNARROW_HLT")
     _highlight_stop(whole)
-    bpy.types.FLEXMAPS_OT_next.see(said.label)
+    bpy.types.FLEXMAPS_OT_next.see(content.label)
 
 
 def _highlight_stop(row: Any) -> None:

@@ -29,10 +29,10 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
     row.menu("FLEXMAPS_MT_by_hand", text=tr("By hand"), translate=False)
     _cards(body, context)
-    found = block_of(body, context, "layout")
-    if found is None:
+    stored = block_of(body, context, "layout")
+    if stored is None:
         return
-    layout, block = found
+    layout, block = stored
     limit, most = context.object.flexmaps.layout.distortion_limit, block.get("energy_max", 0.0)
     searched, expected = "optimise" in look(context).blocks, block.get("expected_percent")
     match = [] if searched or expected is None else [(tr("Expected match"), f"~ {expected:.2g} %")]
@@ -49,10 +49,10 @@ def draw(body: Any, context: bpy.types.Context) -> None:
 
 def _cards(body: Any, context: bpy.types.Context) -> None:
     """Draw the compared layouts."""
-    found = block_of(body, context, "choose")
-    if found is None:
+    stored = block_of(body, context, "choose")
+    if stored is None:
         return
-    layout, block = found
+    layout, block = stored
     rows = block["proposals"][:CARDS]
     pictures = choices.icons(context.object, len(block["proposals"]))
     for first in range(0, len(rows), A_ROW):
@@ -70,20 +70,20 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
     taking.number, taking.tip = number, _tip(row)
     share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"~ {row['rms_percent']:.2g} %"
     for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):
-        said = card.row()
-        said.alignment, said.scale_y = "CENTER", LOW
-        said.label(text=text, translate=False)
+        centred = card.row()
+        centred.alignment, centred.scale_y = "CENTER", LOW
+        centred.label(text=text, translate=False)
 
 
 def _tip(row: dict[str, Any]) -> str:
     """Return the other figures of a layout, for the button's tooltip."""
-    said = [
+    parts = [
         tr("{} joint" if row["joints"] == 1 else "{} joints", row["joints"]),
         tr("strain {} of its limit", f"{100 * row['strain_share_max']:.0f} %"),
         *([tr("{} to cut", duration(row["cut_minutes"]))] if "cut_minutes" in row else []),
         *([tr("symmetric")] if row["symmetries_kept"] > 1 else []),
     ]
-    return ", ".join(said)
+    return ", ".join(parts)
 
 
 def past_limit(context: bpy.types.Context) -> bool:

@@ -41,9 +41,9 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     button(row, "flexmaps.report", tr("Report"), "FILE_TEXT").browse = True
     button(row, "flexmaps.share", tr("Share page"), "URL").browse = True
     rare(row, "page")
-    found = block_of(body, context, "sheets")
-    if found is not None:
-        figures(found[0], *_figure_rows(found[1]))
+    stored = block_of(body, context, "sheets")
+    if stored is not None:
+        figures(stored[0], *_figure_rows(stored[1]))
 
 
 def _figure_rows(block: dict[str, Any]) -> list[Any]:
@@ -70,8 +70,8 @@ def key(context: bpy.types.Context) -> str:
     block = look(context).blocks.get("sheets")
     if block is None:
         return ""
-    said = sheets(block.get("sheets", 0))
-    return f"{said}, {duration(block['cut_minutes'])}" if "cut_minutes" in block else said
+    text = sheets(block.get("sheets", 0))
+    return f"{text}, {duration(block['cut_minutes'])}" if "cut_minutes" in block else text
 
 
 def _files(layout: Any, context: bpy.types.Context) -> None:

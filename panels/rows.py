@@ -111,22 +111,22 @@ def menu(name: str, label: str, draw: Callable[[Layout, bpy.types.Context], None
 def figures(layout: Layout, *rows: tuple[str, str] | tuple[str, str, bool]) -> None:
     """Draw a section's box of results: label, value, and whether the value is past its limit, which shows red."""
     box = layout.box().column(align=True)
-    for label, said, *alert in rows:
+    for label, text, *alert in rows:
         row = box.row()
         row.scale_y, row.alert = LOW, bool(alert and alert[0])
         row.label(text=label, translate=False)
         right = row.row()
         right.alignment, right.alert = "RIGHT", row.alert
-        right.label(text=said, translate=False)
+        right.label(text=text, translate=False)
 
 
 def sentence(layout: Layout, context: bpy.types.Context, text: str, most: int = 99, units: int = 0) -> None:
     """Draw a sentence over as many lines as the sidebar's width needs, or a popover's width of ``units``."""
     column = layout.column(align=True)
-    for said in lines(text, room(context) if not units else 20 * units - 20, most):
+    for line in lines(text, room(context) if not units else 20 * units - 20, most):
         row = column.row()
         row.scale_y = LOW
-        row.label(text=said, translate=False)
+        row.label(text=line, translate=False)
 
 
 # -- formatting --------------------------------------------------------------------------------------------------------

@@ -76,9 +76,9 @@ def _search(body: Any, history: Any) -> None:
 def _results(body: Any, context: bpy.types.Context) -> None:
     """Draw the slider between target and result, and the box of figures."""
     rows: list[Any] = []
-    found = block_of(body, context, "equilibrium")
-    if found is not None:
-        layout, block = found
+    stored = block_of(body, context, "equilibrium")
+    if stored is not None:
+        layout, block = stored
         for key in equilibrium.keys_of(context.object.data):
             name = tr("result") if key.name == equilibrium.KEY else tr("other shape {}", key.name.rpartition(" ")[2])
             layout.prop(key, "value", text=tr("Target to {}", name), slider=True, translate=False)
@@ -99,8 +99,8 @@ def _results(body: Any, context: bpy.types.Context) -> None:
     if "wished_mm" in searched:
         arrow = "{:.3g} \N{RIGHTWARDS ARROW} {:.3g} mm"
         rows.append((tr("From drag targets"), arrow.format(searched["wished_mm_before"], searched["wished_mm"])))
-    found = found or block_of(body, context, "spirals")
-    layout, block = body if found is None else found[0], look(context).blocks["spirals"]
+    stored = stored or block_of(body, context, "spirals")
+    layout, block = body if stored is None else stored[0], look(context).blocks["spirals"]
     if "slot_min_mm" in block:  # only after finished outlines, not after every stroke of a brush
         rows.append((tr("Narrowest gap"), decimals(block, "slot_min_mm", 2, " mm")))
     rows += [(tr(label), _span(block, name, form)) for name, label, form in RANGES if block.get(name)]
@@ -122,9 +122,9 @@ def key(context: bpy.types.Context) -> str:
     block = look(context).blocks.get("equilibrium", {})
     if not block:
         return ""
-    said = f"{figure(block['rms_percent'])} %"
+    text = f"{figure(block['rms_percent'])} %"
     share = block.get("strain_share_max")
-    return said if share is None else f"{said}, {tr('strain {}', f'{100 * share:.0f} %')}"
+    return text if share is None else f"{text}, {tr('strain {}', f'{100 * share:.0f} %')}"
 
 
 # -- popovers and menus ------------------------------------------------------------------------------------------------

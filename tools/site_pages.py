@@ -176,7 +176,7 @@ def settings() -> str:
     """A table of all settings, section by section."""
     from flexmaps.command import arguments
 
-    rows = arguments._listed()["settings"]
+    rows = arguments._list_settings()["settings"]
     lines = [
         "# Settings", "", "By the names that the command line (`--set section.name=value`) and Python know them by, in the units of the sidebar.",
         "The sidebar shows the same settings by their labels.", "",

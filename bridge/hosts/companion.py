@@ -42,10 +42,10 @@ class Companion:
         with self._change:
             return self._resting and self._wanted is self._sent
 
-    def follow(self, given: Given, start: Pose | None = None) -> None:
+    def follow(self, state: Given, start: Pose | None = None) -> None:
         """Follow this state from now on; ``start`` is the pose of a new piece at rest."""
         with self._change:
-            self._wanted, self._start = given, start
+            self._wanted, self._start = state, start
             self._change.notify()
 
     def close(self) -> None:
@@ -74,19 +74,19 @@ class Companion:
             self._change.wait_for(lambda: self._closed or not self._resting or self._wanted is not self._sent)
             if self._closed:
                 return False
-            given, start = self._wanted, self._start
-        assert given is not None
-        shape = self._compute_shape(given, start)
+            state, start = self._wanted, self._start
+        assert state is not None
+        shape = self._compute_shape(state, start)
         drawn = self._prepared(shape)
         with self._change:
-            self._sent, self._resting = given, shape.resting
+            self._sent, self._resting = state, shape.resting
             self.latest, self.answers = (shape, drawn), self.answers + 1
         return not self._closed
 
-    def _compute_shape(self, given: Given, start: Pose | None) -> Shape:
+    def _compute_shape(self, state: Given, start: Pose | None) -> Shape:
         for _ in range(TRIES):
             whole = self._sent is None
-            changes = None if given is self._sent else given.changes(self._sent)
+            changes = None if state is self._sent else state.changes(self._sent)
             shape: Shape | None = self._workers.submit(step, Call("piece", changes, whole, start)).result()
             if shape is not None:
                 return shape

@@ -149,13 +149,13 @@ class Follower:
         from ..store import equilibrium, given, mesh
 
         scene = bpy.context.scene
-        found = given.read(obj, scene)
+        state = given.read(obj, scene)
         self._refused = ""
         known = self._given
-        if known is None or found.changes(known):
+        if known is None or state.changes(known):
             start = equilibrium.resting(obj, scene, mesh.read_anyhow(obj, scene)) if known is None else None
-            self._given = found
-            self._beside().follow(found, start)
+            self._given = state
+            self._beside().follow(state, start)
         block = notes.read(obj.data).get("equilibrium")
         self.final = block is not None and not equilibrium.out_of_date(obj, scene)
 

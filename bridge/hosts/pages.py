@@ -41,7 +41,7 @@ def described(piece: Any) -> dict[str, Any]:
     """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
         return report.build(piece.result, source=piece.name, settings=piece.settings)
-    return _told(piece).described
+    return _content_of(piece).described
 
 
 def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
@@ -55,41 +55,41 @@ def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> d
     progress : called with a fraction and a text
     """
     guard.check([*report_page.stale(out), out / "report.json"], out)
-    told = _told(piece)
-    view = told.piece(progress.part(0.0, 0.9))
+    content = _content_of(piece)
+    view = content.piece(progress.part(0.0, 0.9))
     with files.replacing_many(report_page.stale(out), out, guard) as new:
-        report_page.write(told.described, told.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
-        new(out / "report.json").write_text(json.dumps(told.described, indent=2) + "\n", encoding="utf-8")
-    return told.described
+        report_page.write(content.described, content.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
+        new(out / "report.json").write_text(json.dumps(content.described, indent=2) + "\n", encoding="utf-8")
+    return content.described
 
 
 def share(piece: Any, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals."""
-    return save(_told(piece), path, guard, progress)
+    return save(_content_of(piece), path, guard, progress)
 
 
-def save(told: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
+def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share from content that was read before; touches no Blender data."""
-    if told.shown is None:
-        raise told.lost or FlexMapsError(stages.MISSING["design"])
-    title = report_page.title_of(told.described)
-    view = page_data.text(told.shown, told.settings, title, progress.part(0.0, 0.95))
-    text = share_page.page(view, title, told.described, told.drawn)
+    if content.shown is None:
+        raise content.lost or FlexMapsError(stages.MISSING["design"])
+    title = report_page.title_of(content.described)
+    view = page_data.text(content.shown, content.settings, title, progress.part(0.0, 0.95))
+    text = share_page.page(view, title, content.described, content.drawn)
     with files.replacing(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path
 
 
-def _told(piece: Any) -> Told:
+def _content_of(piece: Any) -> Told:
     if isinstance(piece, Piece):
-        found = described(piece)
-        drawn = report_page.drawings(piece.result, found, piece.settings.layout.distortion_limit)
-        return Told(found, drawn, Shown.of(piece.result), piece.settings)
+        figures = described(piece)
+        drawn = report_page.drawings(piece.result, figures, piece.settings.layout.distortion_limit)
+        return Told(figures, drawn, Shown.of(piece.result), piece.settings)
     read = held.taken(piece)
     return of_object(read.taken.result(), read)
 
 
 def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
     """Build the content from what was read of an object; touches no Blender data."""
-    found, drawn = held.drawn(result, read, progress)
-    return Told(found, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))
+    figures, drawn = held.drawn(result, read, progress)
+    return Told(figures, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))

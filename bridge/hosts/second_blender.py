@@ -77,33 +77,33 @@ class SecondBlender:
 
     def touching(self, parts: list[PolygonMesh], progress: Progress = SILENT) -> list[tuple[int, int]]:
         first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-        given = {
+        arrays = {
             "vertices": np.concatenate([part.vertices for part in parts]),
             "corners": np.concatenate([part.corners + k for part, k in zip(parts, first, strict=False)]),
             "body": np.repeat(np.arange(len(parts)), [len(part.sizes) for part in parts]),
         }
-        answered = self._ask("touching", given, {}, progress)
+        answered = self._ask("touching", arrays, {}, progress)
         return [] if answered is None else [(int(a), int(b)) for a, b in answered["pairs"]]
 
     # -- the process -----------------------------------------------------------------------------------------------------
 
     def _mesh(self, tool: str, mesh: PolygonMesh, options: dict[str, Any], progress: Progress) -> PolygonMesh | None:
-        given = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
-        arrays = self._ask(tool, given, options, progress)
+        inputs = {"vertices": mesh.vertices, "corners": mesh.corners, "sizes": mesh.sizes}
+        arrays = self._ask(tool, inputs, options, progress)
         if not arrays:
             return None
         corners, sizes = arrays["corners"].astype(np.int64), arrays["sizes"].astype(np.int64)
         return PolygonMesh(arrays["vertices"].astype(float), corners, sizes)
 
     def _ask(
-        self, tool: str, given: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
+        self, tool: str, arrays: dict[str, np.ndarray], options: dict[str, Any], progress: Progress
     ) -> dict[str, np.ndarray] | None:
         """Send a request and return the answer's arrays; {} where Blender refuses, None where it crashed or timed out."""
         progress(0.0, tool)
         self._asked += 1
         base = Path(self._folder.name) / str(self._asked)
         file, answer = base.with_suffix(".npz"), base.with_suffix(".answer.npz")
-        np.savez(file, **given)  # type: ignore[arg-type]
+        np.savez(file, **arrays)  # type: ignore[arg-type]
         limit = LIMIT
         if self._process is None:
             self._process, limit = started(Path(self._folder.name), SCRIPT), LIMIT + START
@@ -125,8 +125,8 @@ class SecondBlender:
         except BaseException:  # cancelled
             self._end()
             raise
-        with np.load(answer) as found:
-            return dict(found)
+        with np.load(answer) as answers:
+            return dict(answers)
 
     def _end(self) -> None:
         if self._process is not None:

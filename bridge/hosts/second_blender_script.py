@@ -107,11 +107,11 @@ def as_arrays(mesh):
 TOOLS: dict = {"triangles": triangles, "voxels": voxels, "cells": cells, "quads": quads}
 
 
-def answer(wanted, given):
+def answer(wanted, arrays):
     """Run the requested tool and return its arrays; {} where Blender refuses."""
     if wanted["tool"] == "touching":
-        return {"pairs": touching(given["vertices"], given["corners"], given["body"])}
-    obj = as_object(given["vertices"], given["corners"], given["sizes"])
+        return {"pairs": touching(arrays["vertices"], arrays["corners"], arrays["body"])}
+    obj = as_object(arrays["vertices"], arrays["corners"], arrays["sizes"])
     mesh = obj.data
     try:
         return as_arrays(mesh) if TOOLS[wanted["tool"]](obj, **wanted["options"]) is not False else {}
@@ -126,10 +126,10 @@ def main():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     for line in sys.stdin:  # ends when the first Blender ends
         wanted = json.loads(line)
-        with np.load(wanted["given"]) as given:
-            found = answer(wanted, given)
+        with np.load(wanted["given"]) as arrays:
+            answers = answer(wanted, arrays)
         unfinished = wanted["answer"] + ".part.npz"
-        np.savez(unfinished, **found)
+        np.savez(unfinished, **answers)
         os.replace(unfinished, wanted["answer"])
     os._exit(0)
 

@@ -48,11 +48,11 @@ def helped(brought: dict[str, Any]) -> bool:
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
     relieved = strain is not None and eased is not None and strain > STRAINED and eased < strain
-    closed, left = _closed(brought)
+    closed, left = _closed_slots(brought)
     return bool(near < NEARER * far or relieved or left < closed)
 
 
-def _closed(brought: dict[str, Any]) -> tuple[int, int]:
+def _closed_slots(brought: dict[str, Any]) -> tuple[int, int]:
     """Return how many slots closed before and after; 0 and 0 where older notes lack the counts."""
     before, after = brought.get("slots_closed") or (None, None)
     return (0, 0) if before is None or after is None else (before, after)
@@ -66,7 +66,7 @@ def said(brought: dict[str, Any]) -> str:
         THINNER: translate("Sheet of {:g} mm instead of {:g} mm", now, was),
         FINER: translate("{:.0f} quads instead of {:.0f}", now, was),
     }[brought["remedy"]]
-    distance, strain, closed = brought["rms_percent"], brought["strain_share_max"], _closed(brought)
+    distance, strain, closed = brought["rms_percent"], brought["strain_share_max"], _closed_slots(brought)
     if None in strain:
         line = translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
     else:

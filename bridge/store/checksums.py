@@ -43,7 +43,7 @@ class Checksums:
     def _shape(self) -> bytes:
         """Return vertices, faces and size as bytes; position and rotation do not matter."""
         mesh = self._obj.data
-        bm = self._edited()
+        bm = self._bmesh()
         if bm is not None:
             bm.verts.index_update()
             positions = np.fromiter((x for v in bm.verts for x in v.co), np.float32, 3 * len(bm.verts))
@@ -55,10 +55,10 @@ class Checksums:
             mesh.loops.foreach_get("vertex_index", corners)
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
-        rest = f"{_rounded(self._frame.T @ self._frame)} {mirrored} {faces}"
+        rest = f"{_as_text(self._frame.T @ self._frame)} {mirrored} {faces}"
         return positions.tobytes() + corners.tobytes() + rest.encode() + seen.state(self._obj)
 
-    def _edited(self) -> bmesh.types.BMesh | None:
+    def _bmesh(self) -> bmesh.types.BMesh | None:
         """Return the BMesh of edit mode, newer than the object's mesh; None outside edit mode or where it is too large.
 
         Stages read only the basis. While another shape key is edited, the mesh as edit mode found it counts.
@@ -71,7 +71,7 @@ class Checksums:
 
     def _seams(self) -> bytes:
         mesh = self._obj.data
-        bm = self._edited()
+        bm = self._bmesh()
         if bm is not None:
             return np.fromiter((edge.seam for edge in bm.edges), bool, len(bm.edges)).tobytes()
         seams = np.empty(len(mesh.edges), bool)
@@ -105,7 +105,7 @@ class Checksums:
         own = getattr(self._obj, "flexmaps", None)
         if own is None or not (own.simulate.gravity or own.loads.force_x or own.loads.force_y or own.loads.force_z):
             return b""
-        return _rounded(self._frame).encode()
+        return _as_text(self._frame).encode()
 
     def _settings(self, name: str) -> bytes:
         own = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
@@ -114,7 +114,7 @@ class Checksums:
         return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text
 
 
-def _rounded(matrix: Float[np.ndarray, "rows columns"]) -> str:
+def _as_text(matrix: Float[np.ndarray, "rows columns"]) -> str:
     """Return a matrix as text, rounded to 4 digits of its largest entry."""
     size = max(float(np.abs(matrix).max()), 1e-30)
     return f"{size:.5g} {(np.round(matrix / size, 4) + 0.0).tolist()}"

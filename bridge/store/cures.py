@@ -155,8 +155,10 @@ def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
     wanted : settings of the layout's choice
     blocks : the up-to-date notes
     """
-    found = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
-    ways = [(percent, cut_there(percent) if name == "cut" else hold(name, percent=percent)) for name, percent in found]
+    prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
+    ways = [
+        (percent, cut_there(percent) if name == "cut" else hold(name, percent=percent)) for name, percent in prospects
+    ]
     if "optimise" in blocks and "choose" not in blocks and wanted.goal == "match":
         ways.append((wanted.match, choose()))
     return [way for _, way in sorted(ways, key=lambda one: one[0])]

@@ -152,9 +152,9 @@ def sound(block: dict[str, Any]) -> bool:
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """Describe a simulation's result for people; return the text, and whether it is a warning."""
     away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
-    said, band = remarks(block), block.get("band", {}).get("text")
-    return " ".join(map(_with_full_stop, [block["status"], away, *([band] if band else []), *said])), bool(
-        said
+    lines, band = remarks(block), block.get("band", {}).get("text")
+    return " ".join(map(_with_full_stop, [block["status"], away, *([band] if band else []), *lines])), bool(
+        lines
     ) or not sound(block)
 
 
@@ -193,13 +193,13 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
 
 def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     """Merge the findings of a simulation by code; the messages of several bodies become lines of one message."""
-    found: dict[str, dict[str, Any]] = {}
+    merged: dict[str, dict[str, Any]] = {}
     for row in findings:
-        first = found.setdefault(row["code"], row)
+        first = merged.setdefault(row["code"], row)
         if first is not row:
             faces = sorted({*first["faces"], *row["faces"]})
-            found[row["code"]] = first | {"faces": faces, "message": f"{first['message']}\n{row['message']}"}
-    return list(found.values())
+            merged[row["code"]] = first | {"faces": faces, "message": f"{first['message']}\n{row['message']}"}
+    return list(merged.values())
 
 
 def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:

@@ -31,21 +31,21 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
     idname : the operator
     error : its error
     """
-    said: dict[str, Any] = {
+    failure: dict[str, Any] = {
         "message": str(error),
         "faces": error.faces,
         "edges": error.edges,
         "given": _input_checksums(obj, scene, idname),
     }
-    said |= {} if error.quads is None else {"quads": error.quads}
-    notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: said})
+    failure |= {} if error.quads is None else {"quads": error.quads}
+    notes.put_text(obj.data, NAME, notes.get_text(obj.data, NAME) | {idname: failure})
 
 
 def clear(obj: bpy.types.Object, idname: str) -> None:
     """Forget the failure of an operator that has succeeded since."""
     failed = notes.get_text(obj.data, NAME)
     if idname in failed:
-        notes.put_text(obj.data, NAME, {name: said for name, said in failed.items() if name != idname})
+        notes.put_text(obj.data, NAME, {name: failure for name, failure in failed.items() if name != idname})
 
 
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, Any]]:
@@ -56,7 +56,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, dict[str, A
     idname -> ``message``, ``faces``, ``edges`` and, where remeshing to so many quads would help, ``quads``.
     """
     failed = notes.get_text(obj.data, NAME)
-    return {name: said for name, said in failed.items() if said["given"] == _input_checksums(obj, scene, name)}
+    return {name: failure for name, failure in failed.items() if failure["given"] == _input_checksums(obj, scene, name)}
 
 
 def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str) -> dict[str, str]:

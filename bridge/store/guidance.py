@@ -67,22 +67,22 @@ class Guidance:
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:
     """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed."""
     known = states.of(obj, scene) if known is None else known
-    found = notices.of(obj, scene, known)
-    act = next_button.act(obj, scene, known, found)
-    return Guidance(act, _status(obj, scene, known, found), tuple(found))
+    all_notices = notices.of(obj, scene, known)
+    act = next_button.act(obj, scene, known, all_notices)
+    return Guidance(act, _status(obj, scene, known, all_notices), tuple(all_notices))
 
 
 def _status(
-    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State], found: list[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State], all_notices: list[Notice]
 ) -> Status:
-    stopped = next((notice for notice in found if notice.kind == STOPS), None)
+    stopped = next((notice for notice in all_notices if notice.kind == STOPS), None)
     if stopped is not None:
         return Status(_truncate(stopped.words), STOPPED)
     skipped = {"equilibrium", "optimise"} if passed_over(obj) else set()
     old = sum(known[name].kind == states.OLD for name in STEPS if name not in skipped)
     if old:
         return Status(_truncate(_describe_change(known, old)), REDO)
-    serious = [notice for notice in found if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
+    serious = [notice for notice in all_notices if notice.kind in {BREAKS, WORSE} and notice.key != notices.KEPT]
     if known["sheets"].kind == states.DONE:
         if not serious:  # nothing above information
             return Status(interface("Files written, nothing against it"), TICK)

@@ -31,19 +31,19 @@ class _Place:
 
     bm: bmesh.types.BMesh
     surface: Surface
-    found: list[Finding]
+    findings: list[Finding]
     edge: float  # median, in the object's own frame
 
     @property
     def faces(self) -> list[bmesh.types.BMFace]:
         """Return the faces that the findings name."""
-        numbers = sorted({face for finding in self.found for face in finding.faces})
+        numbers = sorted({face for finding in self.findings for face in finding.faces})
         return [self.bm.faces[number] for number in numbers]
 
     @property
     def edges(self) -> list[bmesh.types.BMEdge]:
         """Return the edges that the findings name."""
-        numbers = sorted({edge for finding in self.found for edge in finding.edges})
+        numbers = sorted({edge for finding in self.findings for edge in finding.edges})
         return [self.bm.edges[number] for number in self.surface.edge_of[numbers]] if numbers else []
 
 
@@ -98,9 +98,9 @@ def _median_edge(bm: bmesh.types.BMesh) -> float:
     return float(np.median(lengths)) if lengths else 0.0
 
 
-def _count_faults(found: list[Finding], codes: tuple[str, ...]) -> int:
+def _count_faults(findings: list[Finding], codes: tuple[str, ...]) -> int:
     """Count the findings of some codes, and the faces and edges that they name."""
-    return sum(1 + len(finding.faces) + len(finding.edges) for finding in found if finding.code in codes)
+    return sum(1 + len(finding.faces) + len(finding.edges) for finding in findings if finding.code in codes)
 
 
 # -- one function for each kind ------------------------------------------------------------------------------------------

@@ -44,92 +44,98 @@ class Act:
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) -> str:
     """Return the idname of the operator to press next; "" when the sheets are up to date."""
-    found = act(obj, scene, stages, notices.of(obj, scene, stages))
-    return "" if found is None or found.idname == "wm.path_open" else found.idname
+    action = act(obj, scene, stages, notices.of(obj, scene, stages))
+    return "" if action is None or action.idname == "wm.path_open" else action.idname
 
 
-def act(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]) -> Act | None:
+def act(
+    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], all_notices: Sequence[Notice]
+) -> Act | None:
     """Return the next action; None where only a person can go on.
 
     Parameters
     ----------
     obj, scene : the mesh object and its scene
     stages : states of the stages
-    found : all notices
+    all_notices : all notices
     """
     mesh = obj.data
     if not len(mesh.polygons) and not objects.changed_by_modifiers(obj):
         return None
-    gone = next((notice for notice in found if notice.key.startswith("loads/")), None)
+    gone = next((notice for notice in all_notices if notice.key.startswith("loads/")), None)
     if gone is not None:
         return _cure(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
-        return _unless_failed(mesh, _quads(obj, scene), found)
+        return _unless_failed(mesh, _quads(obj, scene), all_notices)
     changing = objects.changing(obj)
     if changing:
-        said = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
+        tooltip = translate(
+            "Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself"
+        )
         label = _label(interface("Apply {}", changing[0]))
         if len(changing) > 1 or changing[0] not in label:
             label = _label(interface("Apply modifiers"))
-        return Act("object.convert", label, said, "piece", {"target": "MESH", "keep_original": True})
-    if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(found, KEPT)):
+        return Act("object.convert", label, tooltip, "piece", {"target": "MESH", "keep_original": True})
+    if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(all_notices, KEPT)):
         if stages["layout"].kind == TODO:
-            return _unless_failed(mesh, _quads(obj, scene), found)
+            return _unless_failed(mesh, _quads(obj, scene), all_notices)
     if stages["layout"].kind == TODO:
-        preparing = _before_layout(obj, scene, stages, found)
+        preparing = _before_layout(obj, scene, stages, all_notices)
         if preparing is not None:
-            return _unless_failed(mesh, preparing, found)
-        if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in found):
+            return _unless_failed(mesh, preparing, all_notices)
+        if stages["checks"].kind == DONE and any(n.kind == STOPS and n.key.startswith("checks/") for n in all_notices):
             return None
-    return _unless_failed(mesh, _next_stage(obj, stages, found), found)
+    return _unless_failed(mesh, _next_stage(obj, stages, all_notices), all_notices)
 
 
-def _next_stage(obj: bpy.types.Object, stages: dict[str, State], found: Sequence[Notice]) -> Act:
+def _next_stage(obj: bpy.types.Object, stages: dict[str, State], all_notices: Sequence[Notice]) -> Act:
     """Return the next stage for a mesh that is ready to be cut."""
     blocks = notes.read(obj.data)
     if stages["layout"].kind != DONE:
         if stages["layout"].part == "seams" and "layout" in blocks:
-            said = translate("Flattens the panels whose seams were edited; the others stay as they are")
-            return Act("flexmaps.update_from_seams", _label(interface("Update from seams")), said, "layout")
-        tried = any(notice.key == "failed/flexmaps.merge" for notice in found)
+            tooltip = translate("Flattens the panels whose seams were edited; the others stay as they are")
+            return Act("flexmaps.update_from_seams", _label(interface("Update from seams")), tooltip, "layout")
+        tried = any(notice.key == "failed/flexmaps.merge" for notice in all_notices)
         if stages["layout"].kind == TODO and notices.has_seams(obj.data) and not tried:
-            said = translate("Takes the seams that are there as the borders of the panels; Lay out anew replaces them")
-            return Act("flexmaps.flatten", _label(interface("Use these seams")), said, "layout")
+            tooltip = translate(
+                "Takes the seams that are there as the borders of the panels; Lay out anew replaces them"
+            )
+            return Act("flexmaps.flatten", _label(interface("Use these seams")), tooltip, "layout")
         return _layout()
     if stages["spirals"].kind == TODO and blocks["layout"].get(notes.TRACED):
         return _layout()
     if stages["sheets"].kind == DONE:
         folder = bpy.path.abspath(obj.flexmaps.export.folder)
-        said = translate("Opens the folder with the files for the cutter")
-        return Act("wm.path_open", interface("Open the folder"), said, "make", {"filepath": folder})
-    wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", found) else FITTED
+        tooltip = translate("Opens the folder with the files for the cutter")
+        return Act("wm.path_open", interface("Open the folder"), tooltip, "make", {"filepath": folder})
+    wanted = ("spirals",) if passed_over(obj) or _skips_failed("flexmaps.fit", all_notices) else FITTED
     if any(stages[stage].kind != DONE for stage in wanted):
         if wanted == ("spirals",):
-            said = translate("Gives every quad its spiral")
-            return Act("flexmaps.spirals", _label(interface("Cut the spirals")), said, "shape")
-        said = translate("Gives every quad its spiral, and searches for those that spring into the shape")
-        return Act("flexmaps.fit", _label(interface("Make it fit")), said, "shape")
-    return _next_cure(obj.data, found) or _files()
+            tooltip = translate("Gives every quad its spiral")
+            return Act("flexmaps.spirals", _label(interface("Cut the spirals")), tooltip, "shape")
+        tooltip = translate("Gives every quad its spiral, and searches for those that spring into the shape")
+        return Act("flexmaps.fit", _label(interface("Make it fit")), tooltip, "shape")
+    return _next_cure(obj.data, all_notices) or _files()
 
 
 def _layout() -> Act:
-    said = translate("Cuts the surface into panels that lie flat and fit the sheet")
-    return Act("flexmaps.merge", _label(interface("Lay out the panels")), said, "layout")
+    tooltip = translate("Cuts the surface into panels that lie flat and fit the sheet")
+    return Act("flexmaps.merge", _label(interface("Lay out the panels")), tooltip, "layout")
 
 
 def _files() -> Act:
-    said = translate("Lays the panels on sheets and writes the files for the cutter")
-    return Act("flexmaps.export", _label(interface("Write the files")), said, "make")
+    tooltip = translate("Lays the panels on sheets and writes the files for the cutter")
+    return Act("flexmaps.export", _label(interface("Write the files")), tooltip, "make")
 
 
 def _quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> Act:
     count, size = obj.flexmaps.remesh.quads, _better_size(obj, scene)
-    said = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
+    tooltip = translate("Makes about {} quads in the shape of this mesh, as a new object, and hides this one", count)
     if not size:
-        return Act("flexmaps.quad_remesh", _label(interface("{} quads", count)), said, "piece")
-    said += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
+        return Act("flexmaps.quad_remesh", _label(interface("{} quads", count)), tooltip, "piece")
+    tooltip += ". " + translate("It becomes {:.0f} mm large, which gives spirals that can be cut", size)
     label = _label(interface("{} quads, {:.0f} mm", count, size))
-    return Act("flexmaps.quad_remesh", label, said, "piece", {"size": size})
+    return Act("flexmaps.quad_remesh", label, tooltip, "piece", {"size": size})
 
 
 def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
@@ -148,41 +154,45 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def _before_layout(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], found: Sequence[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], all_notices: Sequence[Notice]
 ) -> Act | None:
     """Return what a mesh of quads still needs before it is cut; None if it is ready."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
         size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
-        said = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
-        return Act("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), said, "piece")
-    wrong = [notice for notice in found if notice.kind == STOPS and notice.key.startswith("checks/")]
+        tooltip = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
+        return Act("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
+    wrong = [notice for notice in all_notices if notice.kind == STOPS and notice.key.startswith("checks/")]
     ways = ((notice, cure) for notice in wrong for cure in _untried(obj.data, notice))
     mending = next((_cure(notice, cure, "piece") for notice, cure in ways), None)
     if mending is not None:
         return mending
-    poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in found)
-    if poor and not is_current_unnoted(obj, scene, "regularise") and not _skips_failed("flexmaps.regularise", found):
-        said = translate("Moves the vertices along the surface so that the quads become squarer")
-        return Act("flexmaps.regularise", _label(interface("Squarer quads")), said, "piece")
+    poor = any(notice.key.partition("/")[2] in MADE_SQUARER for notice in all_notices)
+    if (
+        poor
+        and not is_current_unnoted(obj, scene, "regularise")
+        and not _skips_failed("flexmaps.regularise", all_notices)
+    ):
+        tooltip = translate("Moves the vertices along the surface so that the quads become squarer")
+        return Act("flexmaps.regularise", _label(interface("Squarer quads")), tooltip, "piece")
     return None
 
 
-def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, found: Sequence[Notice]) -> Act | None:
+def _unless_failed(mesh: bpy.types.Mesh, wanted: Act, all_notices: Sequence[Notice]) -> Act | None:
     """Return the action, or the first cure if it failed with the same input; None without a cure."""
-    failed = next((notice for notice in found if notice.key == f"failed/{wanted.idname}"), None)
+    failed = next((notice for notice in all_notices if notice.key == f"failed/{wanted.idname}"), None)
     if failed is None:
         return wanted
     return next((_cure(failed, cure, wanted.section) for cure in _untried(mesh, failed)), None)
 
 
-def _next_cure(mesh: bpy.types.Mesh, found: Sequence[Notice]) -> Act | None:
+def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | None:
     """Return a cure for what would break the piece, then another layout for a poor match.
 
     None where there is neither, all were tried, or the user dismissed the notices.
     """
-    breaking = [notice for notice in found if notice.kind == BREAKS]
-    missing = [notice for notice in found if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
+    breaking = [notice for notice in all_notices if notice.kind == BREAKS]
+    missing = [notice for notice in all_notices if notice.kind == WORSE and notice.key in notices.FAR_FROM_TARGET]
     ways = [
         (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
     ]
@@ -196,13 +206,13 @@ def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:
     return [cure for cure in notice.cures if cure.call not in tried or cure.idname == "flexmaps.let_go"]
 
 
-def _skips_failed(idname: str, found: Sequence[Notice]) -> bool:
+def _skips_failed(idname: str, all_notices: Sequence[Notice]) -> bool:
     """Return whether the user goes on without a stage that failed."""
-    return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in found)
+    return any(notice.key == f"failed/{idname}" and notice.kind == INFORMATION for notice in all_notices)
 
 
-def _sentence(found: Sequence[Notice], key: str) -> str:
-    return next((notice.sentence for notice in found if notice.key == key), "")
+def _sentence(all_notices: Sequence[Notice], key: str) -> str:
+    return next((notice.sentence for notice in all_notices if notice.key == key), "")
 
 
 def _cure(notice: Notice, cure: Cure, section: str) -> Act:

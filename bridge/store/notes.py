@@ -41,7 +41,7 @@ def _checksum(text: str) -> str:
 
 
 @lru_cache(maxsize=32)
-def _parsed(text: str, checksum: str) -> dict[str, Any] | None:
+def _parse(text: str, checksum: str) -> dict[str, Any] | None:
     return json.loads(text) if _checksum(text) == checksum else None
 
 
@@ -50,7 +50,7 @@ def _get(mesh: bpy.types.Mesh, name: str) -> dict[str, Any] | None:
     text, checksum = mesh.get(name), mesh.get(name + SUM)
     if text is None or checksum is None:
         return {}
-    return _parsed(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
+    return _parse(text, checksum) if isinstance(text, str) and isinstance(checksum, str) else None
 
 
 def _put(mesh: bpy.types.Mesh, name: str, value: dict[str, Any]) -> None:

@@ -85,7 +85,7 @@ class Notice:
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> list[Notice]:
     """Return all notices of an object, worst first; ``known``: its ``states``."""
     blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
-    found = [
+    result = [
         *_from_failures(obj, failures.read(obj, scene)),
         *_checks(obj, scene, blocks.get("checks", ())),
         *_few_quads(obj),
@@ -96,18 +96,18 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
         *_flat(obj),
         *(one for name in SAID for one in _sentences(name, blocks)),
     ]
-    seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, found)]
+    seen = [_downgrade_dismissed(obj.data, notice) for notice in _downgrade_predictions(obj, blocks, result)]
     return sorted(seen, key=lambda notice: ORDER.index(notice.kind))
 
 
-def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], found: list[Notice]) -> list[Notice]:
+def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
     """Downgrade predictions to information once the shape is near its target or flat and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
     near = percent is not None and percent <= remedies.wanted(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.passed_over(obj)
-    if not (near or flat) or any(one.kind == BREAKS for one in found if one.key.startswith("equilibrium/")):
-        return found
-    return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in found]
+    if not (near or flat) or any(one.kind == BREAKS for one in result if one.key.startswith("equilibrium/")):
+        return result
+    return [replace(one, kind=INFORMATION) if one.key in FORETELLING and one.kind == WORSE else one for one in result]
 
 
 def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
@@ -121,13 +121,13 @@ def _downgrade_dismissed(mesh: bpy.types.Mesh, notice: Notice) -> Notice:
 
 
 def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> list[Notice]:
-    found = []
-    for idname, said in failed.items():
-        faces, edges = tuple(said["faces"]), tuple(said["edges"])
+    result = []
+    for idname, failure in failed.items():
+        faces, edges = tuple(failure["faces"]), tuple(failure["edges"])
         words = interface(FAILED.get(idname, "Stopped"), quads(len(faces)))
-        ways = tuple(_cures_of_failure(obj, idname, said.get("quads")))
-        found.append(Notice(f"failed/{idname}", words, said["message"], STOPS, faces, edges, ways))
-    return found
+        ways = tuple(_cures_of_failure(obj, idname, failure.get("quads")))
+        result.append(Notice(f"failed/{idname}", words, failure["message"], STOPS, faces, edges, ways))
+    return result
 
 
 def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
@@ -149,9 +149,9 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
     return []
 
 
-def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[Notice]:
+def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: Any) -> list[Notice]:
     made, helpless = [], states.is_current_unnoted(obj, scene, "regularise")
-    for row in found:
+    for row in findings:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
         words, kind = WORDS.get(code, ("To look at", WORSE))
         kind = STOPS if row["severity"] == "error" else kind
@@ -172,8 +172,8 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, found: Any) -> list[N
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
         if kind != STOPS and code != cures.FOLDS:
             ways.append(cures.let_go(f"checks/{code}"))
-        told = interface(words, len(edges if code == cures.FOLDS else faces))
-        made.append(Notice(f"checks/{code}", told, row["message"], kind, faces, edges, tuple(ways)))
+        label = interface(words, len(edges if code == cures.FOLDS else faces))
+        made.append(Notice(f"checks/{code}", label, row["message"], kind, faces, edges, tuple(ways)))
     return made
 
 
@@ -198,29 +198,29 @@ def _few_quads(obj: bpy.types.Object) -> list[Notice]:
 
 def _missing_groups(obj: bpy.types.Object) -> list[Notice]:
     """Report chosen vertex groups that no longer exist."""
-    found = []
+    result = []
     for setting, what in (("supports", "Supports"), ("pulled", "Pulled")):
         name = getattr(obj.flexmaps.loads, setting)
         if name and name not in obj.vertex_groups:
-            said = translate("The vertex group '{}' under {} is gone: choose another one", name, interface(what))
+            sentence = translate("The vertex group '{}' under {} is gone: choose another one", name, interface(what))
             ways = (
                 [cures.hold("nothing", setting)]
                 if setting == "pulled"
                 else [cures.hold("lowest"), cures.hold("nothing")]
             )
-            found.append(Notice(f"loads/{setting}", interface("Group is gone"), said, STOPS, cures=tuple(ways)))
-    return found
+            result.append(Notice(f"loads/{setting}", interface("Group is gone"), sentence, STOPS, cures=tuple(ways)))
+    return result
 
 
 def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
     """Report seams that existed before FlexMaps' own."""
     if layout != states.TODO or not has_seams(obj.data):
         return []
-    said = translate(
+    sentence = translate(
         "The mesh has seams already: they can be the borders of the panels, or are replaced by a layout made anew"
     )
     ways = Cure(interface("Use these seams"), "flexmaps.flatten"), Cure(interface("Lay out anew"), "flexmaps.merge")
-    return [Notice("layout/seams", interface("Has seams"), said, INFORMATION, cures=ways)]
+    return [Notice("layout/seams", interface("Has seams"), sentence, INFORMATION, cures=ways)]
 
 
 def has_seams(mesh: bpy.types.Mesh) -> bool:
@@ -233,8 +233,8 @@ def has_seams(mesh: bpy.types.Mesh) -> bool:
 def _flat(obj: bpy.types.Object) -> list[Notice]:
     if not flat_target.passed_over(obj):
         return []
-    said = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
-    return [Notice("layout/flat", interface("Flat target"), said, INFORMATION)]
+    sentence = translate("The target is flat: its spirals are straight, and there is nothing to simulate or search for")
+    return [Notice("layout/flat", interface("Flat target"), sentence, INFORMATION)]
 
 
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
@@ -243,8 +243,8 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     advised = remedies.of_block({"advice": "", **reach})
     if remedies.CUT not in reach.get("prospects", advised):  # trial searches have shown that no cut helps
         advised.pop(remedies.CUT, None)
-    found = []
-    found += _other_limit(obj, block)
+    result = []
+    result += _other_limit(obj, block)
     for row in equilibrium.by_code(block.get("findings", ())):
         if row["code"] == "strained-for-years":  # written by an earlier version, which reported both limits at once
             continue
@@ -269,8 +269,8 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
             ways.append(cures.let_go(key))
         count = len(row["faces"])
         sentence = equilibrium.sentence(row, block)
-        found.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
-    return found + _match(obj, blocks, advised)
+        result.append(Notice(key, interface(words, count), sentence, kind, tuple(row["faces"]), (), tuple(ways)))
+    return result + _match(obj, blocks, advised)
 
 
 def _is_far(block: dict[str, Any]) -> bool:
@@ -281,10 +281,10 @@ def _is_far(block: dict[str, Any]) -> bool:
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """Report a match worse than wanted, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
-    percent, said = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    told = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _is_far(block) else ())}
+    percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
+    covering = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _is_far(block) else ())}
     choose = obj.flexmaps.choose
-    if percent is None or percent <= remedies.wanted(choose) or said & told:
+    if percent is None or percent <= remedies.wanted(choose) or codes & covering:
         return []
     key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
     others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
@@ -296,22 +296,22 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
 
 def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     """Say what a piece made for days would need to last for years; information only."""
-    share, given = block.get("strain_share_max"), obj.flexmaps.material
-    material = MATERIALS.get(given.material)
-    if share is None or given.lasts == "years" or material is None or material.lasting is None:
+    share, settings = block.get("strain_share_max"), obj.flexmaps.material
+    material = MATERIALS.get(settings.material)
+    if share is None or settings.lasts == "years" or material is None or material.lasting is None:
         return []
     times = STRAIN_MARGIN * share * material.strain_limit / material.lasting.strain
     sheet = remedies.thinner(given_thickness(obj), times)
     if times <= 1.0:
-        said = translate("It lasts for years too")
+        sentence = translate("It lasts for years too")
     elif sheet is None:
-        said = translate("To last for years it would have to be {:.2g} times larger", times)
+        sentence = translate("To last for years it would have to be {:.2g} times larger", times)
     else:
         millimetres = sheet * remedies.MILLIMETRES
-        said = translate(
+        sentence = translate(
             "To last for years it would have to be {:.2g} times larger, or of a sheet of {:g} mm", times, millimetres
         )
-    return [Notice("equilibrium/years", interface("Made for days"), said, INFORMATION)]
+    return [Notice("equilibrium/years", interface("Made for days"), sentence, INFORMATION)]
 
 
 def given_thickness(obj: bpy.types.Object) -> float:
@@ -319,9 +319,9 @@ def given_thickness(obj: bpy.types.Object) -> float:
     return float(obj.flexmaps.spiral.thickness) / remedies.MILLIMETRES
 
 
-def _findings(source: str, found: Any) -> list[Notice]:
+def _findings(source: str, findings: Any) -> list[Notice]:
     made = []
-    for row in found:
+    for row in findings:
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
         key, faces = f"{source}/{row['code']}", tuple(row["faces"])
         made.append(Notice(key, interface(words, len(faces)), row["message"], kind, faces, (), (cures.let_go(key),)))
@@ -334,8 +334,8 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     block, key = blocks.get(source, {}), f"{source}/{rows}"
     halved = block.get("halved")  # text about a seam that lets a panel leave the plane; it is not a missed limit
     plain = [Notice("layout/halved", interface("Cut once more"), halved, INFORMATION)] if halved else []
-    said = [sentence for sentence in block.get(rows, ()) if sentence != halved]
-    if not said:
+    lines = [sentence for sentence in block.get(rows, ()) if sentence != halved]
+    if not lines:
         return plain
     ways = []
     if source == "layout" and "choose" not in blocks:
@@ -343,5 +343,5 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
         advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
-    words = interface(one) if len(said) == 1 else interface(more, len(said))
-    return [*plain, Notice(key, words, "\n".join(said), WORSE, cures=(*ways, cures.let_go(key)))]
+    words = interface(one) if len(lines) == 1 else interface(more, len(lines))
+    return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.let_go(key)))]

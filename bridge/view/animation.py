@@ -84,7 +84,7 @@ def clear(obj: bpy.types.Object) -> None:
     own = collection.existing(obj)
     for other in [o for o in own.objects if o.get("flexmaps_kind") == KIND] if own is not None else ():
         # an object and its shape keys may share an action
-        actions = {holder.animation_data.action.name for holder in _animated(other)}
+        actions = {holder.animation_data.action.name for holder in _animated_data(other)}
         data = other.data
         bpy.data.objects.remove(other)
         if data is not None:
@@ -94,7 +94,7 @@ def clear(obj: bpy.types.Object) -> None:
                 bpy.data.actions.remove(action)
 
 
-def _animated(obj: bpy.types.Object) -> list[Any]:
+def _animated_data(obj: bpy.types.Object) -> list[Any]:
     keys = obj.data.shape_keys if obj.data is not None else None
     held = [holder for holder in (obj, keys) if holder is not None and holder.animation_data is not None]
     return [holder for holder in held if holder.animation_data.action is not None]

@@ -34,8 +34,8 @@ class BrushPath:
         start = inverse @ view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
         way = inverse.to_3x3() @ view3d_utils.region_2d_to_vector_3d(region, view, (x, y))
         seen = self._object.evaluated_get(context.evaluated_depsgraph_get())
-        found, place, normal, _ = seen.ray_cast(start, way.normalized())
-        if not found:
+        is_hit, place, normal, _ = seen.ray_cast(start, way.normalized())
+        if not is_hit:
             return None
         return place, normal if normal.dot(way) < 0.0 else -normal
 
@@ -52,12 +52,12 @@ class BrushPath:
         self._last = here
         weights, ways = list[np.ndarray](), list[np.ndarray]()
         for k in range(steps):
-            found = self.hit(context, *(last + (here - last) * (k + 1) / steps))
-            if found is None:
+            hit = self.hit(context, *(last + (here - last) * (k + 1) / steps))
+            if hit is None:
                 self._place = None
                 continue
-            weights.append(self._dab(context, *found, size))
-            place = np.array(found[0])
+            weights.append(self._dab(context, *hit, size))
+            place = np.array(hit[0])
             if self._place is not None:
                 ways.append(place - self._place)
             self._place = place

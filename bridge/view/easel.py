@@ -72,8 +72,8 @@ class Painting(LiveShape):
         wind = -design.twist if design.params.clockwise else design.twist
         known = None if former is None else former.drawn_bands
         if former is None or known is None:
-            found = bands.bands(corners, normal, design.width / unit, wind, lift)
-            return found[0].astype(np.float32), found[1].astype(np.int32)
+            arrays = bands.bands(corners, normal, design.width / unit, wind, lift)
+            return arrays[0].astype(np.float32), arrays[1].astype(np.int32)
         changed = np.flatnonzero(design.unlike(former._design))
         points = known[0].reshape(len(corners), -1, 3).copy()
         pieces = points.shape[1] // 8 - 1
@@ -123,8 +123,8 @@ class Easel:
         if design is None:
             raise FlexMapsError(stages.MISSING["design"])
         self._hold(design, taken)
-        found = stiffness(self.design, self._used.material.chosen)
-        self.stiffness = np.ones(len(self.design.twist)) if found is None else found
+        measured = stiffness(self.design, self._used.material.chosen)
+        self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
         self.range = float(self.stiffness.min()), float(self.stiffness.max())
         self._panels = PaintedPanels(obj.name, self.design)
         self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run

@@ -44,13 +44,13 @@ class Handles:
             if kind == "held":
                 one.draw_options = {"FILL", "ALIGN_VIEW"}
                 one.scale_basis = 0.08
-                given = one.target_set_operator("flexmaps.drag_spiral")
-                given.quad, given.kind, given.tap = quad, "PULL", True
+                action = one.target_set_operator("flexmaps.drag_spiral")
+                action.quad, action.kind, action.tap = quad, "PULL", True
             else:
                 one.draw_style = "NORMAL" if kind == "pull" else "BOX"
                 one.use_draw_scale = False
-                given = one.target_set_operator("flexmaps.drag_spiral")
-                given.quad, given.kind = quad, kind.upper()
+                action = one.target_set_operator("flexmaps.drag_spiral")
+                action.quad, action.kind = quad, kind.upper()
         self._existing = wanted
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
@@ -76,7 +76,7 @@ def _handles(
     points, quads = picking.seen(obj, shape_of(obj))
     if not len(quads):
         return []
-    found: list[tuple[str, int, Any, Any]] = []
+    result: list[tuple[str, int, Any, Any]] = []
     matrix = np.array(obj.matrix_world)[:3, :3]
     for name in handles.NAMES:
         values = handles.read(obj, name)
@@ -90,8 +90,8 @@ def _handles(
             elif name == handles.WISH:
                 # from the present place to the target's
                 way = picking.target(obj)[quads[quad]].mean(axis=0) + matrix @ values[quad] - place
-            found.append((name, quad, Vector(place), Vector(way)))
-    return found
+            result.append((name, quad, Vector(place), Vector(way)))
+    return result
 
 
 def _frame(place: Any, way: Any, size: float) -> Any:

@@ -63,9 +63,9 @@ def _running(job: Any) -> Head:
     label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
     left = interface("About {} left", job.left) if job.left else interface("Begun")
     step = interface(job.text) if job.text else interface("starting")
-    said = interface("Stopping") if job.stopping else left
+    status = interface("Stopping") if job.stopping else left
     return Head(
-        label, "", "SORTTIME", said, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"
+        label, "", "SORTTIME", status, f"{step}. {interface('Esc or the cross stops; {}.', interface(job.on_stop))}"
     )
 
 
@@ -109,18 +109,18 @@ def _nothing(context: bpy.types.Context, problem: str) -> Head:
     if obj is None:
         label = interface("Next: {}", interface("Add an example"))
         return Head(label, "flexmaps.example", "INFO", interface(WELCOME), interface(ABOUT), around(context))
-    said = interface(problem)
+    sentence = interface(problem)
     if obj.type in CONVERTIBLE:
         label = interface("Next: {}", interface("Convert to a mesh"))
         return Head(
-            label, "object.convert", "INFO", interface("Not a mesh yet"), said, properties=(("target", "MESH"),)
+            label, "object.convert", "INFO", interface("Not a mesh yet"), sentence, properties=(("target", "MESH"),)
         )
     if obj.type == "MESH" and obj.library is None and obj.data.library is None:
         label = interface("Next: {}", interface("Object Mode"))
         return Head(
-            label, "object.mode_set", "INFO", interface("In another mode"), said, properties=(("mode", "OBJECT"),)
+            label, "object.mode_set", "INFO", interface("In another mode"), sentence, properties=(("mode", "OBJECT"),)
         )
-    return Head(interface("Next"), "", "INFO", interface("Nothing to work on"), said)
+    return Head(interface("Next"), "", "INFO", interface("Nothing to work on"), sentence)
 
 
 def around(context: bpy.types.Context) -> tuple[Notice, ...]:
@@ -129,25 +129,27 @@ def around(context: bpy.types.Context) -> tuple[Notice, ...]:
     left = collection.left_over(context.scene)
     if left:
         names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
-        said = interface("{} was deleted, its panels are still there", names)
+        sentence = interface("{} was deleted, its panels are still there", names)
         notices.append(
-            Notice("left", interface("Left-over panels"), said, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
+            Notice(
+                "left", interface("Left-over panels"), sentence, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),)
+            )
         )
     if unusable(obj) is not None:
         return tuple(notices)
     others, version = shared(obj), notes.made_with(obj.data)
     if others:
-        said = interface("The mesh is shared with {}: seams and results are common to all", others)
-        notices.append(Notice("shared", interface("Shared mesh"), said, INFORMATION))
+        sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
+        notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))
     changed = versions.since(version)
     if versions.order(version) > versions.order(VERSION):
-        said = interface(
+        sentence = interface(
             "Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION
         )
-        notices.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+        notices.append(Notice("version", interface("Made with {}", version), sentence, INFORMATION))
     elif changed:
-        said = " ".join(
+        sentence = " ".join(
             (interface("Made with FlexMaps {}; since then:", version), *(f"{interface(text)}." for text in changed))
         )
-        notices.append(Notice("version", interface("Made with {}", version), said, INFORMATION))
+        notices.append(Notice("version", interface("Made with {}", version), sentence, INFORMATION))
     return tuple(notices)

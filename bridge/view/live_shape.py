@@ -91,13 +91,13 @@ class LiveShape:
             if self._arrays is None:
                 self.prepared(unit)
             assert self._arrays is not None
-            points, rgba, ends, found = self._arrays
+            points, rgba, ends, dark = self._arrays
             faces = batch_for_shader(gpu.shader.from_builtin("FLAT_COLOR"), "TRIS", {"pos": points, "color": rgba})
             lines = batch_for_shader(gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR"), "LINES", {"pos": ends})
             bands = None
-            if found is not None:
+            if dark is not None:
                 ink = gpu.shader.from_builtin("UNIFORM_COLOR")
-                bands = batch_for_shader(ink, "TRIS", {"pos": found[0]}, indices=found[1])
+                bands = batch_for_shader(ink, "TRIS", {"pos": dark[0]}, indices=dark[1])
             self._batches = faces, bands, lines
         return self._batches
 

@@ -61,15 +61,15 @@ _cache: dict[tuple[int, str, bool], tuple[Any, Any, Legend] | None] = {}
 def register(running: Callable[[], Any]) -> None:
     """Start drawing; ``running`` returns what the current job shows, which is drawn if it is a ``LiveShape``."""
     bpy.types.WindowManager.flexmaps_overlay = bpy.props.EnumProperty(
-        items=colouring.ITEMS, name="Overlay", update=_switched
+        items=colouring.ITEMS, name="Overlay", update=_on_switch
     )
     bpy.types.WindowManager.flexmaps_chosen = bpy.props.BoolProperty(name="The user chose the colours, or none")
     handlers = bpy.app.handlers
-    handlers.depsgraph_update_post.append(_changed)
+    handlers.depsgraph_update_post.append(_on_change)
     handlers.load_pre.append(_forget)
-    handlers.load_post.append(_loaded)
-    handlers.undo_post.append(_stepped)
-    handlers.redo_post.append(_stepped)
+    handlers.load_post.append(_on_load)
+    handlers.undo_post.append(_on_undo)
+    handlers.redo_post.append(_on_undo)
     if not bpy.app.background:
         view = bpy.types.SpaceView3D
         _handles.append(view.draw_handler_add(_draw_colours, (), "WINDOW", "POST_VIEW"))
@@ -81,16 +81,16 @@ def unregister() -> None:
     while _handles:
         bpy.types.SpaceView3D.draw_handler_remove(_handles.pop(), "WINDOW")
     handlers = bpy.app.handlers
-    handlers.depsgraph_update_post.remove(_changed)
+    handlers.depsgraph_update_post.remove(_on_change)
     handlers.load_pre.remove(_forget)
-    handlers.load_post.remove(_loaded)
+    handlers.load_post.remove(_on_load)
     for which in (handlers.undo_post, handlers.redo_post):
-        which.remove(_stepped)
+        which.remove(_on_undo)
     _cache.clear()
     del bpy.types.WindowManager.flexmaps_overlay, bpy.types.WindowManager.flexmaps_chosen
 
 
-def _switched(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
+def _on_switch(manager: bpy.types.WindowManager, context: bpy.types.Context) -> None:
     """Store the kind in the scene, so that the file shows it again."""
     if context.scene is not None and context.scene.get(KEPT, "NONE") != manager.flexmaps_overlay:
         context.scene[KEPT] = manager.flexmaps_overlay
@@ -98,14 +98,14 @@ def _switched(manager: bpy.types.WindowManager, context: bpy.types.Context) -> N
 
 
 @bpy.app.handlers.persistent
-def _loaded(*_: object) -> None:
+def _on_load(*_: object) -> None:
     kept = bpy.context.scene.get(KEPT, "NONE")
     if kept in colouring.KINDS:
         bpy.context.window_manager.flexmaps_overlay = kept
 
 
 @bpy.app.handlers.persistent
-def _stepped(*_: object) -> None:
+def _on_undo(*_: object) -> None:
     """After an undo or redo, show an earlier stage's kind if the object lacks the shown one."""
     _cache.clear()
     manager, obj = bpy.context.window_manager, bpy.context.view_layer.objects.active
@@ -126,7 +126,7 @@ def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context | None 
 
 
 @bpy.app.handlers.persistent
-def _changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+def _on_change(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
     if _cache and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key) for update in depsgraph.updates
     ):
@@ -138,7 +138,7 @@ def _forget(*_: object) -> None:
     _cache.clear()
 
 
-def _shown(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
+def _drawn_batch(context: bpy.types.Context) -> tuple[bpy.types.Object, Any, Any, Legend] | None:
     """Return the object, the faces and lines to draw and the legend; None where nothing is to be drawn."""
     obj, kind = context.object, context.window_manager.flexmaps_overlay
     if kind == "NONE" or obj is None or obj.type != "MESH" or not obj.visible_get():
@@ -157,7 +157,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
     quads = _quads(obj, kind)
     if quads is None or not len(quads.values) or not colouring.current(obj, kind):
         return None
-    rgb, said = colouring.painted(obj, kind, quads.values)
+    rgb, legend = colouring.painted(obj, kind, quads.values)
     seams, corners = quads.seams, quads.positions[quads.corners]
     up, normal = _normals(quads)
     lifted = on_both_sides(corners, up[quads.corners])
@@ -179,7 +179,7 @@ def _batch(obj: bpy.types.Object, kind: str) -> tuple[Any, Any, Legend] | None:
         pen = gpu.shader.from_builtin("POLYLINE_FLAT_COLOR")
         look = {"pos": ends.reshape(-1, 3), "color": np.repeat(pens, 2, axis=0)}
         lines = batch_for_shader(pen, "LINES", {name: x.astype(np.float32) for name, x in look.items()})
-    return faces, lines, said
+    return faces, lines, legend
 
 
 def on_both_sides(
@@ -256,18 +256,18 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
         positions = np.array([v.co for v in bm.verts], dtype=float)
         corners = np.array([[v.index for v in face.verts] for face in bm.faces])
         if corner is not None:
-            found = np.array([loop[corner] for face in bm.faces for loop in face.loops])
+            own = np.array([loop[corner] for face in bm.faces for loop in face.loops])
         else:
-            found = np.array([face[layer] for face in bm.faces])
-            found = np.repeat(found, 4) if name == "flexmaps_width" else found  # an older file stores one width a face
-        if not attributes.fits(name, found):
+            own = np.array([face[layer] for face in bm.faces])
+            own = np.repeat(own, 4) if name == "flexmaps_width" else own  # an older file stores one width a face
+        if not attributes.fits(name, own):
             return None
         number = bm.edges.layers.int.get(SEAMS)
         if number is not None and not attributes.fits(SEAMS, np.array([e[number] for e in bm.edges])):
             number = None
         seam = {e: NO_SEAM if not e.seam else -1 if number is None else e[number] for e in bm.edges}
         seams = np.array([[seam[loop.edge] for loop in face.loops] for face in bm.faces])
-        return _Quads(positions, corners, colouring.per_quad(kind, found), seams, _widths(kind, found))
+        return _Quads(positions, corners, colouring.per_quad(kind, own), seams, _widths(kind, own))
     mesh = obj.data
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
@@ -291,7 +291,7 @@ def _widths(kind: str, values: np.ndarray) -> Float[np.ndarray, "quads 4"] | Non
 def _draw_colours() -> None:
     import gpu
 
-    shown = _shown(bpy.context)
+    shown = _drawn_batch(bpy.context)
     if shown is None:
         return
     obj, faces, lines, _ = shown
@@ -320,7 +320,7 @@ def _draw_live(running: Callable[[], Any]) -> None:
 
 def _draw_legend(running: Callable[[], Any]) -> None:
     """Draw the legend of the running shape, or else of the model's colours."""
-    shape, shown = running(), _shown(bpy.context)
+    shape, shown = running(), _drawn_batch(bpy.context)
     wanted = shape.legend if isinstance(shape, LiveShape) else None if shown is None else shown[3]
     if wanted is not None:
         legend.draw(wanted)

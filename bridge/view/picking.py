@@ -46,8 +46,8 @@ def quad_at(
     from mathutils.bvhtree import BVHTree
 
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())
-    found = tree.ray_cast(origin, way)
-    return None if found[2] is None else int(found[2])
+    hit = tree.ray_cast(origin, way)
+    return None if hit[2] is None else int(hit[2])
 
 
 def edge_of(obj: bpy.types.Object) -> float:

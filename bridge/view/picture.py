@@ -39,7 +39,7 @@ MANY = 1200  # spirals from which medium detail looks round enough in a picture;
 def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the target in the colours of its patches, with quads as thin and seams as dark lines."""
     with studio(size or SIZE, samples or SAMPLES) as place:
-        _target(place, obj, "PATCH")
+        _add_target(place, obj, "PATCH")
         place.set_up(ASIDE)
         place.take(path)
 
@@ -59,7 +59,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
         if design is not None and solid is not None:
             place.put(solid.data.copy())  # with connectors, as they are cut
         elif design is not None:
-            _panels(place, obj, design, "PATCH")
+            _add_panels(place, obj, design, "PATCH")
         else:
             if not shown:
                 raise FlexMapsError("There are no flat panels yet; merge or flatten first")
@@ -80,9 +80,9 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
     if equilibrium.key_of(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
     with studio(size or SIZE, samples or SAMPLES) as place:
-        _assembled(place, obj, design, "DISTANCE")
+        _add_assembled(place, obj, design, "DISTANCE")
         place.set_up(ASIDE)
-        _legend(place, colouring.legend_of(obj, "DISTANCE"))
+        _add_legend(place, colouring.legend_of(obj, "DISTANCE"))
         place.take(path)
 
 
@@ -122,16 +122,16 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
     with studio(size, params.samples, "GREY" if finish in materials.LOOKS else "WHITE", pack=pack) as place:
         standing = []
         if params.target:
-            standing.append(_target(place, obj, finish))
+            standing.append(_add_target(place, obj, finish))
         if params.assembled:
-            standing.append(_assembled(place, obj, design, finish, tips))
+            standing.append(_add_assembled(place, obj, design, finish, tips))
         wide, depth = _line_up(standing, params.azimuth)
         if params.panels:
-            flat = _panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
-            _before(flat, wide, depth, params.azimuth)
+            flat = _add_panels(place, obj, design, finish, tips, PAGE * wide if standing else None, params.azimuth)
+            _place_in_front(flat, wide, depth, params.azimuth)
         place.set_up(_direction(params), tight=not params.pixels_y)
         if finish in colouring.KINDS and finish != "PATCH":
-            _legend(place, colouring.legend_of(obj, finish))
+            _add_legend(place, colouring.legend_of(obj, finish))
         place.take(path)
 
 
@@ -206,7 +206,7 @@ def _line_up(groups: list[Group], azimuth: float) -> tuple[float, float]:
     return max(at - gap, 0.0), depth
 
 
-def _before(flat: Group, wide: float, depth: float, azimuth: float) -> None:
+def _place_in_front(flat: Group, wide: float, depth: float, azimuth: float) -> None:
     """Place the panels on the ground in front of the other groups."""
     low, high = flat.seen(azimuth)
     aside = 0.5 * wide - 0.5 * (low + high)[0]
@@ -224,7 +224,7 @@ def _colours(obj: bpy.types.Object, finish: str) -> Float[np.ndarray, "quads 3"]
     return None if finish in materials.LOOKS else preview.quad_colours(obj, finish)
 
 
-def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
+def _add_target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     """Add the target, in its patches' colours or plain, with its quads and seams as lines."""
     surface = mesh.read_surface(obj, bpy.context.scene)
     polygons = surface.polygons
@@ -240,7 +240,7 @@ def _target(place: Studio, obj: bpy.types.Object, finish: str) -> Group:
     pairs, count = np.sort(surface.pairs, axis=1), np.array([len(polygons.vertices), 1])
     sides, used = np.unique(_sides(polygons.corners, polygons.sizes) @ count, return_counts=True)
     border = np.isin(pairs @ count, sides[used == 1])
-    return Group((made, *_lines(place, polygons.vertices, pairs, border | surface.seams)))
+    return Group((made, *_add_lines(place, polygons.vertices, pairs, border | surface.seams)))
 
 
 def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"]) -> Int[np.ndarray, "corners 2"]:
@@ -251,7 +251,7 @@ def _sides(corners: Int[np.ndarray, " corners"], sizes: Int[np.ndarray, " faces"
     return np.sort(np.stack([corners, corners[following]], axis=1), axis=1)
 
 
-def _assembled(
+def _add_assembled(
     place: Studio, obj: bpy.types.Object, design: SpiralDesign, finish: str, tips: Sequence[Tip] = ()
 ) -> Group:
     """Add the piece with its spirals bent as in the last simulation, or on the target without a simulation."""
@@ -283,7 +283,7 @@ def _base(obj: bpy.types.Object, design: SpiralDesign) -> Base | None:
     return preview.base_of(design, _stand(obj, design), held, used)
 
 
-def _panels(
+def _add_panels(
     place: Studio,
     obj: bpy.types.Object,
     design: SpiralDesign,
@@ -308,7 +308,7 @@ def _detail(design: SpiralDesign) -> str:
     return "FINE" if len(design.width) < MANY else "MEDIUM"
 
 
-def _lines(
+def _add_lines(
     place: Studio,
     points: Float[np.ndarray, "vertices 3"],
     pairs: Int[np.ndarray, "edges 2"],
@@ -324,7 +324,7 @@ def _lines(
         yield place.put(curve, framed=False)
 
 
-def _legend(studio: Studio, legend: Legend) -> None:
+def _add_legend(studio: Studio, legend: Legend) -> None:
     """Add a colour bar with its numbers to the upper left corner, in front of the camera and independent of light."""
     scene = studio.scene
     camera = scene.camera

@@ -51,8 +51,8 @@ def of_object(obj: bpy.types.Object) -> tuple[dict[str, Any], dict[str, Drawing]
     ------
     FlexMapsError where the object cannot be used, the check finds errors, or nothing was laid out yet.
     """
-    found = taken(obj)
-    return drawn(found.taken.result(), found)
+    content = taken(obj)
+    return drawn(content.taken.result(), content)
 
 
 def taken(obj: bpy.types.Object) -> Reported:
@@ -80,19 +80,19 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         blocks.pop("scan", None)
     scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
     findings = guidance.of(obj, bpy.context.scene, now).findings()
-    found = Reported(taken, blocks, values={"scan": scan}, findings=findings)
+    content = Reported(taken, blocks, values={"scan": scan}, findings=findings)
     if "equilibrium" not in blocks:
-        return found
+        return content
     key = equilibrium.key_of(obj.data)
     shape = taken.surface.positions
     if key is not None:
         shape = np.empty_like(shape)
         key.data.foreach_get("co", shape.ravel())
     if not np.isfinite(shape).all():
-        return replace(found, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
+        return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach", "utilisation": "utilisation"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
-    return replace(found, shape=shape, values=found.values | values, pose=pose.read(obj, taken.surface.to_metres))
+    return replace(content, shape=shape, values=content.values | values, pose=pose.read(obj, taken.surface.to_metres))
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -111,7 +111,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     taken = found.taken
     stages.needed(result, "flat")
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
-    measured = _measured(result, found)
+    measured = _measured_values(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
     described["findings"] = found.findings
@@ -122,14 +122,14 @@ def shown(result: Result, found: Reported) -> Shown | None:
     """Return the content of the page's 3D view of a result that was taken from an object; None without spirals."""
     if result.design is None:
         return None
-    return Shown(result.design, _measured(result, found), found.pose)
+    return Shown(result.design, _measured_values(result, found), found.pose)
 
 
-def _measured(result: Result, found: Reported) -> run_plots.Measured:
+def _measured_values(result: Result, content: Reported) -> run_plots.Measured:
     measured = report_page.measured(result)
-    if found.shape is None:
-        return replace(measured, scan=found.values.get("scan"))
-    to_metres = found.taken.surface.to_metres
-    world = found.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
-    used = np.unique(found.taken.surface.polygons.corners)  # the engine knows only vertices of faces
-    return replace(measured, shape=world[used], **found.values)
+    if content.shape is None:
+        return replace(measured, scan=content.values.get("scan"))
+    to_metres = content.taken.surface.to_metres
+    world = content.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
+    used = np.unique(content.taken.surface.polygons.corners)  # the engine knows only vertices of faces
+    return replace(measured, shape=world[used], **content.values)

@@ -209,12 +209,12 @@ class Studio:
         camera.rotation_euler = Vector(direction).to_track_quat("Z", "Y").to_euler()
         width = scene.render.resolution_x
         if abs(direction[2]) > 0.999 * np.linalg.norm(direction):
-            spread = MARGIN * np.ptp(points, axis=0)[:2]
+            extent = MARGIN * np.ptp(points, axis=0)[:2]
             if tight:
-                scene.render.resolution_y = _pixels(width, spread[1] / spread[0])
+                scene.render.resolution_y = _pixels(width, extent[1] / extent[0])
             height = scene.render.resolution_y
             data.type = "ORTHO"  # its scale is the extent along the picture's longer side
-            data.ortho_scale = float((spread / np.array([width, height])).max()) * max(width, height)
+            data.ortho_scale = float((extent / np.array([width, height])).max()) * max(width, height)
             middle = (low + high) / 2
             camera.location = (middle[0], middle[1], high[2] + 5 * radius)
             camera.rotation_euler = (0.0, 0.0, 0.0)
@@ -223,7 +223,7 @@ class Studio:
         axes = np.array(camera.rotation_euler.to_matrix())
         seen, half = points @ axes, 0.5 * data.sensor_width / data.lens
         if tight:
-            scene.render.resolution_y = _pixels(width, _needed(seen, half) / half)
+            scene.render.resolution_y = _pixels(width, _least_tangent(seen, half) / half)
         camera.location = axes @ _fit(seen, half, half * scene.render.resolution_y / width)
 
 
@@ -243,7 +243,7 @@ def _fit(points: Float[np.ndarray, "points 3"], across: float, up: float) -> Flo
     return np.array([ends[0][0], ends[1][0], max(ends[0][1], ends[1][1])])
 
 
-def _needed(points: Float[np.ndarray, "points 3"], across: float) -> float:
+def _least_tangent(points: Float[np.ndarray, "points 3"], across: float) -> float:
     """Return the smallest tangent upwards that moves the camera no farther away than the tangent ``across`` does."""
     far = _fit(points, across, 1e3)[2]
     low, high = 1e-3 * across, 1e3 * across

@@ -19,7 +19,7 @@ HABITS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "C
 _folding: list[bool] = []  # not empty while the program itself opens and folds sections
 
 
-def _opened(key: str) -> Any:
+def _on_open(key: str) -> Any:
     def update(self: Any, context: bpy.types.Context) -> None:
         if not _folding:
             self.by_hand = True
@@ -67,7 +67,7 @@ def register() -> None:
     bpy.utils.register_class(Tab)
     # Blender 4.2 crashes on exit if a property with ``update`` is among the annotations
     for key in SECTIONS:
-        setattr(Tab, f"open_{key}", BoolProperty(default=key == "piece", update=_opened(key)))
+        setattr(Tab, f"open_{key}", BoolProperty(default=key == "piece", update=_on_open(key)))
     bpy.types.WindowManager.flexmaps_tab = PointerProperty(type=Tab)
 
 

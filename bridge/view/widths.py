@@ -42,10 +42,10 @@ def _unit() -> float:
 def wide(text: str) -> float:
     """Return the width of words in Blender's font, in pixels at an interface scale of 1."""
     unit = _unit()
-    return _measured(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
+    return _pixels(text, bpy.context.preferences.ui_styles[0].widget.points * unit) / unit
 
 
 @lru_cache(4096)
-def _measured(text: str, size: float) -> float:
+def _pixels(text: str, size: float) -> float:
     blf.size(0, size)
     return float(blf.dimensions(0, text)[0])

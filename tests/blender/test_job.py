@@ -237,7 +237,7 @@ def test_the_numerics_are_imported_once_and_only_with_a_window(monkeypatch: pyte
     preload.start()
     preload.start()
     preload.wait()
-    assert len(preload._threads) == 1 and not preload._begun[0].is_alive()
+    assert len(preload._threads) == 1 and not preload._threads[0].is_alive()
     assert {f"flexmaps.{name}" for name in preload.MODULES} <= set(sys.modules)
 
 

@@ -142,7 +142,7 @@ def test_colours_outlive_the_file_and_an_undo(spiralled: Any, tmp_path: Any) -> 
     obj = bpy.context.view_layer.objects.active
     for name in [a.name for a in obj.data.attributes if a.name in {"flexmaps_twist", "flexmaps_width"}]:
         obj.data.attributes.remove(obj.data.attributes[name])
-    overlay._stepped()  # as after an undo of Spirals
+    overlay._on_undo()  # as after an undo of Spirals
     assert bpy.context.window_manager.flexmaps_overlay == "PATCH"
 
 

@@ -96,7 +96,7 @@ def test_the_camera_sees_all_and_no_more() -> None:
     assert (away[:, 2] < 0).all()
     share = np.abs(away[:, :2]) / -away[:, 2:] / np.array([0.3, 0.2])
     assert share.max() == pytest.approx(1 / studio.MARGIN, rel=1e-9)
-    up = studio._needed(points, 0.3)
+    up = studio._least_tangent(points, 0.3)
     place = studio._fit(points, 0.3, up)
     share = np.abs(points - place)[:, :2] / (place[2] - points[:, 2:]) / np.array([0.3, up])
     assert share.max(axis=0) == pytest.approx(1 / studio.MARGIN, rel=1e-6)
