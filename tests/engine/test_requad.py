@@ -143,9 +143,9 @@ def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float]
     monkeypatch.setattr(requad, "OWN", OWN)
     monkeypatch.setattr(requad, "MAPS", maps)
     monkeypatch.setattr(requad, "MAPPED", 96 * maps)
-    monkeypatch.setattr(requad, "_own", own)
+    monkeypatch.setattr(requad, "_along_curvature", own)
     points, rows = box(4)
-    search = requad._Search(halved(of_rows(points, rows)), 96, Balls(), "")
+    search = requad._BodySearch(halved(of_rows(points, rows)), 96, Balls(), "")
     search.go_on(SILENT, True)
     return hows
 
@@ -176,14 +176,14 @@ def test_dense_bodies_are_thinned_and_keep_their_borders() -> None:
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     points = np.stack([np.sin(u), v, np.cos(u)], axis=1)
     body = halved(of_rows(points, np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1)))
-    thin, whole = requad._thinned(body, 96), requad.target_of(body)
+    thin, whole = requad._simplify(body, 96), requad.target_of(body)
     target = requad.target_of(thin)
     assert len(thin.sizes) <= requad.DENSE * 96 < len(body.sizes) and requad.is_clean(thin)
     assert target.area == pytest.approx(whole.area, rel=1e-3)
     border = target.vertices[np.unique(target.border)]
     assert whole.to_border(border).max() < 1e-3
     assert target.to_border(points[[0, n, n * (n + 1), (n + 1) ** 2 - 1]]).max() < 1e-3, "its four corners"
-    assert requad._thinned(body, 8192) is body
+    assert requad._simplify(body, 8192) is body
 
 
 def test_what_hangs_together_by_an_edge_of_three_faces_is_cut_there() -> None:
@@ -367,7 +367,7 @@ def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monk
     found = requad.requad(halved(ball(8)), 96, Balls(parts=1))
     assert not found.findings and requad.is_closed(found.polygons)
     judged = requad.Judged(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
-    assert requad._Search(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
+    assert requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
 
 
 def test_one_shape_gives_one_numbering() -> None:
