@@ -1,1 +1,1 @@
-"""The layout: cutting a quad mesh into few patches that flatten with little distortion, and flattening them."""
+"""The layout: cut a quad mesh into few patches that flatten with little distortion, and flatten them."""

@@ -1,4 +1,4 @@
-"""The order in which the panels are joined: breadth first, so that every step adds one panel to what is there."""
+"""Order in which panels are joined: breadth first, so that every step adds one panel to those already joined."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .layout import PatchLayout
 
 @dataclass(frozen=True)
 class Join:
-    """One seam that is closed in a step.
+    """A seam that is closed in a step.
 
-    seam : its index in ``layout.seams``; joints : how many arms meet along it
-    panel, other : the patches on its sides; ``panel`` is the one that the step adds
+    seam : index in ``layout.seams``; joints : number of arms that meet along it
+    panel, other : patches on its sides; ``panel`` is added in this step
     """
 
     seam: int
@@ -28,7 +28,7 @@ class Join:
 
 @dataclass(frozen=True)
 class Step:
-    """One step: a panel (index of its patch), the seams that are closed, and the panels that are there afterwards."""
+    """A step: the panel added (index of its patch), the seams closed, and all panels joined afterwards."""
 
     panel: int
     joins: tuple[Join, ...]
@@ -36,10 +36,10 @@ class Step:
 
 
 def steps(layout: PatchLayout) -> list[Step]:
-    """All steps, one per patch, every body by itself from its largest patch on.
+    """Return all steps, one per patch, body by body, beginning at the largest patch of each.
 
-    Of the panels that can come next those nearest to the first one come first, and of these the one with the most joints to
-    what is there. Cuts inside a patch, which join it to itself, are closed with it.
+    Among the panels that can come next, the nearest to the first panel comes first, then the panel with the most joints
+    to those already joined. Cuts inside a patch are closed when it is added.
     """
     sides = [tuple(layout.patch_of[layout.mesh.edge_quads[edges[0]]].tolist()) for edges in layout.seams]
     joints = [len(edges) for edges in layout.seams]
@@ -51,7 +51,8 @@ def steps(layout: PatchLayout) -> list[Step]:
     first = iter(sorted(range(len(areas)), key=lambda p: (-round(float(areas[p]), 12), p)))
     depth: dict[int, int] = {}
     there: list[int] = []
-    # what could come next: its nearest neighbour's depth, less its joints to what is there; the entry made last is the best
+    # candidates: depth of the nearest neighbour, minus the number of joints to panels already joined; the latest entry
+    # of a panel is the best
     waiting: list[tuple[int, int, int]] = []
     known: dict[int, tuple[int, int]] = {}
     found: list[Step] = []
@@ -84,7 +85,7 @@ def steps(layout: PatchLayout) -> list[Step]:
 
 @lru_cache(maxsize=4)
 def panel_numbers(layout: PatchLayout) -> tuple[int, ...]:
-    """The number of every patch's panel, from 1 in the order of the steps."""
+    """Return the number of every patch's panel, from 1 in the order of the steps."""
     numbers = [0] * len(layout.patches)
     for number, step in enumerate(steps(layout), start=1):
         numbers[step.panel] = number

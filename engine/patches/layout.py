@@ -1,7 +1,7 @@
-"""The layout of patches: one boolean per edge says where the surface is cut (FlexMaps section 4).
+"""The layout of patches: a boolean per edge says where the surface is cut (FlexMaps section 4).
 
-Merging, opening, closing and hand edits all flip runs of edges. A patch may keep cuts inside itself: that is how a
-sphere becomes one patch.
+Merging, opening, closing and hand edits all flip runs of edges. A patch may have cuts inside itself: a sphere becomes
+one patch in this way.
 """
 
 from __future__ import annotations
@@ -20,7 +20,17 @@ from .loops import counted, loops_of
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(count,) int: the connected component of every node under the links a[i] - b[i], numbered by smallest node."""
+    """Return the connected component of every node, numbered by its smallest node.
+
+    Parameters
+    ----------
+    count : number of nodes
+    a, b : ends of the links
+
+    Returns
+    -------
+    (count,) int
+    """
     if count > 4000:
         graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(count, count))
         labels = connected_components(graph, directed=False)[1]
@@ -28,7 +38,7 @@ def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
         return rank[inverse]
-    # for few nodes the set-up of a sparse graph costs more than passing the smallest label on
+    # for few nodes, building a sparse graph costs more than propagating the smallest label
     labels = np.arange(count)
     while True:
         before = labels.copy()
@@ -44,13 +54,13 @@ def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class PatchLayout:
-    """A quad mesh and where it is cut.
+    """A quad mesh and its cuts.
 
     mesh : the surface
     cut : True where the surface is cut; border edges are never marked
-    notes : sentences for the report about how the layout came about (symmetry, forced small patches)
-    origin : how the program itself cut it: along "lines" of quads or between "regions"; "" where the cuts are someone's choice,
-        which merging has to begin with
+    notes : sentences for the report about how the layout arose (symmetry, forced small patches)
+    origin : how the program cut it: along "lines" of quads or between "regions"; "" for cuts of a person, from which
+        merging starts
     """
 
     mesh: QuadMesh
@@ -65,26 +75,26 @@ class PatchLayout:
 
     @cached_property
     def patch_of(self) -> Int[np.ndarray, " quads"]:
-        """The patch of every quad, numbered 0.. by the smallest quad in it."""
+        """Patch of every quad; patches are numbered from 0 by their smallest quad."""
         a, b = self.mesh.edge_quads[self.joined].T
         return groups(len(self.mesh.quads), a, b)
 
     @cached_property
     def patches(self) -> tuple[np.ndarray, ...]:
-        """One int array of quads per patch, ascending."""
+        """Quads of every patch, ascending."""
         order = np.argsort(self.patch_of, kind="stable")
         counts = np.bincount(self.patch_of)
         return tuple(np.split(order, np.cumsum(counts)[:-1]))
 
     @cached_property
     def flat_corners(self) -> Int[np.ndarray, "quads 4"]:
-        """The flat vertex of every quad corner.
+        """Flat vertex of every quad corner, numbered 0..P-1.
 
-        Corners of two quads are one flat vertex where the quads share an uncut edge. Numbered 0..P-1.
+        Corners of two quads are one flat vertex if they meet at an uncut edge of both quads.
         """
         mesh = self.mesh
         (qa, qb), (ka, kb) = mesh.edge_quads[self.joined].T, mesh.edge_sides[self.joined].T
-        # side k of one quad runs against side k' of the other: corner k meets corner k'+1, k+1 meets k'
+        # sides of two quads on an edge have opposite directions: corner k meets corner k'+1, k+1 meets k'
         a = np.concatenate([4 * qa + ka, 4 * qa + (ka + 1) % 4])
         b = np.concatenate([4 * qb + (kb + 1) % 4, 4 * qb + kb])
         return groups(4 * len(mesh.quads), a, b).reshape(-1, 4)
@@ -93,7 +103,7 @@ class PatchLayout:
 
     @cached_property
     def euler(self) -> Int[np.ndarray, " patches"]:
-        """Euler number of every patch, its inner cuts taken as outline; 1 is a disk, one less for every hole."""
+        """Euler characteristic of every patch, its inner cuts counted as outline; 1 for a disk, one less per hole."""
         n = len(self.patches)
         patch = np.repeat(self.patch_of, 4)
         _, first = np.unique(self.flat_corners, return_index=True)
@@ -104,12 +114,12 @@ class PatchLayout:
 
     @cached_property
     def outline_sides(self) -> Bool[np.ndarray, "quads 4"]:
-        """Sides of quads that lie on the outline of their patch (cut or border)."""
+        """Mask of quad sides on the outline of their patch (cut or border)."""
         return (self.cut | self.mesh.border)[self.mesh.quad_edges]
 
     @cached_property
     def loop_of(self) -> Int[np.ndarray, "quads 4"]:
-        """The loop of the outline that a side of a quad lies on, -1 for inner sides. Numbered 0.. ."""
+        """Loop of the outline on which a quad side lies, numbered from 0; -1 for inner sides."""
         quad, side = np.nonzero(self.outline_sides)
         start, end = self.flat_corners[quad, side], self.flat_corners[quad, (side + 1) % 4]
         used, ends = np.unique(np.stack([start, end]), return_inverse=True)
@@ -120,7 +130,7 @@ class PatchLayout:
 
     @cached_property
     def loop_patch(self) -> Int[np.ndarray, " loops"]:
-        """The patch of every loop."""
+        """Patch of every loop."""
         quad, side = np.nonzero(self.outline_sides)
         patch = np.empty(int(self.loop_of.max()) + 1, dtype=np.int64)
         patch[self.loop_of[quad, side]] = self.patch_of[quad]
@@ -128,15 +138,15 @@ class PatchLayout:
 
     @cached_property
     def loop_lengths(self) -> Float[np.ndarray, " loops"]:
-        """Metres on the surface, ragged rims as if smooth; cuts inside a patch count twice, once for each side."""
+        """Length of every loop on the surface, metres, with ragged rims smoothed; both sides of inner cuts count."""
         sides = self.outline_sides
         return np.bincount(self.loop_of[sides], weights=drawn_lengths(self.mesh)[self.mesh.quad_edges][sides])
 
     @cached_property
     def planar(self) -> Bool[np.ndarray, " patches"]:
-        """Patches that can be laid flat: disks, or disks with holes that are no openings of a tube."""
+        """Mask of patches that can be laid flat: disks, or disks with holes that are not openings of a tube."""
         loops = np.bincount(self.loop_patch, minlength=len(self.patches))
-        good = (self.euler == 2 - loops) & (loops > 0)  # what is closed all round cannot
+        good = (self.euler == 2 - loops) & (loops > 0)  # closed patches cannot
         for patch in np.flatnonzero(good & (loops > 1)).tolist():
             quads = self.patches[patch]
             corners = np.unique(self.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
@@ -150,7 +160,8 @@ class PatchLayout:
     def compactness(self) -> Float[np.ndarray, " patches"]:
         """Perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
 
-        The perimeter is the longest loop, for the others are holes of the surface; see ``counted`` for narrow surfaces.
+        The perimeter is the longest loop, because the others are holes of the surface; see ``counted`` for narrow
+        surfaces.
         """
         area = np.bincount(self.patch_of, weights=self.mesh.areas)
         weights = np.where(self.mesh.border, drawn_lengths(self.mesh), 0.0)[self.mesh.quad_edges]
@@ -162,7 +173,7 @@ class PatchLayout:
 
     @cached_property
     def on_outline(self) -> Bool[np.ndarray, " points"]:
-        """Flat vertices on the outline of their patch."""
+        """Mask of flat vertices on the outline of their patch."""
         quad, side = np.nonzero(self.outline_sides)
         mask = np.zeros(int(self.flat_corners.max()) + 1, dtype=bool)
         mask[self.flat_corners[quad, side]] = True
@@ -170,10 +181,14 @@ class PatchLayout:
         return mask
 
     def isthmus_widths(self, widest: int = 8, *, own: bool = True) -> Int[np.ndarray, " patches"]:
-        """Quads across the narrowest isthmus of every patch, at most ``widest``.
+        """Number of quads across the narrowest isthmus of every patch, at most ``widest``.
 
-        An isthmus is a straight line of uncut edges through the patch with both ends on the outline. Those from border to
-        border, where the surface itself is narrow, count only with ``own``.
+        An isthmus is a straight line of uncut edges through the patch with both ends on the outline.
+
+        Parameters
+        ----------
+        widest : upper bound of the result
+        own : count lines from border to border too, where the surface itself is narrow
         """
         mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
         result = np.full(len(self.patches), widest, dtype=np.int64)
@@ -201,14 +216,14 @@ class PatchLayout:
 
     @cached_property
     def seam_of(self) -> Int[np.ndarray, " edges"]:
-        """The seam that a cut edge belongs to, -1 for the others; numbered by their smallest edges.
+        """Seam of every cut edge, numbered by smallest edge; -1 for other edges.
 
-        A seam is a longest run of cut edges that meets no other cut and no border on its way.
+        A seam is a maximal run of cut edges that meets no other cut and no border on its way.
         """
         return self._runs((self.cut_degree == 2) & ~self.mesh.on_border)
 
     def _runs(self, passing: Bool[np.ndarray, " vertices"]) -> Int[np.ndarray, " edges"]:
-        """Runs of cut edges that go on at the vertices ``passing``, -1 for uncut edges."""
+        """Number the runs of cut edges that continue at the vertices ``passing``; -1 for uncut edges."""
         mesh = self.mesh
         ids = np.flatnonzero(self.cut)
         result = np.full(len(self.cut), -1, dtype=np.int64)
@@ -225,16 +240,17 @@ class PatchLayout:
 
     @cached_property
     def seam_edges(self) -> tuple[np.ndarray, ...]:
-        """The edges of every seam, ascending."""
-        return self._grouped(self.seam_of)
+        """Edges of every seam, ascending."""
+        return self._split_runs(self.seam_of)
 
     @cached_property
     def short_seam_edges(self) -> tuple[np.ndarray, ...]:
-        """The same, with seams divided at irregular vertices."""
+        """Edges of every seam, with seams divided at irregular vertices."""
         mesh = self.mesh
-        return self._grouped(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
+        return self._split_runs(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
 
-    def _grouped(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _split_runs(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the edges of every run."""
         ids = np.flatnonzero(self.cut)
         if not len(ids):
             return ()
@@ -243,15 +259,15 @@ class PatchLayout:
 
     @cached_property
     def seams(self) -> tuple[np.ndarray, ...]:
-        """The edges of every seam, in the order of walking along it."""
+        """Edges of every seam, in order along it."""
         return tuple(in_order(self.mesh, edges) for edges in self.seam_edges)
 
 
 @lru_cache(maxsize=4)
 def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
-    """Metres: what every edge counts in an outline. A ragged rim of the surface counts as if it were smooth.
+    """Length of every edge for measuring outlines, metres; a ragged rim of the surface counts as if it were smooth.
 
-    At a reflex corner of the border both edges count like the straight line that leaves the corner out.
+    The two edges at a reflex border vertex count together as the straight line between their far ends.
     """
     lengths = mesh.edge_lengths
     reflex = np.flatnonzero(mesh.on_border & (mesh.valence > 3))
@@ -272,11 +288,11 @@ def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
 
 
 def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
-    """The layout of some quads, ascending, by themselves, and the edges of the whole mesh that its edges are, in order."""
+    """Return the layout of some quads (ascending) by themselves, and for each of its edges the edge of the whole mesh."""
     mesh = layout.mesh
     used, corners = np.unique(mesh.quads[quads], return_inverse=True)
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))
-    # vertices keep their order, and so do the edges
+    # vertices keep their order, hence edges do too
     edges = np.unique(mesh.quad_edges[quads])
     return PatchLayout(part, layout.cut[edges] & ~part.border, origin=layout.origin), edges
 
@@ -284,13 +300,20 @@ def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchL
 def straight_on(
     mesh: QuadMesh, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Go on along a parametric line: from side k of a quad to the next edge beyond its end, same side of the line.
+    """Continue along parametric lines: from a quad's side to the next edge beyond its end, on the same side of the line.
 
-    Returns quad, side and whether it is valid; not valid where the line ends at a border or an irregular vertex.
+    Parameters
+    ----------
+    mesh : quad mesh
+    quad, side : current quads and sides
+
+    Returns
+    -------
+    quad; side; validity, False if the line ends at a border or an irregular vertex
     """
     vertex = mesh.quads[quad, (side + 1) % 4]
     valid = (mesh.valence[vertex] == 4) & ~mesh.on_border[vertex]
-    # round the end: the quad beyond the next side of this one carries the continuation on the same side of the line
+    # go round the end: the quad across the next side contains the continuation, on the same side of the line
     across = mesh.quad_edges[quad, (side + 1) % 4]
     pair, sides = mesh.edge_quads[across], mesh.edge_sides[across]
     other = np.where(pair[:, 0] == quad, 1, 0)
@@ -300,7 +323,7 @@ def straight_on(
 
 
 def in_order(mesh: QuadMesh, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The edges of one run, in the order of walking along it from the end with the smaller edge number."""
+    """Return the edges of a run in order, from the end with the smaller edge number."""
     if len(edges) < 3:
         return np.sort(edges)
     at: dict[int, list[int]] = {}

@@ -1,4 +1,4 @@
-"""The closed loops of a patch's outline: one round a disk, and one more round every hole of the surface in it."""
+"""Closed loops of a patch's outline: the outer loop, and one round every hole of the surface in it."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int, Num
 
-NEXT = np.array([1, 2, 3, 0])  # the corner after each of a quad
-PREVIOUS = np.array([3, 0, 1, 2])  # the corner before each of a quad
-SQUARE = 4.0  # perimeter over the root of the area
-OPEN = 1.0  # radians: how much curvature a hole may stand for before a patch round it has to be cut open
+NEXT = np.array([1, 2, 3, 0])  # next corner of a quad
+PREVIOUS = np.array([3, 0, 1, 2])  # previous corner of a quad
+SQUARE = 4.0  # perimeter over root of area of a square
+OPEN = 1.0  # radians: largest curvature that a hole may replace before the patch round it must be cut open
 
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Where the flat vertices of one patch lie on its outline.
+    """Positions of a patch's flat vertices on its outline.
 
-    loop : the loop that a flat vertex lies on; where : its position along it; both -1 for inner ones
-    lengths : edges of every loop
+    loop : loop of every flat vertex; where : its position along the loop; both -1 for inner vertices
+    lengths : number of edges of every loop
     """
 
     loop: Int[np.ndarray, " vertices"]
@@ -30,14 +30,14 @@ class Loops:
         return len(self.lengths)
 
     def vertices(self, number: int) -> Int[np.ndarray, " length"]:
-        """The flat vertices of one loop, in order, the patch on their left."""
+        """Return the flat vertices of a loop in order, the patch on their left."""
         mine = np.flatnonzero(self.loop == number)
         return mine[np.argsort(self.where[mine])]
 
     def turning(
         self, corners: Int[np.ndarray, "quads 4"], angles: Float[np.ndarray, "quads 4"]
     ) -> Float[np.ndarray, " loops"]:
-        """Radians: total geodesic curvature of every loop, from the angles at the corners.
+        """Total geodesic curvature of every loop, radians, from the angles at the corners.
 
         2 pi round a flat disk, -2 pi round a hole in a flat patch, 0 round a tube.
         """
@@ -51,10 +51,10 @@ class Loops:
         angles: Float[np.ndarray, "quads 4"],
         border: Bool[np.ndarray, "quads 4"],
     ) -> bool:
-        """Are all loops but one holes of the surface, such as a flat patch could have? What is round a tube is none.
+        """Return whether all loops but one are holes of the surface as in a flat patch; the opening of a tube is not.
 
-        border : sides on the border of the surface. A cut that floats inside the patch is no hole, and neither
-        is another patch within this one.
+        border : mask of the sides on the border of the surface; inner cuts and other patches inside this one are not
+            holes
         """
         if len(self) < 2:
             return True
@@ -65,7 +65,13 @@ class Loops:
 
 
 def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads 4"]) -> Loops:
-    """The loops of a patch from its corners, as flat vertices, and the sides on its outline."""
+    """Return the loops of a patch.
+
+    Parameters
+    ----------
+    corners : flat vertices of its quads
+    sides : mask of the sides on the outline
+    """
     count = int(corners.max()) + 1
     following = np.full(count, -1, dtype=np.int64)
     following[corners[sides]] = corners[:, NEXT][sides]
@@ -90,10 +96,16 @@ def counted(
     border: Num[np.ndarray, " loops"],
     area: Float[np.ndarray, " loops"] | float,
 ) -> Num[np.ndarray, " loops"]:
-    """Metres: what loops count in how compact a patch is, from their lengths, the border in them, and the patch's area.
+    """Return the lengths of loops that count for compactness, metres.
 
-    Border beyond that of a square of the same area counts no more: there the surface itself is narrow, and cutting a ribbon
-    into many short panels makes none of them any wider.
+    Border longer than the perimeter of a square of the same area does not count: there the surface itself is narrow,
+    and cutting a ribbon into short panels makes none of them wider.
+
+    Parameters
+    ----------
+    lengths : of the loops, metres
+    border : length of border in each, metres
+    area : of the patch, square metres
     """
     return lengths - np.maximum(border - SQUARE * np.sqrt(area), 0.0)
 
@@ -106,9 +118,15 @@ def perimeter(
     border: Bool[np.ndarray, "quads 4"],
     area: float,
 ) -> float:
-    """Metres that the outline of a patch counts: its longest loop, for holes that the surface has cost no compactness.
+    """Return the perimeter of a patch that counts for compactness, metres: its longest loop, without holes of the surface.
 
-    lengths : metres of the sides; border : sides on the border of the surface; area : square metres
+    Parameters
+    ----------
+    sides : mask of the sides on the outline
+    corners, loops : flat vertices of the quads, and their loops
+    lengths : of the sides, metres
+    border : mask of the sides on the border of the surface
+    area : square metres
     """
     loop = loops.loop[corners[sides]]
     all_ = np.bincount(loop, weights=lengths[sides], minlength=len(loops))

@@ -1,1 +1,1 @@
-"""Patches in the plane: as rigid as possible, with sides of seams of equal length, and what that costs."""
+"""Flatten patches as rigidly as possible, with equally long sides of every seam, and measure the distortion."""

@@ -1,6 +1,6 @@
-"""As-rigid-as-possible flattening of one patch, in 2D complex algebra (Liu et al. 2008), without any SVD.
+"""As-rigid-as-possible flattening of a patch in complex numbers (Liu et al. 2008), without any SVD.
 
-Rotations and linear solves take turns; see ``triangles`` for the maps a and b of the corner triangles.
+Finding rotations and solving a linear system alternate; see ``triangles`` for the maps a and b of corner triangles.
 """
 
 from __future__ import annotations
@@ -20,19 +20,21 @@ from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
 from .triangles import corner_triangles, quad_energy
 
-SHIFTS = (1e-12, 1e-9, 1e-6)  # added to a Laplacian that has no Cholesky factor, as a share of its largest entry
-# More solves are assumed to lower a weighted mean by at most so many times its fall within the round: larger values lose fewer patches
-# and save less. Of 2,334 flattenings within their limit on nine surfaces 0 loses 17, 1 and 4 none; with 4, patches beyond it take 44 % of the rounds
+# added to the diagonal of a Laplacian without a Cholesky factor, as shares of its largest entry
+SHIFTS = (1e-12, 1e-9, 1e-6)
+# Further solves are assumed to lower a weighted mean by at most this factor times its decrease within the round. Larger
+# values lose fewer patches and save less time: of 2,334 flattenings within their limit on nine surfaces 0 loses 17, 1
+# and 4 none; with 4, patches beyond the limit take 44 % of the rounds.
 REST = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class FlatPatch:
-    """One patch in the plane.
+    """A flat patch.
 
     points : metres, as complex numbers
-    rotation : complex numbers of length 1, the nearest rotation of every corner triangle: where merged patches start
-    energy : E of every quad
+    rotation : unit complex numbers, the nearest rotation of every corner triangle; merged patches start from it
+    energy : distortion E of every quad
     flips : number of corner triangles that are not positively oriented
     """
 
@@ -43,17 +45,18 @@ class FlatPatch:
 
     @property
     def worst(self) -> float:
+        """Largest energy."""
         return float(self.energy.max())
 
 
 class PatchProblem:
-    """The flattening of one patch, or of several side by side: its sparsity is analysed once, then solved with changing weights.
+    """Flattening of a patch, or of several side by side: the sparsity is analysed once, then solved for changing weights.
 
     mesh : the surface
-    quads : (q,) int, the quads of the patch
-    corners : (q, 4) int, the local flat vertex of every corner, 0..n-1
-    tick : called at every solve, so that long ones can be stopped
-    sizes : how many quads each of several patches has, one patch after the other
+    quads : (q,) int, quads of the patch
+    corners : (q, 4) int, local flat vertex of every corner, 0..n-1
+    tick : called at every solve; may raise to stop
+    sizes : number of quads of each patch, if there are several, one after another
     """
 
     def __init__(
@@ -74,9 +77,10 @@ class PatchProblem:
         self._analyse()
 
     def _analyse(self) -> None:
+        """Order the vertices for a small bandwidth, and prepare the layout of the matrix."""
         n, c = self.count, self.corners
         rows, cols = np.repeat(c, 4, axis=1).ravel(), np.tile(c, (1, 4)).ravel()
-        # straight into compressed rows, doubled entries and all: the order only needs to know who is whose neighbour
+        # compressed rows may have double entries, because the ordering only needs the adjacency
         corner_order = np.argsort(c.ravel(), kind="stable")
         indices = c[corner_order // 4].ravel()
         starts = np.concatenate([[0], np.cumsum(4 * np.bincount(c.ravel(), minlength=n))])
@@ -98,7 +102,7 @@ class PatchProblem:
     def factor(
         self, weights: Float[np.ndarray, " quads"], springs: Springs | None = None
     ) -> Float[np.ndarray, "band vertices"]:
-        """Banded Cholesky factor of the weighted Laplacian; one vertex a patch is held, which changes nothing else."""
+        """Return the banded Cholesky factor of the weighted Laplacian; one vertex per patch is fixed, which only removes the shift."""
         self.tick()
         values = (weights[:, None, None] * self.tri.stiffness).take(self._lower)
         slots = self._slot
@@ -113,7 +117,7 @@ class PatchProblem:
         band = np.bincount(slots, weights=values, minlength=size)
         band[self._held * (self.band + 1)] *= 2.0
         band = band.reshape(self.band + 1, self.count, order="F")
-        # quads without area leave their corners where they like: hold them by next to nothing
+        # quads without area do not determine their corners: a tiny diagonal shift does
         for shift in (0.0, *SHIFTS):
             held = band.copy(order="F")
             if shift:
@@ -126,7 +130,7 @@ class PatchProblem:
     def maps(
         self, points: Complex[np.ndarray, " vertices"]
     ) -> tuple[Complex[np.ndarray, "quads 4"], Complex[np.ndarray, "quads 4"]]:
-        """a and b of every corner triangle."""
+        """Return a and b of every corner triangle."""
         u, after, before = (points.take(corners) for corners in (self.corners, *self._around))
         d, before = after - u, u - before
         t = self.tri
@@ -139,7 +143,15 @@ class PatchProblem:
         rotation: Complex[np.ndarray, "quads 4"],
         springs: Springs | None = None,
     ) -> Complex[np.ndarray, " vertices"]:
-        """The points that fit the rotations best."""
+        """Return the points that fit the rotations best, in the weighted least-squares sense.
+
+        Parameters
+        ----------
+        factor : see ``factor``, with the same weights and springs
+        weights : of the quads
+        rotation : unit complex numbers
+        springs : wanted side vectors
+        """
         self.tick()
         along, against = self._towards
         s = self.tri.area * weights[:, None] * rotation
@@ -163,7 +175,7 @@ class PatchProblem:
 
     @cached_property
     def _turns(self) -> Complex[np.ndarray, " joints"]:
-        """Complex numbers of length 1: the turn over every joint that makes both sides of it parallel."""
+        """Unit complex numbers: the rotation across every joint that makes its two flat sides parallel."""
         fa, ka, fb, kb = self.joints
         flat = self.tri.flat
         turn = (flat[fa, (ka + 1) % 4] - flat[fa, ka]) * (flat[fb, kb] - flat[fb, (kb + 1) % 4]).conj()
@@ -171,12 +183,12 @@ class PatchProblem:
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
     def unfolded(self) -> Complex[np.ndarray, "quads 4"]:
-        """Rotations to start from, carried from every patch's middle quad outwards over uncut sides."""
+        """Return start rotations, propagated over uncut sides from the middle quad of every patch."""
         q = len(self.quads)
         if q == len(self.sizes):
             return np.ones((q, 4), dtype=complex)
         fa, _, fb, _ = self.joints
-        # a root beside the quads, from which one step leads to the middle of every patch
+        # an extra root node, linked to the middle quad of every patch
         middle = self._middle()
         ends = np.concatenate([fa, np.full(len(middle), q)]), np.concatenate([fb, middle])
         graph = coo_array((np.ones(len(ends[0])), ends), shape=(q + 1, q + 1))
@@ -191,7 +203,7 @@ class PatchProblem:
         return np.repeat(np.array(values[:q])[:, None], 4, axis=1)
 
     def _middle(self) -> Int[np.ndarray, " patches"]:
-        """Of every patch the quad that is nearest to its centre."""
+        """Return for every patch the quad nearest to its centre."""
         centre = self.mesh.centroids[self.quads]
         first = np.cumsum(self.sizes) - self.sizes
         mean = np.add.reduceat(centre, first, axis=0) / self.sizes[:, None]
@@ -199,13 +211,13 @@ class PatchProblem:
         return np.lexsort((away, self.patch_of))[first]
 
     def worst(self, energy: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " patches"]:
-        """The largest of the energies in every patch."""
+        """Return the largest energy in every patch."""
         return np.maximum.reduceat(energy, np.cumsum(self.sizes) - self.sizes)
 
     def smoothest(self) -> Complex[np.ndarray, "quads 4"]:
-        """Rotations that fit all uncut sides together best, where carrying them along paths misleads.
+        """Return rotations that fit all uncut sides best, for patches where propagation along paths misleads.
 
-        The lowest eigenvector of the connection Laplacian (Singer & Wu 2012), by inverse iteration.
+        It is the lowest eigenvector of the connection Laplacian (Singer & Wu 2012), by inverse iteration.
         """
         q = len(self.quads)
         fa, _, fb, _ = self.joints
@@ -233,7 +245,7 @@ class PatchProblem:
         return one // 4, one % 4, two // 4, two % 4
 
     def patch(self, points: Complex[np.ndarray, " vertices"]) -> FlatPatch:
-        """The patch with its vertices at points; where those are no numbers it is the worst there is."""
+        """Return the flat patch with its vertices at ``points``; with infinite energy if a point is not finite."""
         if not np.isfinite(points).all():
             turns, energy = np.ones(self.corners.shape, dtype=complex), np.full(len(self.corners), np.inf)
             return FlatPatch(points, turns, energy, self.corners.size)
@@ -246,7 +258,12 @@ class PatchProblem:
 
 @dataclass(frozen=True, eq=False)
 class Springs:
-    """Soft wanted side vectors along the outline, metres, from flat vertex to flat vertex."""
+    """Soft constraints on side vectors along the outline.
+
+    ends : flat vertices at start and end
+    vectors : wanted, metres
+    stiffness : weights
+    """
 
     ends: Int[np.ndarray, "springs 2"]
     vectors: Complex[np.ndarray, " springs"]
@@ -261,11 +278,11 @@ def settle(
     tolerance: float = 2e-4,
     hopeless: float = np.inf,
 ) -> FlatPatch:
-    """Alternate nearest rotations and linear solves until the points rest (Liu et al. 2008).
+    """Alternate nearest rotations and linear solves until the points come to rest (Liu et al. 2008).
 
-    rotation : to start from; carried over the patch where it is not given
+    rotation : start; by default propagated over the patch
     tolerance : stop when the worst energy changes by less than this share in a round
-    hopeless : give up early when the worst energy stays above this
+    hopeless : give up early when the worst energy is bound to stay above this
     """
     if rotation is None:
         rotation = problem.unfolded()
@@ -278,7 +295,7 @@ def settle(
         change = before - worst
         if abs(change) < tolerance * worst:
             break
-        # the energy falls geometrically: beyond this many more rounds it would not come under the bar
+        # the energy falls geometrically: further rounds gain at most this much
         if turn >= 4 and worst - 12.0 * max(change, 0.0) > hopeless:
             break
         before = worst
@@ -295,10 +312,10 @@ def minimax(
     target: float = 0.0,
     hopeless: float = np.inf,
 ) -> FlatPatch:
-    """Lower the worst energy by weighing bad quads more, round by round; the best patch seen is returned.
+    """Lower the worst energy by weighting bad quads more, round by round; return the best patch seen.
 
-    target : stop as soon as the worst energy is below this
-    hopeless : give up once the worst energy is estimated to stay above this
+    target : stop when the worst energy is below this
+    hopeless : give up when the worst energy is estimated to stay above this
     """
     weights = np.ones(len(problem.quads))
     best = patch
@@ -317,7 +334,8 @@ def minimax(
             means.append(float(shares @ patch.energy))
         if (patch.flips, patch.worst) < (best.flips, best.worst):
             best = patch
-        # the least weighted mean bounds the worst energy from below (weak duality): its last fall says how far it may still come
+        # the least weighted mean is a lower bound of the worst energy (weak duality); its last decrease estimates how
+        # far the bound may still fall
         if best.worst > hopeless and means[-1] - REST * (means[0] - means[-1]) > hopeless:
             break
     return best

@@ -1,4 +1,4 @@
-"""Hand edits of a layout: cut or join along a run of edges; only what changed is flattened again."""
+"""Hand edits of a layout: cut or join along a run of edges; only changed patches are flattened again."""
 
 from __future__ import annotations
 
@@ -15,24 +15,52 @@ from .flatten import FlatPatches, flatten
 
 
 def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
-    """Join the surface along cut edges: patches on both sides become one, or an inner cut grows shorter.
+    """Join the surface along cut edges: patches on both sides become one, or an inner cut becomes shorter.
 
-    Raises FlexMapsError where a patch could not be laid flat in one piece any more; any other limit is the user's own choice.
+    Parameters
+    ----------
+    flat : current flat patches
+    edges : cut edges to open
+    params : limits of the layout
+
+    Raises
+    ------
+    FlexMapsError : a patch could not be laid flat in one piece; other limits are the user's choice
     """
-    return _flipped(flat, edges, False, params)
+    return _set_cuts(flat, edges, False, params)
 
 
 def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
-    """Cut the surface along edges. Raises FlexMapsError where a patch could not be laid flat in one piece any more."""
-    return _flipped(flat, edges, True, params)
+    """Cut the surface along edges.
+
+    Parameters
+    ----------
+    flat : current flat patches
+    edges : edges to cut
+    params : limits of the layout
+
+    Raises
+    ------
+    FlexMapsError : a patch could not be laid flat in one piece
+    """
+    return _set_cuts(flat, edges, True, params)
 
 
 def with_cuts(
     flat: FlatPatches, cut: Bool[np.ndarray, " edges"], params: LayoutParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """The flat patches of the same mesh under other cuts; unchanged patches are taken over as they are.
+    """Flatten the same mesh with other cuts; unchanged patches are kept as they are.
 
-    Raises FlexMapsError naming the quads of a patch that cannot be laid flat in one piece.
+    Parameters
+    ----------
+    flat : current flat patches
+    cut : new cuts; border edges are ignored
+    params : limits of the layout
+    progress : called with the fraction done
+
+    Raises
+    ------
+    FlexMapsError : naming the quads of a patch that cannot be laid flat in one piece
     """
     mesh = flat.layout.mesh
     layout = PatchLayout(mesh, np.asarray(cut, dtype=bool) & ~mesh.border)
@@ -48,7 +76,8 @@ def with_cuts(
     return flatten(layout, params, progress, previous=flat)
 
 
-def _flipped(flat: FlatPatches, edges: Iterable[int], value: bool, params: LayoutParams) -> FlatPatches:
+def _set_cuts(flat: FlatPatches, edges: Iterable[int], value: bool, params: LayoutParams) -> FlatPatches:
+    """Set the cut of some edges to ``value`` and flatten."""
     cut = flat.layout.cut.copy()
     cut[np.fromiter(edges, dtype=np.int64)] = value
     return with_cuts(flat, cut, params)

@@ -1,4 +1,4 @@
-"""Flat patches: every patch of a layout mapped to the plane, with what that costs in distortion."""
+"""Map every patch of a layout to the plane, and measure the distortion."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .triangles import corner_triangles, quad_energy, square_energy
 
 @dataclass(frozen=True, eq=False)
 class FlatPatches:
-    """The flat rest shape of every patch.
+    """Flat rest shapes of all patches.
 
-    layout : the mesh and its cuts
-    points : metres, the flat vertices, indexed by ``layout.flat_corners``; every patch in a frame of its own,
-        its area centroid at the origin, counter-clockwise seen from outside, its longest extent along x
-    energy : E of every quad: mean over its 4 corner triangles, weighted by area, of (s1-1)^2 + (s2-1)^2, with s1, s2
-        the singular values of the map from the surface to the plane
-    square : the same measure against a perfect square of the same area: how regular a quad is
+    layout : mesh and cuts
+    points : metres, flat vertices, indexed by ``layout.flat_corners``; each patch in its own frame, area centroid at
+        the origin, counter-clockwise seen from outside, longest extent along x
+    energy : E of every quad: area-weighted mean over its 4 corner triangles of (s1-1)^2 + (s2-1)^2, with s1, s2 the
+        singular values of the map from the surface to the plane
+    square : the same measure relative to a perfect square of the same area: how regular a quad is
     """
 
     layout: PatchLayout
@@ -36,12 +36,12 @@ class FlatPatches:
 
     @property
     def corners(self) -> Float[np.ndarray, "quads 4 2"]:
-        """Metres: the flat corners of every quad in its patch's frame."""
+        """Flat corners of every quad in its patch's frame, metres."""
         return self.points[self.layout.flat_corners]
 
     @cached_property
     def outlines(self) -> tuple[np.ndarray, ...]:
-        """Flat vertices of every patch's outline, counter-clockwise, each once; holes are left out."""
+        """Flat vertices of every patch's outer outline, counter-clockwise; holes are left out."""
         return tuple(outline(self.layout, patch) for patch in range(len(self.layout.patches)))
 
 
@@ -54,14 +54,18 @@ def flatten(
     start: Complex[np.ndarray, "quads 4"] | None = None,
     moved: Bool[np.ndarray, " quads"] | None = None,
 ) -> FlatPatches:
-    """Flatten every patch of a layout; patches that ``previous`` holds unchanged are taken from there as they are.
+    """Flatten every patch of a layout; seam sides become equally long as far as the distortion limit allows.
 
-    moved : quads whose shape has changed since ``previous``, so that their patches are made anew
-
-    The two sides of every seam are brought to the same length as far as the distortion limit allows.
-    start : rotations of the corner triangles to start from where they are known, complex numbers of length 1
+    Parameters
+    ----------
+    layout : mesh and cuts
+    params : limits
+    progress : called with the fraction done
+    previous : flat patches whose unchanged patches are kept as they are
+    start : known rotations of the corner triangles, unit complex numbers
+    moved : quads whose shape changed since ``previous``; their patches are flattened again
     """
-    known = _known(previous, layout, moved)
+    known = _reusable(previous, layout, moved)
     corners = np.zeros((len(layout.mesh.quads), 4), dtype=complex)
     fresh = []
     for quads in layout.patches:
@@ -80,7 +84,13 @@ def flatten(
 
 
 def measured(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
-    """FlatPatches with the energies that belong to given flat points, metres."""
+    """Compute the energies of given flat points.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    points : flat vertices, metres
+    """
     u = (points[:, 0] + 1j * points[:, 1])[layout.flat_corners]
     tri = corner_triangles(layout.mesh)
     d = np.roll(u, -1, axis=1) - u
@@ -92,10 +102,7 @@ def measured(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> Flat
 def in_frame(
     points: Complex[np.ndarray, " vertices"], corners: Int[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, "vertices 2"]:
-    """Points moved to their patch's frame: area centroid at 0, longest extent along x.
-
-    corners : the quads of the patch
-    """
+    """Move points to their patch's frame: area centroid at 0, longest extent along x; ``corners`` are the patch's quads."""
     u = points[corners]
     area = 0.5 * ((u[:, 2] - u[:, 0]).conj() * (u[:, 3] - u[:, 1])).imag
     centre = u.mean(axis=1)
@@ -107,7 +114,7 @@ def in_frame(
 
 
 def _longest_direction(points: np.ndarray) -> complex:
-    """The turn that lays the narrowest bounding box along x; of the two ways round, the one with more to the left."""
+    """Return the rotation, as a unit complex number, that puts the bounding box of least area with its long side along x."""
     angles = np.linspace(0.0, np.pi, 180, endpoint=False)
     spun = points[None, :] * np.exp(-1j * angles)[:, None]
     width, height = np.ptp(spun.real, axis=1), np.ptp(spun.imag, axis=1)
@@ -116,12 +123,14 @@ def _longest_direction(points: np.ndarray) -> complex:
 
 
 def _key(layout: PatchLayout, quads: np.ndarray) -> bytes:
+    """Return a key of a patch: its quads and outline."""
     return quads.tobytes() + np.packbits(layout.outline_sides[quads]).tobytes()
 
 
-def _known(
+def _reusable(
     previous: FlatPatches | None, layout: PatchLayout, moved: Bool[np.ndarray, " quads"] | None
 ) -> dict[bytes, int]:
+    """Return the keys of the previous patches that are still valid, with their numbers."""
     if previous is None or previous.layout.mesh is not layout.mesh:
         return {}
     kept = [(i, quads) for i, quads in enumerate(previous.layout.patches) if moved is None or not moved[quads].any()]
@@ -129,7 +138,7 @@ def _known(
 
 
 def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
-    """The flat vertices on the outer loop of a patch, counter-clockwise, from its smallest one on."""
+    """Return the flat vertices on the outer loop of a patch, counter-clockwise, the smallest index first."""
     quads = layout.patches[patch]
     loop = layout.loop_of[quads]
     outer = np.flatnonzero(layout.loop_patch == patch)
@@ -144,7 +153,7 @@ def outline(layout: PatchLayout, patch: int) -> Int[np.ndarray, " m"]:
 
 
 def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
-    """For every cut edge: how much its two flat sides differ in length, as a share of its length on the surface."""
+    """Length difference of the two flat sides of every cut edge, as a share of its length on the surface."""
     mesh, cut = flat.layout.mesh, np.flatnonzero(flat.layout.cut)
     sides = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2)
     pair, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
@@ -153,7 +162,7 @@ def seam_mismatch(flat: FlatPatches) -> Float[np.ndarray, " cuts"]:
 
 
 def overlapping(flat: FlatPatches) -> list[int]:
-    """Patches that are not proven injective: a flip in either triangulation, a handle, or an outline that is not simple."""
+    """Return patches not proven injective: with a flip in either triangulation, a handle, or an outline that is not simple."""
     layout = flat.layout
     points = flat.points[:, 0] + 1j * flat.points[:, 1]
     corners = flat.layout.flat_corners
@@ -171,6 +180,6 @@ def overlapping(flat: FlatPatches) -> list[int]:
 
 
 def flips(corners: Complex[np.ndarray, "quads 4"]) -> Int[np.ndarray, " quads"]:
-    """How many of the four corner triangles of flat quads are not positively oriented."""
+    """Return for flat quads how many of the four corner triangles are not positively oriented."""
     d = np.roll(corners, -1, axis=1) - corners
     return ((np.roll(d, 1, axis=1).conj() * d).imag <= 0).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Is a flat patch injective? No flip, no handle and a simple outline together prove it."""
+"""Prove that a flat patch is injective: no flip, no handle and a simple outline together suffice."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from ...arrays import Bool, Complex, Int
 from ..layout import groups
 
-WIDE = 0.4  # relative width of an isthmus from which on it is none: a rectangle 1.5 times as long as wide has it
-ROUNDING = 8.0 * np.finfo(float).eps  # bound of the error of an orientation, relative to its terms (Shewchuk 1997)
+WIDE = 0.4  # relative width from which a narrowing is not an isthmus: that of a rectangle 1.5 times as long as wide
+ROUNDING = 8.0 * np.finfo(float).eps  # error bound of an orientation, relative to its terms (Shewchuk 1997)
 
 
 def simple(
@@ -17,12 +17,18 @@ def simple(
     sides: Bool[np.ndarray, "quads 4"],
     patch: Int[np.ndarray, " quads"] | None = None,
 ) -> bool:
-    """Does the outline of a patch neither cross nor touch itself, and is there just one loop that is no hole?
+    """Return whether the outline of a patch neither crosses nor touches itself and exactly one loop is not a hole.
 
-    points : metres; sides : those on the outline.
-    patch : from 0 on, where the quads are those of several patches, of which every one is looked at by itself
-    Without a flip every point of the plane is covered as often as the loops wind round it: loops that are apart, one of them
-    counter-clockwise, leave nothing but 0 and 1. Orientations that rounding leaves open count as touching, so that True is a proof (Shewchuk 1997, first filter).
+    Without flips every point of the plane is covered as often as the loops wind round it; disjoint loops, one of them
+    counter-clockwise, leave only 0 and 1. Orientations within the rounding error count as touching, so True is a proof
+    (Shewchuk 1997, first filter).
+
+    Parameters
+    ----------
+    points : metres
+    corners : flat vertices of the quads
+    sides : mask of the sides on the outline
+    patch : patch of every quad, from 0, if there are several; each is checked by itself
     """
     start = corners[sides]
     end = np.roll(corners, -1, axis=1)[sides]
@@ -40,9 +46,9 @@ def simple(
     if patch is not None:
         near &= owner[:, None] == owner
     one, two = np.nonzero(np.triu(near, 1))
-    # neighbours share a vertex and cannot cross but there, unless they fold onto each other
+    # adjacent sides share a vertex and cannot cross elsewhere, unless one folds back onto the other
     follow = (end[one] == start[two]) | (end[two] == start[one])
-    if _folded(a, b, start, end, one[follow], two[follow]):
+    if _folds_back(a, b, start, end, one[follow], two[follow]):
         return False
     one, two = one[~follow], two[~follow]
     if not _one_outer(a, b, start, end, owner):
@@ -53,20 +59,22 @@ def simple(
 
 
 def _one_outer(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, owner: np.ndarray) -> bool:
-    """Is exactly one loop of every owner's sides a - b counter-clockwise?"""
+    """Return whether exactly one loop of every owner is counter-clockwise; sides run from a to b."""
     used, ends = np.unique(np.stack([start, end]), return_inverse=True)
     ends = ends.reshape(2, -1)
     loop = groups(len(used), ends[0], ends[1])[ends[0]]
     first = np.unique(loop, return_index=True)[1]
     if len(first) == owner.max(initial=0) + 1:
-        return True  # single loops round quads without a flip
+        return True  # single loops round quads without a flip are counter-clockwise
     origin = a[first][loop]
     area = np.bincount(loop, weights=((a - origin).conj() * (b - origin)).imag)
     return bool((np.bincount(owner[first], weights=area > 0) == 1).all())
 
 
-def _folded(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray) -> bool:
-    """Do two sides that share a vertex run back over each other?"""
+def _folds_back(
+    a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, one: np.ndarray, two: np.ndarray
+) -> bool:
+    """Return whether two sides that share a vertex fold back onto each other."""
     swap = end[one] != start[two]
     first, second = np.where(swap, two, one), np.where(swap, one, two)
     turn = (b[second] - a[second]) * (b[first] - a[first]).conj()
@@ -74,22 +82,26 @@ def _folded(a: np.ndarray, b: np.ndarray, start: np.ndarray, end: np.ndarray, on
 
 
 def _side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Orientation of the triangles a, b, c: 1, -1, or 0 where rounding leaves it open."""
+    """Orientation of triangles a, b, c: 1, -1, or 0 within the rounding error."""
     p, q = b - a, c - a
     one, two = p.real * q.imag, p.imag * q.real
     det = one - two
-    # the differences are rounded too: their error is a few units of the coordinates
+    # the differences are rounded too, by a few units of the coordinates' last digit
     scale = np.abs(a) + np.abs(b) + np.abs(c)
     slack = ROUNDING * (np.abs(one) + np.abs(two) + scale * (np.abs(p) + np.abs(q)))
     return np.where(det > slack, 1, np.where(det < -slack, -1, 0))
 
 
 def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray, " points"] | None = None) -> float:
-    """The narrowest isthmus of a polygon: its width over the shorter part of the outline behind it.
+    """Relative width of the narrowest isthmus of a polygon: width over the shorter part of the outline behind it.
 
-    rim : points on the border of the surface; an isthmus between two of them is the surface's own and left out.
-    Only parts of at least a fifth of the outline count. A rectangle four times as long as wide has 0.2; more than 0.4
-    is not told apart.
+    Only pairs of points at least 0.08 of the outline apart count. A rectangle four times as long as wide has 0.2; the
+    result is at most 0.4.
+
+    Parameters
+    ----------
+    outline : points of the polygon
+    rim : mask of points on the border of the surface; isthmuses between two of them are due to the surface and left out
     """
     count = len(outline)
     after = np.roll(outline, -1)
@@ -104,17 +116,18 @@ def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray,
     if rim is not None:
         ratio[rim[pick][:, None] & rim[pick]] = WIDE
     i, j = np.nonzero(np.triu(ratio < WIDE))
-    # the chord leaves both its ends into the polygon: between the side that follows and the one before
+    # the chord must run inside the polygon at both ends: between the adjacent sides there
     forward, backward, chord = after[pick] - p, np.roll(outline, 1)[pick] - p, p[j] - p[i]
     inside = _between(forward[i], chord, backward[i]) & _between(forward[j], -chord, backward[j])
     return float(ratio[i, j][inside].min(initial=WIDE))
 
 
 def _between(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Does a direction lie counter-clockwise between two others?"""
+    """Return whether directions lie counter-clockwise between two others."""
     turn, one, two = _cross(first, last), _cross(first, middle) > 0, _cross(middle, last) > 0
     return np.where(turn > 0, one & two, one | two)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of plane vectors."""
     return a.real * b.imag - a.imag * b.real

@@ -1,4 +1,4 @@
-"""What is told about a layout: its block of report.json, and what could not be kept of limits and symmetries, in words."""
+"""Report on a layout: its block of report.json, and sentences about limits and symmetries that could not be kept."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ REMARKS = 3  # patches beyond a limit that are named one by one; chosen by eye
 
 
 def layout_report(flat: FlatPatches) -> dict[str, Any]:
-    """The ``layout`` block of report.json; lengths are shares or metres, energies pure numbers.
+    """Return the ``layout`` block of report.json; lengths are shares or metres, energies have no unit.
 
-    ``flips`` counts corner triangles, four a quad; ``overlaps`` counts patches; ``remarks`` are sentences for the user.
+    ``flips`` counts corner triangles, four per quad; ``overlaps`` counts patches; ``remarks`` are sentences for the
+    user.
     """
     layout = flat.layout
     mismatch = seam_mismatch(flat)
@@ -46,7 +47,7 @@ def layout_report(flat: FlatPatches) -> dict[str, Any]:
 
 
 def remarks(notes: Mapping[str, object]) -> dict[str, object]:
-    """What of a layout's notes everyone should read: ``remarks``, a few sentences; nothing if there are none."""
+    """Return the most important notes of a layout as ``remarks``, a few sentences; nothing if there are none."""
     said = [str(notes["halved"])] if "halved" in notes else []
     forced = notes.get("forced")
     if isinstance(forced, list):
@@ -59,7 +60,13 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
 
 
 def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
-    """Where a limit could not be kept, because every change within the other limits was tried and refused."""
+    """Describe panels beyond a limit, for which every change within the other limits was tried and refused.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params : limits
+    """
     layout = flat.layout
     mesh, necks, numbers = layout.mesh, layout.isthmus_widths(own=False), panel_numbers(layout)
     listed = []
@@ -84,7 +91,12 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
 
 
 def symmetry_kept(whole_group: list[Symmetry], kept: list[Symmetry]) -> tuple[dict[str, object], str]:
-    """How many of the surface's symmetries a layout keeps: the report's numbers, and the beginning of its sentence."""
+    """Return how many of the surface's symmetries a layout keeps: numbers for the report, and the start of its sentence.
+
+    Parameters
+    ----------
+    whole_group, kept : symmetries of the surface, and those of the layout; without the identity
+    """
     names = sorted({s.name for s in kept})
     text = f"The layout keeps {1 + len(kept)} of {1 + len(whole_group)} symmetries"
     text += f" ({', '.join(names[:6])}{', ...' if len(names) > 6 else ''})" if names else ""

@@ -1,4 +1,4 @@
-"""Flattening all patches together, so that the two sides of every seam get the same length."""
+"""Flatten all patches together so that the two sides of every seam become equally long."""
 
 from __future__ import annotations
 
@@ -16,26 +16,28 @@ from ..loops import NEXT
 from .arap import FlatPatch, PatchProblem, Springs, minimax, settle
 from .outline import simple
 
-ROUNDS = 24  # rounds for a whole layout; the best state counts; not measured
-QUICK = 10  # rounds for the few patches of a hand edit, which is to take 0.1 s
-# Patches of fewer quads are solved side by side, for alone each takes as long as many together: 3,840 patches of one quad
-# took 32 s alone and take 3 s so.
+ROUNDS = 24  # rounds for a whole layout, of which the best state is kept; not measured
+QUICK = 10  # rounds for the few patches of a hand edit, which should take 0.1 s
+# Patches of fewer quads are solved side by side, since alone each takes as long as many together: 3,840 patches of one
+# quad take 3 s instead of 32 s.
 SMALL = 8
-HEAP = 64  # quads that are solved side by side
-# of a seam side against its quads, at first; 1 and 10 leave a worst mismatch of 10 and 11 % instead of 9
+HEAP = 64  # largest number of quads solved side by side
+# Initial stiffness of a seam side relative to its quads; 1 and 10 leave a worst mismatch of 10 and 11 % instead of 9.
 STIFFNESS = 3.0
-ENERGY_CAP = 0.65  # share of the distortion limit above which quads get heavier; of seven surfaces 0.5 leaves a worst seam mismatch of 16 %, 0.8 of 7, this 9
-# difference of the two sides, as a share of their length, above which a seam edge gets stiffer; of seven
-# surfaces 0.04 leaves a worst of 6 %, 0.12 of 13, this 9
+# Share of the distortion limit above which quads get more weight; on seven surfaces 0.5 leaves a worst seam mismatch of
+# 16 %, 0.8 of 7 %, this of 9 %.
+ENERGY_CAP = 0.65
+# Length difference of the two sides, as a share, above which a seam edge gets stiffer; on seven surfaces 0.04 leaves a
+# worst of 6 %, 0.12 of 13 %, this of 9 %.
 MISMATCH_CAP = 0.07
-# least and largest change of a stiffness in a round; not measured, they keep rounds from swinging
+# smallest and largest factor on a stiffness per round, against oscillation; not measured
 SOFTER, STIFFER = 0.8, 1.6
-YIELD = 0.7  # change of the stiffness where a patch is beyond the limit, so that its seams give way; not measured
+YIELD = 0.7  # factor on the stiffness where a patch exceeds the limit, so that its seams yield; not measured
 
 
 @dataclass(eq=False)
 class _Work:
-    """One patch on its way, or small ones side by side: the problem, where it is now, weights of its quads, sides on seams."""
+    """State of a patch, or of small ones side by side, while seams are fitted."""
 
     problem: PatchProblem
     flat: FlatPatch
@@ -55,20 +57,30 @@ def match_seams(
     start: Complex[np.ndarray, "quads 4"] | None = None,
     rounds: int = ROUNDS,
 ) -> Complex[np.ndarray, "quads 4"]:
-    """Flatten some patches, given by their quads, with springs that pull both sides of a seam to their mean length.
+    """Flatten patches with springs that pull both sides of a seam to their mean length.
 
-    Returns the flat corners of all patches, metres.
-    corners : those of the patches that stay as they are: their seams are taken as given
-    start : rotations to start from, complex numbers of length 1, up to a constant turn of every patch
+    Parameters
+    ----------
+    layout : mesh and cuts
+    patches : quads of each patch to flatten
+    corners : flat corners of the patches that stay as they are, metres
+    params : limits
+    progress : called with the fraction done
+    start : initial rotations, unit complex numbers, up to a constant rotation of every patch
+    rounds : number of rounds
+
+    Returns
+    -------
+    flat corners of all patches, metres
     """
     mesh = layout.mesh
     limit = params.distortion_limit
-    works = _works(layout, patches, limit, progress, start)
+    works = _start_all(layout, patches, limit, progress, start)
     length = np.abs(corners[:, NEXT] - corners)
     moving = np.zeros(len(mesh.quads), dtype=bool)
     for work in works:
         moving[work.problem.quads] = True
-        _note(length, work)
+        _update_lengths(length, work)
     stiffness = np.full(len(mesh.edges), STIFFNESS)
     cut = np.flatnonzero(layout.cut)
     pair, sides = mesh.edge_quads[cut], mesh.edge_sides[cut]
@@ -81,7 +93,7 @@ def match_seams(
             _relax(work, layout, length, moving, stiffness, params)
         apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / mesh.edge_lengths[cut]
         change = np.clip(apart / MISMATCH_CAP, SOFTER, STIFFER)
-        # distortion comes first: where a patch is beyond the limit, its seams give way
+        # distortion comes first: seams of a patch beyond the limit yield
         worst = np.zeros(len(mesh.quads))
         for work in works:
             worst[work.problem.quads] = work.problem.worst(work.flat.energy)[work.problem.patch_of]
@@ -98,10 +110,10 @@ def match_seams(
     return made
 
 
-def _works(
+def _start_all(
     layout: PatchLayout, patches: Sequence[np.ndarray], limit: float, progress: Progress, start: np.ndarray | None
 ) -> list[_Work]:
-    """The patches by themselves, but small ones that lie flat at once side by side."""
+    """Flatten the patches by themselves, except for small ones that lie flat at once side by side."""
     tick = partial(progress, 0.1, "Flattening")
     large = [quads for quads in patches if len(quads) >= SMALL]
     small = [quads for quads in patches if len(quads) < SMALL]
@@ -112,7 +124,7 @@ def _works(
         while len(heap) > 1:
             problem = _problem(layout, heap, tick)
             flat = settle(problem, None if start is None else start[problem.quads], tolerance=0.005)
-            good = _sound(layout, problem, flat, limit)
+            good = _sound_patches(layout, problem, flat, limit)
             if good.all():
                 works.append(_work(layout, problem, flat))
                 break
@@ -120,17 +132,20 @@ def _works(
             heap = [quads for quads, whole in zip(heap, good.tolist(), strict=True) if whole]
         else:
             large += heap
-    return works + [_begin(layout, _problem(layout, [quads], tick), limit, start) for quads in large]
+    return works + [_flatten_alone(layout, _problem(layout, [quads], tick), limit, start) for quads in large]
 
 
 def _problem(layout: PatchLayout, patches: Sequence[np.ndarray], tick: Callable[[], None]) -> PatchProblem:
+    """Set up the flattening of patches side by side."""
     quads = np.concatenate(patches)
     local = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     return PatchProblem(layout.mesh, quads, local, tick, [len(patch) for patch in patches])
 
 
-def _sound(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float) -> Bool[np.ndarray, " patches"]:
-    """Which of the patches are proven injective and within the limit of distortion."""
+def _sound_patches(
+    layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: float
+) -> Bool[np.ndarray, " patches"]:
+    """Mask the patches that are proven injective and within the distortion limit."""
     u, first = flat.points[problem.corners], np.cumsum(problem.sizes) - problem.sizes
     d = u[:, NEXT] - u
     flipped = ~((np.roll(d, 1, axis=1).conj() * d).imag > 0.0).all(axis=1)
@@ -143,7 +158,8 @@ def _sound(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch, limit: f
     return good
 
 
-def _begin(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
+def _flatten_alone(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.ndarray | None) -> _Work:
+    """Flatten a patch without springs, trying other start rotations if it exceeds the limit or overlaps."""
     outline = layout.outline_sides[problem.quads]
     flat = settle(problem, None if start is None else start[problem.quads], tolerance=0.005)
     if flat.flips or flat.worst > limit:
@@ -157,13 +173,15 @@ def _begin(layout: PatchLayout, problem: PatchProblem, limit: float, start: np.n
 
 
 def _work(layout: PatchLayout, problem: PatchProblem, flat: FlatPatch) -> _Work:
+    """Gather the state of a flattened problem and its sides on seams."""
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges[problem.quads]])
     edge = layout.mesh.quad_edges[problem.quads[quad], side]
     outline = layout.outline_sides[problem.quads]
     return _Work(problem, flat, np.ones(len(problem.quads)), quad, side, edge, outline)
 
 
-def _note(length: np.ndarray, work: _Work) -> None:
+def _update_lengths(length: np.ndarray, work: _Work) -> None:
+    """Update the lengths of the flat sides of a patch."""
     u = work.flat.points[work.problem.corners]
     length[work.problem.quads] = np.abs(u[:, NEXT] - u)
 
@@ -176,7 +194,7 @@ def _relax(
     stiffness: np.ndarray,
     params: LayoutParams,
 ) -> None:
-    """One round for one patch: heavier bad quads, springs to the wanted lengths, two solves."""
+    """Do a round for a patch: more weight on bad quads, springs to the wanted lengths, two solves."""
     mesh, problem = layout.mesh, work.problem
     cap = ENERGY_CAP * params.distortion_limit
     work.weights = np.clip(work.weights * np.clip(work.flat.energy / cap, 0.8, 2.0), 1.0, 1e3)
@@ -193,7 +211,7 @@ def _relax(
         if factor is None:
             factor = problem.factor(work.weights, springs)
         work.flat = problem.patch(problem.global_step(factor, work.weights, work.flat.rotation, springs))
-    _note(length, work)
+    _update_lengths(length, work)
 
 
 def _score(
@@ -204,7 +222,7 @@ def _score(
     surface: np.ndarray,
     params: LayoutParams,
 ) -> tuple[float, float]:
-    """What makes one state better than another: nothing broken first, then the worst of distortion and mismatch."""
+    """Rank states: no flips or overlaps first, then distortion beyond the limit, then seam mismatch."""
     broken = float(sum(work.flat.flips + (not _simple(work)) for work in works))
     apart = np.abs(length[pair[:, 0], sides[:, 0]] - length[pair[:, 1], sides[:, 1]]) / surface
     worst = max((work.flat.worst for work in works), default=0.0) / params.distortion_limit
@@ -213,5 +231,6 @@ def _score(
 
 
 def _simple(work: _Work) -> bool:
+    """Return whether the outlines are simple."""
     several = work.problem.patch_of if len(work.problem.sizes) > 1 else None
     return simple(work.flat.points, work.problem.corners, work.outline, several)

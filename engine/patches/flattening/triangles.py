@@ -1,8 +1,8 @@
-"""The corner triangles of quads, and what it costs to lay them flat: the energy of Liu et al. (2008), in complex form.
+"""Corner triangles of quads and the energy of laying them flat (Liu et al. 2008), in complex form.
 
-The map of a corner triangle to the plane is u = a z + b conj(z) with complex a and b; its singular values are
-|a| + |b| and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|. Every quad has four corner
-triangles, which are both of its triangulations.
+The map of a corner triangle to the plane is u = a z + b conj(z) with complex a and b; its singular values are |a| + |b|
+and |a| - |b|, its determinant |a|^2 - |b|^2, and the nearest rotation is a / |a|. The four corner triangles of a quad
+are those of both its triangulations.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ class CornerTriangles:
     """The four corner triangles of every quad, each laid into the plane without distortion.
 
     along, against : 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
-    along_bar, against_bar : 1/m: the same for b
+    along_bar, against_bar : 1/m: b = along_bar * d[k] + against_bar * d[k-1]
     area : square metres
-    flat : metres, the corners of every quad projected to its plane
-    stiffness : square metres times 1/m^2: the quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
+    flat : corners of every quad projected to its plane, metres
+    stiffness : no unit: quadratic form of sum(area (|a|^2 + |b|^2)) over a quad's corners
     """
 
     along: Complex[np.ndarray, "quads 4"]
@@ -38,11 +38,11 @@ class CornerTriangles:
 
     @cached_property
     def whole(self) -> Float[np.ndarray, " quads"]:
-        """Square metres: the areas of the four triangles of a quad together, never 0."""
+        """Sum of the four triangles' areas of every quad, square metres, never 0."""
         return np.maximum(self.area.sum(axis=1), 1e-300)
 
     def pick(self, quads: np.ndarray) -> CornerTriangles:
-        """Those of some quads only."""
+        """Return the triangles of some quads."""
         return CornerTriangles(
             self.along[quads],
             self.against[quads],
@@ -56,7 +56,7 @@ class CornerTriangles:
 
 @lru_cache(maxsize=4)
 def corner_triangles(mesh: QuadMesh) -> CornerTriangles:
-    """The corner triangles of every quad of a mesh (Liu et al. 2008, section 3, in complex form)."""
+    """Return the corner triangles of every quad of a mesh (Liu et al. 2008, section 3, in complex form)."""
     p = mesh.vertices[mesh.quads]
     normal = mesh.normals
     x_axis = p[:, 2] - p[:, 0]
@@ -74,20 +74,20 @@ def _triangles(
     backward: Float[np.ndarray, "quads 4 3"],
     flat: Complex[np.ndarray, "quads 4"],
 ) -> CornerTriangles:
-    """From the two sides at every corner, metres, and the projected corners."""
+    """Build the triangles from the two sides at every corner, metres, and the projected corners."""
     length_f, _length_b = np.linalg.norm(forward, axis=2), np.linalg.norm(backward, axis=2)
     double_area = np.linalg.norm(np.cross(forward, backward), axis=2)
     inner = np.einsum("fki,fki->fk", forward, backward)
     z1 = length_f.astype(complex)
     z0 = (inner + 1j * double_area) / np.where(length_f > 0, length_f, 1.0)
-    # turn each triangle to lie best on the projection of its quad, so that one rotation fits all four
+    # rotate each triangle to fit the projection of its quad best, so that one rotation suits all four
     w1, w0 = flat[:, NEXT] - flat, flat[:, PREVIOUS] - flat
     turn = w1 * z1.conj() + w0 * z0.conj()
     size = np.abs(turn)
     turn = np.where(size > 0, turn / np.where(size > 0, size, 1.0), 1.0)
     z1, z0 = z1 * turn, z0 * turn
     d = z1 * z0.conj() - z1.conj() * z0
-    # a triangle without area has no map of its own, and no weight
+    # a triangle without area has no map and no weight
     inverse = np.where(np.abs(d) > 0, 1.0, 0.0) / np.where(np.abs(d) > 0, d, 1.0)
     # u1 = a z1 + b conj(z1) with u1 = d[k]; u0 = a z0 + b conj(z0) with u0 = -d[k-1]
     along, against = z0.conj() * inverse, z1.conj() * inverse
@@ -107,13 +107,19 @@ def _triangles(
 def quad_energy(
     tri: CornerTriangles, a: Float[np.ndarray, "quads 4"], b: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, " quads"]:
-    """E of every quad from |a| and |b| of its corners: area-weighted mean of (s1-1)^2 + (s2-1)^2."""
+    """Return E of every quad: area-weighted mean of (s1-1)^2 + (s2-1)^2 over its corners.
+
+    Parameters
+    ----------
+    tri : corner triangles
+    a, b : absolute values of the complex coefficients of every corner
+    """
     energy = 2.0 * ((a - 1.0) ** 2 + b**2)
     return (tri.area * energy).sum(axis=1) / tri.whole
 
 
 def square_energy(corners: Complex[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """How far flat quads are from a square of the same area: the measure of ``quad_energy`` from it."""
+    """Return ``quad_energy`` of flat quads relative to squares of the same area."""
     d = corners[:, NEXT] - corners
     diagonal_a, diagonal_b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     side = np.sqrt(np.maximum(0.5 * (diagonal_a.conj() * diagonal_b).imag, 1e-300))[:, None]

@@ -1,1 +1,1 @@
-"""Fewer patches: seams opened, straightened and drawn anew while every limit holds."""
+"""Reduce the number of patches: open, straighten and redraw seams within all limits."""

@@ -1,4 +1,4 @@
-"""The layout while it changes: which patches there are, how they lie flat, and whether a change keeps every limit."""
+"""State of the layout during merging: current patches, their flattenings, and whether a change keeps every limit."""
 
 from __future__ import annotations
 
@@ -20,24 +20,26 @@ from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
 from .sketch import ROOM, Piece, Sketch, Sketcher
 
-# over the largest bottleneck: the smallest width of an isthmus over the outline behind it. 1.0 gives 45 instead of 44
-# patches on seven surfaces, 1.5 gives 48
+# The smallest relative width of an isthmus is this factor over the largest bottleneck. On seven surfaces 1.0 gives 45
+# patches instead of 44, 1.5 gives 48.
 SLACK = 1.1
-# quads: patches up to this are given more chances. 40 gives 47 patches on seven surfaces, 400 gives 38, in no more time
+# Number of quads up to which patches get more chances. On seven surfaces 40 gives 47 patches, 400 gives 38, in no more
+# time.
 SMALL = 120
-# over the limit: the compactness of a patch that takes a too small one in; 1.05 to 1.6 give the same on seven surfaces
+# Compactness, as a factor on the limit, of a patch that absorbs a too small one; 1.05 to 1.6 give the same on seven
+# surfaces.
 LENIENT = 1.25
-ATTEMPT = 300.0  # work, in quads times solves, of an attempt before anything is flattened; estimated from profiles
-SOLVES = 10.0  # solves of one flattening, in the mean
-# largest outline behind an isthmus, over its width: a rectangle four times as long as wide has 5. On seven surfaces 3.5
-# gives 46 patches instead of 44, 8 gives as many as 5 with narrower places
+ATTEMPT = 300.0  # work of an attempt before any flattening, in quads times solves; estimated from profiles
+SOLVES = 10.0  # mean number of solves of a flattening
+# Largest ratio of the outline behind an isthmus to its width; a rectangle four times as long as wide has 5. On seven
+# surfaces 3.5 gives 46 patches instead of 44, 8 gives as many as 5 with narrower necks.
 BOTTLENECK = 5.0
 NOTHING = np.zeros(0, dtype=np.int64)  # no edges
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Cut edges to open, joined edges to cut, and the pieces that come of it."""
+    """Cut edges to open, joined edges to cut, and the resulting pieces."""
 
     opens: Int[np.ndarray, " opened"]
     closes: Int[np.ndarray, " closed"]
@@ -45,7 +47,7 @@ class Change:
 
 
 class Effort:
-    """How much flattening may still be done: the same work everywhere, whatever the machine, so that results repeat.
+    """Budget for flattening, in machine-independent work, so that results repeat.
 
     left : quads times solves
     """
@@ -55,13 +57,14 @@ class Effort:
 
     @property
     def over(self) -> bool:
+        """Whether the budget is used up."""
         return self.left <= 0
 
 
 class Shared:
-    """What boards of the same mesh and limits need not do twice.
+    """Cache shared by boards of the same mesh and limits.
 
-    flattened : by quads, outline, start and limit, what a flattening gave and the work that it took; held : how many quads are in them
+    flattened : result and work of a flattening, by quads, outline, start and limit; held : number of quads in it
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
@@ -71,15 +74,15 @@ class Shared:
 
 
 class Board:
-    """The state of merging: cuts, pieces, and the symmetries that every change must keep.
+    """State of merging: cuts, pieces, and the symmetries that every change must keep.
 
-    cut : (E,) bool; marked : the set of all edges that are cut or on the border; piece_of : (F,) serial of every quad's piece
-    bottleneck : the largest that a patch may get, see ``Sketch``; distortion_share : how much of the limit it may use up
-    lenient : changes may go beyond the limits on isthmuses, sizes and compactness
+    cut : (E,) bool; marked : set of edges that are cut or on the border; piece_of : (F,) serial of every quad's piece
+    bottleneck : largest allowed, see ``Sketch``; distortion_share : share of the distortion limit that may be used
+    lenient : whether changes may exceed the limits on isthmuses, sizes and compactness
     tick : called at every attempt
-    shared : with other boards of the same mesh and limits
-    swept, refused : what straightening has looked at, and what it was refused, under these symmetries and limits
-    solved : what was flattened before; failed : what did not lie flat, and from which parents: others may do better
+    shared : cache shared with other boards of the same mesh and limits
+    swept, refused : slides already examined, and changes refused, under these symmetries and limits
+    solved : flattenings that succeeded; failed : those that did not, with their parents, since others may succeed
     """
 
     def __init__(
@@ -112,43 +115,46 @@ class Board:
         for quads in layout.patches:
             sketch = self.sketcher.sketch(quads, self.cut)
             problem = PatchProblem(self.mesh, quads, sketch.corners, tick)
-            self._put(self._named(sketch, minimax(problem, settle(problem), target=0.9 * params.distortion_limit)))
+            self._put(
+                self._with_serial(sketch, minimax(problem, settle(problem), target=0.9 * params.distortion_limit))
+            )
 
     @property
     def layout(self) -> PatchLayout:
+        """The current layout."""
         return PatchLayout(self.mesh, self.cut.copy())
 
     def is_first_image(self, edges: np.ndarray | Sequence[int]) -> bool:
-        """Is a run of edges the first of its mirror images? A change of the others comes to the same."""
+        """Return whether a run of edges is the first of its mirror images; changing another image has the same result."""
         if not self.symmetries:
             return True
         lowest = min(int(s.edges[edges].min()) for s in self.symmetries)
         return int(np.min(edges)) <= lowest
 
     def rotations(self) -> Complex[np.ndarray, "quads 4"]:
-        """The rotation of every corner triangle, each piece in a frame of its own."""
+        """Return the rotation of every corner triangle, each piece in its own frame."""
         result = np.ones((len(self.mesh.quads), 4), dtype=complex)
         for piece in self.pieces.values():
             result[piece.quads] = piece.flat.rotation
         return result
 
     def copy(self) -> Board:
-        """The same state, to try something on; pieces, which never change, and what was flattened are shared."""
+        """Return a copy for trials; pieces, which never change, and flattenings are shared."""
         other = copy(self)
         other.cut, other.piece_of, other.pieces = self.cut.copy(), self.piece_of.copy(), dict(self.pieces)
         other.marked, other.swept, other.refused = set(self.marked), set(), set()
         return other
 
     def pieces_at(self, edges: Int[np.ndarray, " edges"]) -> Int[np.ndarray, "edges 2"]:
-        """Serials of the pieces on both sides of edges."""
+        """Return the serials of the pieces on both sides of edges."""
         return self.piece_of[self.mesh.edge_quads[edges]]
 
     # -- changes ---------------------------------------------------------------------------------------------------
 
     def attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"] = NOTHING) -> Change | None:
-        """What comes of opening and closing edges, their mirror images included; None where a limit forbids it.
+        """Return the change that opens and closes edges with their mirror images; None if a limit forbids it.
 
-        Images that touch the same pieces are done together, the others are left to ``apply``.
+        Images that touch the same pieces are changed together; the others are left to ``apply``.
         """
         self.tick()
         if self.effort.over:
@@ -176,7 +182,7 @@ class Board:
         return self._attempt(_array(opened), _array(closed))
 
     def apply(self, change: Change) -> bool:
-        """Make a change with all its mirror images; False, and nothing done, where an image fails."""
+        """Make a change with all its mirror images; if an image fails, change nothing and return False."""
         if not self.symmetries:
             self._apply(change)
             return True
@@ -197,6 +203,7 @@ class Board:
         return True
 
     def _apply(self, change: Change) -> None:
+        """Make a change without its images."""
         self.cut[change.opens] = False
         self.cut[change.closes] = True
         self.marked.difference_update(change.opens.tolist())
@@ -205,12 +212,14 @@ class Board:
             self._put(piece)
 
     def _put(self, piece: Piece) -> None:
+        """Replace the pieces that share quads with this piece."""
         for old in np.unique(self.piece_of[piece.quads]).tolist():
             self.pieces.pop(old, None)
         self.pieces[piece.serial] = piece
         self.piece_of[piece.quads] = piece.serial
 
     def _attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> Change | None:
+        """Return the change of exactly these edges; None if a limit forbids it."""
         names = np.unique(self.pieces_at(np.concatenate([opens, closes]))).tolist()
         old = [self.pieces[n] for n in names]
         cut = self.cut.copy()
@@ -220,14 +229,14 @@ class Board:
         sketches = []
         for quads in self.sketcher.components(region, cut) if len(closes) or len(old) > 2 else [region]:
             parents = [self.pieces[n] for n in np.unique(self.piece_of[quads]).tolist()]
-            sketch = self._allowed(quads, cut, parents)
+            sketch = self._sketch_if_allowed(quads, cut, parents)
             if sketch is None:
                 return None
             sketches.append((sketch, parents))
         pieces = []
-        # the smallest first: it is the cheapest to fail on
+        # start with the smallest, where failure costs least
         for sketch, parents in sorted(sketches, key=lambda s: len(s[0].quads)):
-            piece = self._solved(sketch, parents, opens)
+            piece = self._solve(sketch, parents, opens)
             if piece is None:
                 return None
             pieces.append(piece)
@@ -235,10 +244,10 @@ class Board:
 
     # -- one patch -------------------------------------------------------------------------------------------------
 
-    def _allowed(
+    def _sketch_if_allowed(
         self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"], parents: list[Piece]
     ) -> Sketch | None:
-        """The sketch of a patch if it passes all that can be said without flattening it."""
+        """Return the sketch of a patch if it passes all limits that can be checked before flattening."""
         mesh, params = self.mesh, self.params
         if len(quads) < min(params.patch_min, *(len(p.quads) for p in parents)):
             return None
@@ -257,26 +266,27 @@ class Board:
             return None
         return None if sketch.bottleneck > max(self.bottleneck, *(p.sketch.bottleneck for p in parents)) else sketch
 
-    def _solved(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray) -> Piece | None:
-        """The flattened patch, if its distortion is allowed and it is injective."""
+    def _solve(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray) -> Piece | None:
+        """Return the flat piece if its distortion is allowed and it is injective."""
         limit = max(self.distortion_share * self.params.distortion_limit, *(p.flat.worst for p in parents))
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
         start = tuple(p.serial for p in parents)
         if key not in self.solved and (key, start) not in self.failed:
-            flat = self._flattened(sketch, parents, opens, limit)
+            flat = self._cached_flat(sketch, parents, opens, limit)
             if flat is None:
                 self.failed.add((key, start))
             else:
                 self.solved[key] = flat
         if key not in self.solved:
             return None
-        piece = self._named(sketch, self.solved[key])
+        piece = self._with_serial(sketch, self.solved[key])
         if self.lenient:
             return piece
-        # an isthmus may only be as narrow as those of the parents, or as the limit
+        # an isthmus may not be narrower than the parents' isthmuses or the limit, whichever is less
         return None if piece.isthmus < min(SLACK / self.bottleneck, *(p.isthmus for p in parents)) else piece
 
-    def _flattened(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
+    def _cached_flat(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
+        """Return the flat patch, from the cache if possible, and charge its work."""
         start = self.sketcher.rotations(parents, sketch.quads, opens)
         digest = blake2b(start.tobytes(), digest_size=16).digest()
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), digest, limit)
@@ -286,14 +296,14 @@ class Board:
             self.shared.flattened[key] = self._flatten(sketch, start, limit)
             self.shared.held += len(sketch.quads)
         flat, work = self.shared.flattened[key]
-        self.effort.left -= work  # also where nothing is done: layouts are not to depend on what is remembered
+        self.effort.left -= work  # charged for cached results too, so that layouts don't depend on the cache
         return flat
 
     def _flatten(self, sketch: Sketch, start: np.ndarray, limit: float) -> tuple[FlatPatch | None, float]:
-        """The patch where it lies flat within the limit, and the work that it took."""
+        """Flatten a patch; return it if it is within the limit and injective, else None, and the work."""
         problem = PatchProblem(self.mesh, sketch.quads, sketch.corners, self.tick)
         work = SOLVES * len(sketch.quads)
-        # weighing the bad quads brings the worst energy down by a half; by far more where a few quads hold it all
+        # weighting bad quads halves the worst energy, and lowers it far more if few quads cause it
         bar = limit * (1.8 + 3.2 * min(1.0, SMALL / len(sketch.quads)) ** 2)
         flat = settle(problem, start, tolerance=0.01, hopeless=bar)
         if flat.worst > bar:
@@ -304,10 +314,12 @@ class Board:
         good = flat.worst <= limit and not flat.flips and simple(flat.points, sketch.corners, sketch.sides)
         return flat if good else None, work
 
-    def _named(self, sketch: Sketch, flat: FlatPatch) -> Piece:
+    def _with_serial(self, sketch: Sketch, flat: FlatPatch) -> Piece:
+        """Give a flat patch the next serial."""
         self.serial += 1
         return Piece(self.serial, sketch, flat)
 
 
 def _array(values: set[int]) -> np.ndarray:
+    """Sort a set into an array."""
     return np.array(sorted(values), dtype=np.int64)

@@ -1,7 +1,7 @@
-"""The way out where no single step keeps the limits: small patches are given up, in one step, at the price of another limit.
+"""Last resort if no single step keeps the limits: dissolve a small patch at once, at the cost of another limit.
 
-Limits describe the result. A patch below the smallest size is worse than a neck; so it may join a neighbour, be shared out
-among several, or keep part of a cut as a dart, even if what comes of it has a neck, as long as all in all less is wrong.
+Limits describe the result. A patch below the smallest size is worse than a neck; it may join a neighbour, be divided
+among several, or keep part of a cut as a dart, even if that makes a neck, as long as less is wrong in total.
 """
 
 from __future__ import annotations
@@ -19,24 +19,26 @@ from .board import NOTHING, Board, Change, Effort
 from .sketch import Piece
 from .straighten import badness, gain_of, widen
 
-# quads times solves for every quad: a bound that is the same on every machine. Layouts with many crumbs take 180 to 230
+# budget in quads times solves per quad, equal on every machine; layouts with many small patches take 180 to 230
 WORK = 500.0
-DRAWN = 1e-3  # what an edge of cut counts beside a patch: it only decides between equals
+DRAWN = 1e-3  # weight of an edge of cut relative to a patch; small, because it only decides ties
 
 
 def without_crumbs(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> PatchLayout:
-    """Return a layout whose panels below the smallest size and necks were joined to neighbours that can take them.
+    """Join panels below the smallest size, and necks, to neighbours that can take them.
 
     Parameters
     ----------
     layout : panels that are disks
-    params : the limits that the joined panels keep; its symmetries stay kept
+    params : limits that the joined panels keep
+    symmetries : of the mesh; those of the layout are kept
+    progress : called with the fraction done
 
     Returns
     -------
-    The layout itself where it has no such panel or neck, or no neighbour can take one.
+    the new layout, or ``layout`` itself if it has no such panel or neck, or no neighbour can take one
     """
     small = min(len(quads) for quads in layout.patches) < params.patch_min
     if len(layout.patches) < 2 or not (small or (layout.isthmus_widths(own=False) < params.neck_min).any()):
@@ -50,7 +52,15 @@ def without_crumbs(
 def bounded(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> Board:
-    """Return a board whose panels may use the whole distortion limit, with a bound to its work; what symmetry the layout has, it keeps."""
+    """Return a board with limited work whose panels may use the whole distortion limit; it keeps the layout's symmetries.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    params : limits
+    symmetries : of the mesh
+    progress : called at every attempt
+    """
     effort = Effort(WORK * len(layout.mesh.quads))
     board = Board(layout, params, keeping(symmetries, layout.cut), effort, tick=lambda: progress(0.0))
     board.distortion_share = 1.0
@@ -58,7 +68,7 @@ def bounded(
 
 
 def dissolve(board: Board) -> bool:
-    """Give up patches that are too small, the smallest first; True if any went."""
+    """Dissolve patches that are too small, the smallest first; return whether any was."""
     changed = False
     board.lenient = True
     refused: set[tuple[int, ...]] = set()
@@ -68,7 +78,7 @@ def dissolve(board: Board) -> bool:
             key = (piece.serial, *np.unique(_around(board, piece)).tolist())
             if key in refused:
                 continue
-            best = _best(board, piece)
+            best = _best_change(board, piece)
             if best is not None and board.apply(best):
                 changed = True
                 break
@@ -80,13 +90,14 @@ def dissolve(board: Board) -> bool:
 
 
 def _around(board: Board, piece: Piece) -> Int[np.ndarray, "quads 4"]:
-    """Serials of the patches across every side of a patch's quads, -1 across its own and at the border."""
+    """Serials of the patches across every side of a patch's quads; -1 inside the patch and at the border."""
     mesh = board.mesh
     other = np.where(mesh.neighbours[piece.quads] < 0, -1, board.piece_of[mesh.neighbours[piece.quads]])
     return np.where(other == piece.serial, -1, other)
 
 
-def _best(board: Board, piece: Piece) -> Change | None:
+def _best_change(board: Board, piece: Piece) -> Change | None:
+    """Return the change that improves the layout most by dissolving a piece; None if none does."""
     found: list[tuple[float, int, Change]] = []
     for opens, closes in _ways(board, piece):
         change = board.attempt(opens, closes)
@@ -101,7 +112,7 @@ def _best(board: Board, piece: Piece) -> Change | None:
 
 
 def _ways(board: Board, piece: Piece) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Edges to open and to close: each seam of a patch, all seams with one neighbour, and sharing its quads out."""
+    """Yield edges to open and to close: each seam of a patch, all seams with a neighbour, division of its quads."""
     mesh, around = board.mesh, _around(board, piece)
     edges = mesh.quad_edges[piece.quads]
     others = np.unique(around[around >= 0]).tolist()
@@ -115,11 +126,11 @@ def _ways(board: Board, piece: Piece) -> Iterator[tuple[np.ndarray, np.ndarray]]
         elif len(shared) > 1:
             yield from ((shared[i : i + 1], NOTHING) for i in range(len(shared)))
     if len(others) > 1 and len(piece.quads) > 1:
-        yield from _shared_out(board, piece, around)
+        yield from _divide_among_neighbours(board, piece, around)
 
 
-def _shared_out(board: Board, piece: Piece, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Every quad goes to the neighbour that it has most of its outline in common with, from the outside inwards."""
+def _divide_among_neighbours(board: Board, piece: Piece, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the change that gives every quad to the neighbour with most common sides, from the outside inwards."""
     mesh = board.mesh
     owner = dict.fromkeys(piece.quads.tolist(), -1)
     sides = dict(zip(owner, around.tolist(), strict=True))

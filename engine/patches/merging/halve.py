@@ -1,7 +1,7 @@
-"""A single panel without a cut never leaves the plane unless something holds it: it is cut in two, so that its seam drives it.
+"""Cut a single panel in two: without a seam nothing makes it leave the plane.
 
-A seam drives a piece out of the plane because its two sides, which are as long as each other, lie along different curves in
-the plane. The less of the surface's curvature is taken up by distortion of the panels, the more the seam drives.
+A seam drives a piece out of the plane because its two equally long sides follow different curves in the plane. The less
+of the surface's curvature is absorbed by distortion of the panels, the more the seam drives it.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from ..splitting.runs import chord_areas, straight_runs
 from .board import Board
 from .straighten import badness
 
-# E of a flat panel up to which it stays as it is: with 1 to 2 10^-4 halving domes, saddles and hypars of 196 quads changed the
-# simulated shape by less than 0.01 % of the size; with 0.001, 0.0022, 0.009 and 0.011 RMS fell from 3.0 to 1.8, 4.3 to 3.4, 6.9 to
-# 4.4 and 5.6 to 1.0 %
+# Largest E at which a single flat panel stays whole. With 1 to 2e-4, halving domes, saddles and hypars of 196 quads
+# changed the simulated shape by less than 0.01 % of the size; with 0.001, 0.0022, 0.009 and 0.011 the RMS deviation
+# fell from 3.0 to 1.8, 4.3 to 3.4, 6.9 to 4.4 and 5.6 to 1.0 %.
 FLAT = 5e-4
-RUNS = 12  # cuts that are tried; not measured, it bounds the time
+RUNS = 12  # number of cuts tried; not measured, bounds the time
 SMALLEST = 0.25  # smallest share of the panel on either side of a cut; chosen by eye
-APART = 0.03  # how far apart the ends of two cuts are, as a share of the outline; chosen by eye
+APART = 0.03  # smallest distance between the ends of two cuts, as a share of the outline; chosen by eye
 
 
 def leaves_plane(board: Board) -> bool:
-    """Is there a cut, or nothing that would have to leave the plane?"""
+    """Return whether there is a cut or several panels, or the single panel is nearly undistorted."""
     pieces = list(board.pieces.values())
     return len(pieces) != 1 or bool(board.cut.any()) or pieces[0].flat.worst <= FLAT
 
 
 def halved(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
-    """The one panel of a board in two: cut where that leaves the least distortion, symmetrically if that is nearly as good."""
+    """Cut the single panel where that leaves least distortion, symmetrically if that is nearly as good."""
     layout = board.layout
     ranked: list[tuple[float, int, Board]] = []
     for number, cut in enumerate(_cuts(layout, board.params, progress)):
@@ -53,7 +53,7 @@ def halved(board: Board, whole_group: list[Symmetry], progress: Progress) -> Boa
 
 
 def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list[np.ndarray]:
-    """(E,) bool each: straight runs through the panel, those first that are straightest and halve it best."""
+    """Return (E,) bool masks of straight runs through the panel, the straightest and most even first."""
     mesh = layout.mesh
     flat = flatten(layout, params, progress)
     runs = straight_runs(flat, 0, partial(progress, 0.4, "Looking for the seam that drives the panel"))
@@ -73,7 +73,7 @@ def _cuts(layout: PatchLayout, params: LayoutParams, progress: Progress) -> list
         start, end = divmod(at, score.shape[1])
         if not np.isfinite(score[start, end]) or len(found) == RUNS:
             break
-        # runs that end near those of a better one are hardly another choice
+        # skip runs that end near the ends of a better run
         place = np.sort([tails[start], heads[end]])
         near = [np.abs(place - other) for other in places]
         if any((np.minimum(d, len(runs.loop) - d) <= APART * len(runs.loop)).all() for d in near):

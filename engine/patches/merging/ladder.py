@@ -27,21 +27,22 @@ def merge_in_steps(
     *,
     held: bool = False,
 ) -> list[PatchLayout]:
-    """Merge patches greedily under limits of distortion that rise, each layout made of the one before it.
+    """Merge patches greedily under rising distortion limits, each layout starting from the previous layout.
 
-    Takes a small part of the time of ``merge``, which tries many ways.
+    It takes a small part of the time of ``merge``, which tries many strategies.
 
     Parameters
     ----------
-    layout : what is merged
-    params : the limits
+    layout : start
+    params : limits
     shares : of the distortion limit
     symmetries : of the mesh; those of the layout are kept
-    held : as in ``merge``
+    progress : called with the fraction done
+    held : see ``merge``
 
     Returns
     -------
-    A layout for every share, the smallest share first; those that would stay flat are left out.
+    a layout for every share, the smallest share first, up to the first layout that would stay flat
     """
     kept, effort, found = keeping(symmetries, layout.cut), effort_for(layout), list[PatchLayout]()
     for share in sorted(shares):

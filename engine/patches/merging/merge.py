@@ -1,4 +1,4 @@
-"""Fewer patches: greedy merging by opening runs of cut edges (FlexMaps section 4)."""
+"""Merge patches greedily by opening runs of cut edges (FlexMaps section 4)."""
 
 from __future__ import annotations
 
@@ -25,34 +25,40 @@ from .ranking import Ranking, split_long, worth
 from .reroute import reroute
 from .straighten import natural_stops, straighten, widen
 
-# quads times seams, above which only one way is tried, with one group of symmetries after the other: a million tries all
-# everywhere, and on seven surfaces gives the same in 1.5 times the time
+# Product of quads and seams above which one strategy is tried, with one symmetry group after another; a million tries
+# all everywhere, and on seven surfaces gives the same in 1.5 times the time.
 WORK = 70_000
-WORK_LEAST = 2e6  # work, see ``Effort``, at least: a bound that is the same on every machine; not measured
-WORK_EACH = 2.5e3  # work for every quad
-STOPS = 12  # most places where a part of a seam may begin or end; 6 gives the same on seven surfaces
-ROUNDS = 3  # how often at most what was merged is merged again; 1 and 6 give the same on seven surfaces
-# First cuts that break a symmetry get their images where the surface has so many symmetries at most: one mirror, or two and their half
-# turn. On a ring, which has hundreds, 60 panels came of it instead of 4
+WORK_LEAST = 2e6  # smallest budget, see ``Effort``, equal on every machine; not measured
+WORK_EACH = 2.5e3  # budget per quad
+STOPS = 12  # largest number of places where a part of a seam may begin or end; 6 gives the same on seven surfaces
+ROUNDS = 3  # largest number of times a merged layout is merged again; 1 and 6 give the same on seven surfaces
+# Largest number of symmetries of a surface for which first cuts that break one get mirror images: one mirror, or two
+# and their half turn. On a ring, with hundreds, images gave 60 panels instead of 4.
 MIRRORS = 3
-TRIES = 5  # most groups of symmetries that are tried; 2 and 10 give the same on seven surfaces
+TRIES = 5  # largest number of symmetry groups tried; 2 and 10 give the same on seven surfaces
 
 
 @one_thread
 def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT, *, held: bool = False) -> FlatPatches:
-    """Merge patches greedily while every limit holds; the least distorting merge with the longest seam comes first.
+    """Merge patches greedily within all limits; merges with little distortion and a long common seam come first.
 
-    A symmetric layout stays symmetric as far as that does not cost many patches; ``layout.notes`` of the result say
-    which symmetries the surface has, which were kept, and what broke the others. Every body is laid out by itself.
-    held : something holds the piece in its shape; else a curved surface never becomes one panel without a cut, unless
-        ``params.seamless``
+    A symmetric layout stays symmetric unless that costs many patches; ``layout.notes`` of the result name the surface's
+    symmetries, those kept, and what broke the others. Bodies are laid out separately.
+
+    Parameters
+    ----------
+    layout : mesh and first cuts
+    params : limits
+    progress : called with the fraction done
+    held : whether something holds the piece in its shape; if not, a curved surface never becomes one panel without a
+        cut, unless ``params.seamless``
     """
     seamless = held or params.seamless
-    mesh, progress = layout.mesh, _rising(progress)
+    mesh, progress = layout.mesh, _monotonic(progress)
     bodies = int(mesh.body_of.max()) + 1
     cut = layout.cut.copy()
     notes: dict[str, object] = dict(layout.notes)
-    each: list[dict[str, object]] = []  # what is said of every body, where there are several
+    each: list[dict[str, object]] = []  # notes of every body, if there are several
     start = np.ones((len(mesh.quads), 4), dtype=complex)
     for body in range(bodies):
         part = progress.part(0.8 * body / bodies, 0.8 * (body + 1) / bodies)
@@ -67,11 +73,11 @@ def merge(layout: PatchLayout, params: LayoutParams, progress: Progress = SILENT
             each.append(said)
     if any(each):
         notes["bodies"] = each
-    return _finished(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
+    return _finish(PatchLayout(mesh, cut, notes), params, progress.part(0.8, 1.0), start)
 
 
-def _rising(progress: Progress) -> Progress:
-    """The same progress, never going back: how many rounds there will be is not known beforehand."""
+def _monotonic(progress: Progress) -> Progress:
+    """Return the same progress, but never going back, because the number of rounds is not known beforehand."""
     report, highest = progress.report, 0.0
     if report is None:
         return progress
@@ -84,7 +90,8 @@ def _rising(progress: Progress) -> Progress:
     return replace(progress, report=rise)
 
 
-def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
+def _finish(layout: PatchLayout, params: LayoutParams, progress: Progress, start: np.ndarray) -> FlatPatches:
+    """Cut up long patches, flatten, and note limits that could not be kept."""
     layout = split_long(layout, params)
     flat = flatten(layout, params, progress, start=start)
     layout.notes.update(forced_notes(flat, params))
@@ -94,41 +101,41 @@ def _finished(layout: PatchLayout, params: LayoutParams, progress: Progress, sta
 def _merge_body(
     layout: PatchLayout, params: LayoutParams, progress: Progress, bodies: int, seamless: bool
 ) -> tuple[Board, dict[str, object]]:
-    """The merged layout, and what is to be said about its symmetry."""
+    """Merge one body; return the board and notes about its symmetry."""
     whole_group = symmetries(layout.mesh, progress=progress.part(0.0, 0.02)) if params.symmetric else []
     effort = effort_for(layout)
     tick = partial(progress, 0.0, "Flattening the first panels")
     shared, ranking = Shared(layout.mesh, params), Ranking(whole_group)
     start = Board(layout, params, effort=effort, tick=tick, shared=shared)
-    ranked = _merged(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
-    board = _best(ranked, ranking, progress.part(0.5, 0.55))
+    ranked = _try_strategies(start, layout.origin, whole_group, bodies, progress.part(0.02, 0.5))
+    board = _best_board(ranked, ranking, progress.part(0.5, 0.55))
     kept = keeping(whole_group, layout.cut)
     if layout.origin and len(kept) < len(whole_group) <= MIRRORS:
         images = close_under(layout.cut, whole_group)
         disks = make_disks(PatchLayout(layout.mesh, images, origin=layout.origin))
         mirrored = Board(disks, params, effort=effort_for(layout), tick=tick, shared=shared)
-        more = _merged(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
+        more = _try_strategies(mirrored, layout.origin, whole_group, bodies, progress.part(0.5, 0.55))
         more = [one for one in more if len(keeping(whole_group, one[2].cut)) > len(kept)] or more
-        other = _best(more, ranking, progress.part(0.5, 0.55))
+        other = _best_board(more, ranking, progress.part(0.5, 0.55))
         if not ranking.better(board, other, progress):
             board, ranked, kept = other, more, whole_group
     if not layout.origin and not ranking.better(board, start, progress):
-        board = start  # it was merged before
+        board = start  # it was already merged
     if layout.origin and ranking.poor(board):
         parts = Halving(layout.mesh, params).layout(np.arange(len(layout.mesh.quads)), progress)
         other = Board(parts, params, effort=effort, tick=tick, shared=shared)
         run(other, FACES, progress.part(0.55, 0.75))
-        other = _best([(0.0, 0, other)], ranking, progress.part(0.75, 0.8))
+        other = _best_board([(0.0, 0, other)], ranking, progress.part(0.75, 0.8))
         if ranking.better(other, board, progress):
             board = other
     for turn in range(ROUNDS if len(board.pieces) > 1 and layout.origin else 0):
-        # what merging gives is to be what merging it once more gives
+        # merging a merged layout again must not change it
         again = Board(PatchLayout(layout.mesh, board.cut), params, effort=effort, tick=tick, shared=shared)
         part = progress.part(0.8 + 0.05 * turn, 0.85 + 0.05 * turn)
-        more = _merged(again, "", whole_group, bodies, part)
+        more = _try_strategies(again, "", whole_group, bodies, part)
         if (more[0][2].cut == board.cut).all():
             break
-        again = _best(more, ranking, part)
+        again = _best_board(more, ranking, part)
         if effort.over or not ranking.better(again, board, progress):
             break
         board = again
@@ -145,14 +152,14 @@ def _merge_body(
 
 
 def effort_for(layout: PatchLayout) -> Effort:
-    """Return how much work one way of merging may take."""
+    """Return the work budget of a merging strategy."""
     return Effort(WORK_LEAST + WORK_EACH * len(layout.mesh.quads))
 
 
-def _merged(
+def _try_strategies(
     start: Board, origin: str, whole_group: list[Symmetry], bodies: int, progress: Progress
 ) -> list[tuple[float, int, Board]]:
-    """A layout merged by several strategies, each with its worth and a number."""
+    """Merge a layout by several strategies; return each result's badness, a number and its board."""
     layout = start.layout
     kept = keeping(whole_group, layout.cut)
     if not origin:
@@ -160,15 +167,15 @@ def _merged(
         board.symmetries = kept
         run(board, LAST, progress.part(0.0, 0.5))
         if (board.cut == start.cut).all():
-            return [(round(worth(board), 9), 0, board)]  # it was merged before
+            return [(round(worth(board), 9), 0, board)]  # the layout was already merged
     dear = len(layout.seam_edges) * len(layout.mesh.quads) > WORK
     most = 0 if dear else max(TRIES // bodies, 3)
-    groups = [*_worth_trying(subgroups(kept, 60), most), []] if kept else [[]]
+    groups = [*_useful_groups(subgroups(kept, 60), most), []] if kept else [[]]
     ranked: list[tuple[float, int, Board]] = []
     strategies = STRATEGIES if not dear and len(start.pieces) > 1 else STRATEGIES[:1]
     for strategy in [replace(w, redraw=origin == "regions") for w in strategies]:
         for group in groups:
-            # where trying is dear, go on from what the larger group has left
+            # on large surfaces, continue from the larger group's result
             again = bool(ranked) and dear
             board = (ranked[-1][2] if again else start).copy()
             board.symmetries, board.bottleneck = group, strategy.bottleneck
@@ -177,8 +184,8 @@ def _merged(
     return ranked
 
 
-def _best(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Progress) -> Board:
-    """The best merged layout whose seams can be fitted, merged on as far as the whole distortion limit lets it."""
+def _best_board(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Progress) -> Board:
+    """Return the best merged layout whose seams can be fitted, merged further under the whole distortion limit."""
     ordered = [r[2] for r in sorted(ranked, key=lambda r: r[:2])[:4]]
     board = next((b for b in ordered if ranking.fits(b, progress)), ordered[0])
     tighter = board.copy()
@@ -187,10 +194,10 @@ def _best(ranked: list[tuple[float, int, Board]], ranking: Ranking, progress: Pr
     return tighter if len(tighter.pieces) < len(board.pieces) and ranking.fits(tighter, progress) else board
 
 
-def _worth_trying(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
-    """The largest group, then single mirrors and half turns, then groups of four: in between little is won."""
+def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetry]]:
+    """Return the largest group, then single mirrors and half turns, then groups of four; others gain little."""
     twos, fours = [g for g in groups[1:] if len(g) == 1], [g for g in groups[1:] if len(g) == 3]
-    if not most:  # one after the other, each going on from where the one before got stuck
+    if not most:  # tried in turn, each starting from the previous result
         return groups[:1] + fours[:1] + twos[:1]
     rest = [g for g in groups[1:] if len(g) in (1, 3)]
     return (groups[:1] + sorted(rest, key=len))[:most]
@@ -204,12 +211,12 @@ HALVED = (
 
 @dataclass(frozen=True)
 class Strategy:
-    """One order of doing things.
+    """A merging strategy.
 
-    shared : how much a long common seam counts; bottleneck : see Board;
-    short : open seams only from one irregular vertex to the next, and close darts last: that saves distortion;
-    redraw : draw seams anew from end to end, for layouts whose seams follow no lines;
-    again : on a layout that was merged before: nothing more is done if nothing more can be merged
+    shared : weight of a long common seam; bottleneck : see Board
+    short : open seams only from one irregular vertex to the next, and close darts last, which saves distortion
+    redraw : redraw seams from end to end, for layouts whose seams follow no lines
+    again : for layouts merged before: stop if no whole seam and no part of one can be opened
     """
 
     shared: float = 3.0
@@ -219,7 +226,7 @@ class Strategy:
     again: bool = False
 
 
-# all are tried on small surfaces, the first alone on large ones
+# all are tried on small surfaces, only the first on large ones
 STRATEGIES = (Strategy(), Strategy(bottleneck=2 * BOTTLENECK, short=True))
 
 FACES = Strategy(redraw=True)  # for layouts of regions, whose seams follow no lines
@@ -227,7 +234,7 @@ LAST = Strategy(again=True)  # for layouts that were merged before
 
 
 def run(board: Board, strategy: Strategy, progress: Progress) -> None:
-    """Merge and straighten in turns until neither changes anything."""
+    """Merge and straighten alternately until nothing changes."""
     board.tick = lambda: progress(0.0, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
     merged = greedy(board, strategy, progress.part(0.0, 0.5))
     if strategy.again:
@@ -237,12 +244,13 @@ def run(board: Board, strategy: Strategy, progress: Progress) -> None:
     _in_turns(board, strategy, progress.part(0.6, 0.9))
     widen(board)
     if dissolve(board):
-        # the patches that are left have other neighbours now
+        # the remaining patches have new neighbours
         greedy(board, strategy, progress.part(0.9, 0.95))
         _in_turns(board, strategy, progress.part(0.95, 1.0))
 
 
 def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
+    """Straighten, redraw and open parts of seams, merging after each, until nothing changes."""
     for turn in range(4):
         part = progress.part(turn / 4, (turn + 1) / 4)
         changed = straighten(board, part, darts=not strategy.short or turn == 3)
@@ -255,7 +263,7 @@ def _in_turns(board: Board, strategy: Strategy, progress: Progress) -> None:
 
 
 def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
-    """Open parts of seams, and then whole ones again, while that goes."""
+    """Open parts of seams, then whole seams again, as long as possible; return whether anything changed."""
     changed = False
     while open_best_part(board, strategy, progress):
         changed = True
@@ -266,7 +274,15 @@ def open_parts(board: Board, strategy: Strategy, progress: Progress) -> bool:
 def symmetry_notes(
     whole_group: list[Symmetry], kept: list[Symmetry], ranked: list[tuple[float, int, Board]], board: Board
 ) -> dict[str, object]:
-    """What the report says about symmetry, in words."""
+    """Return notes for the report about symmetry.
+
+    Parameters
+    ----------
+    whole_group : symmetries of the surface
+    kept : those of the first cuts
+    ranked : results of all strategies
+    board : the result
+    """
     if not whole_group:
         return {}
     rest = keeping(whole_group, board.cut)
@@ -283,7 +299,7 @@ def symmetry_notes(
 
 
 def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
-    """Open whole seams, best first, until no seam can be opened."""
+    """Open whole seams, the best first, until none can be opened; return whether any was."""
     mesh = board.mesh
     tried: dict[tuple[int, ...], Change | None] = {}
     heap: list[tuple[float, tuple[int, ...], bool]] = []
@@ -296,7 +312,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
             a, b = sorted(board.pieces_at(edges[:1])[0].tolist())
             key: tuple[int, ...] = (a, b, int(edges.min()), len(edges))
             if a == b and (strategy.short or (layout.cut_degree[mesh.edges[edges]] > 1).all()):
-                continue  # without an inner cut that has no free end the patch would be a ring
+                continue  # opening an inner cut without a free end would make the patch a ring
             if not board.is_first_image(edges):
                 continue
             current[key] = edges
@@ -322,7 +338,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
 
 
 def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
-    """Priority of opening a seam, the smallest first: distortion against the share of the outline that goes."""
+    """Priority of opening a seam, smallest first: distortion minus the share of the outline that disappears."""
     sides = [board.pieces[n] for n in set(board.pieces_at(edges[:1])[0].tolist())]
     shared = float(board.mesh.edge_lengths[edges].sum())
     worst = max(worst, *(p.flat.worst for p in sides))
@@ -347,10 +363,10 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
 
 
 def longest_part(board: Board, edges: np.ndarray) -> Change | None:
-    """The longest part of a seam, between two natural stops, that can be opened."""
+    """Return the change that opens the longest possible part of a seam between two natural stops; None if none can be."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)
-    # a seam without straight parts has stops everywhere
+    # limit the number of stops, because a seam without straight parts has one at every vertex
     stops = stops[:: -(-len(stops) // STOPS)] + ([] if len(stops) <= STOPS else stops[-1:])
     lengths = np.concatenate([[0.0], np.cumsum(board.mesh.edge_lengths[edges])])
     spans = [(lengths[j] - lengths[i], i, j) for n, i in enumerate(stops) for j in stops[n + 1 :]]

@@ -1,4 +1,4 @@
-"""Which of several layouts of one surface is the best: as few patches as possible, with as little wrong with them."""
+"""Rank layouts of a surface: as few patches as possible, with as few faults as possible."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from ..tracing.trace import middle_line
 from .board import Board
 from .straighten import LONG, badness, drawing_cost
 
-# largest difference of a seam's sides that the last merges may leave, as a share of an edge; 0.05 and 0.2 give the same on seven
-# surfaces
+# Largest seam mismatch that the last merges may leave, as a share of an edge; 0.05 and 0.2 give the same on seven
+# surfaces.
 MISMATCH = 0.1
-HALF = 0.5  # share of a symmetric layout's patches below which one without symmetry is better; chosen by eye
-FEW = 40  # median quads a patch below which another way of laying out is tried; not measured
+# an asymmetric layout must have less than this share of a symmetric layout's patches to replace it; chosen by eye
+HALF = 0.5
+FEW = 40  # median number of quads per patch below which another way of laying out is tried; not measured
 
 
 class Ranking:
-    """Compares layouts of one surface with these symmetries."""
+    """Compares layouts of a surface with given symmetries."""
 
     def __init__(self, whole_group: list[Symmetry]):
         self.whole_group = whole_group
         self._fitting: dict[bytes, bool] = {}
 
     def better(self, one: Board, two: Board, progress: Progress) -> bool:
-        """Is one layout better than another, and not only drawn a little otherwise?
+        """Return whether layout ``one`` is clearly better than ``two``.
 
-        What is symmetric gives way only to less than half as many patches.
+        A symmetric layout yields only to less than half as many patches.
         """
         if (one.cut == two.cut).all():
             return False
@@ -41,15 +42,15 @@ class Ranking:
         return self.fits(one, progress) and not self.fits(two, progress)
 
     def poor(self, board: Board) -> bool:
-        """Does a merged layout leave so much to be desired that another way is worth trying?"""
+        """Return whether a merged layout is so poor that another way is worth trying."""
         sizes = np.array([len(quads) for quads in split_long(board.layout, board.params).patches])
         necks = sum(p.sketch.isthmuses for p in board.pieces.values())
-        # what is symmetric would have to be beaten by half as many patches
+        # a symmetric layout yields only to half as many patches
         few = FEW * (HALF if keeping(self.whole_group, board.cut) else 1.0)
         return len(sizes) > 1 and (necks > 0 or sizes.min() < board.params.patch_min or float(np.median(sizes)) < few)
 
     def fits(self, board: Board, progress: Progress) -> bool:
-        """Can the seams' sides still be brought to equal lengths, with so little distortion left to spend?"""
+        """Return whether the seams' sides can still be made equally long within the distortion limit."""
         key = np.packbits(board.cut).tobytes()
         if key not in self._fitting:
             self._fitting[key] = _fits(board, progress)
@@ -57,6 +58,7 @@ class Ranking:
 
 
 def _fits(board: Board, progress: Progress) -> bool:
+    """Flatten a layout and check seam mismatch, distortion and overlaps."""
     if not board.cut.any():
         return all(p.flat.worst <= board.params.distortion_limit for p in board.pieces.values())
     flat = flatten(board.layout, board.params, progress, start=board.rotations())
@@ -70,24 +72,24 @@ def _fits(board: Board, progress: Progress) -> bool:
 
 
 def in_the_end(board: Board) -> float:
-    """How much there is to a layout once its long patches are cut up: patches, what is wrong with them, and their drawing."""
+    """Return the cost of a layout after its long patches are cut up: patches, faults, and drawing."""
     pieces, limit = board.pieces.values(), board.params.compactness_limit
     split = split_long(board.layout, board.params)
     total = len(split.patches) + badness(board, pieces) - len(pieces)
-    # what is too long now is cut up then
+    # replace the penalty of patches that will be cut up
     total += LONG * float(np.maximum(split.compactness - limit, 0.0).sum())
     total -= LONG * sum(max(p.sketch.compactness - limit, 0.0) for p in pieces)
     return total + 1e-3 * drawing_cost(board)
 
 
 def worth(board: Board) -> float:
-    """Patches, less what symmetry is worth: a mirror makes up for a fifth of them; then the drawing of the cuts."""
+    """Return the cost of a layout: patches and faults, reduced by up to 40 % for symmetry (a mirror: 20 %), plus the drawing of the cuts."""
     share = 0.6 + 0.4 / (1 + len(board.symmetries))
     return badness(board, board.pieces.values()) * share + 1e-3 * drawing_cost(board)
 
 
 def split_long(layout: PatchLayout, params: LayoutParams) -> PatchLayout:
-    """Halve patches that are less compact than allowed, while that helps: long strips that no merge has taken in."""
+    """Halve patches less compact than allowed, as long as that helps: long strips that no merge absorbed."""
     for _ in range(20):
         cut = layout.cut.copy()
         for patch in np.flatnonzero(layout.compactness > params.compactness_limit * (1 + 1e-9)).tolist():

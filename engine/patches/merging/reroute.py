@@ -1,7 +1,7 @@
-"""Seams drawn anew: between two patches, the straightest way from one end of their seam to the other.
+"""Redraw seams: between two patches, along the straightest path from one end of their seam to the other.
 
-Slides move a seam row by row of quads, which needs rows; where irregular vertices are everywhere there are none. Straight
-is measured by the angles on both sides of the line (Polthier & Schmies 1998).
+Slides move a seam by rows of quads, which do not exist if irregular vertices are everywhere. Straightness is measured
+by the angles on both sides of the line (Polthier & Schmies 1998).
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, attempted, gain_of
 
-# what a quarter turn costs, in median edges, as much as a reflex corner of a patch; 1.5 and 6 give
-# the same on two irregular surfaces
+# Cost of a quarter turn, in median edges, equal to a reflex corner of a patch; 1.5 and 6 give the same on two irregular
+# surfaces.
 BEND = 3.0
-SLIDES = (0, 2, 5)  # edges that the ends of a seam may move along the outline of both patches; not measured
+SLIDES = (0, 2, 5)  # numbers of edges that the ends of a seam may move along the outline of both patches; not measured
 
 
 @lru_cache(maxsize=4)
 def bends(mesh: QuadMesh) -> csr_array:
-    """(2 E, 2 E): cost of going on from one directed edge into the next, in median edges: its length and the bend.
+    """Cost of continuing from a directed edge to the next, in median edges, for its length and the bend; (2 E, 2 E).
 
-    Directed edge e runs from the smaller to the larger vertex of edge e, E + e the other way.
+    Directed edge e runs from the smaller to the larger vertex of edge e, E + e in reverse.
     """
     count = len(mesh.edges)
     first = mesh.edges[:, 0].tolist()
@@ -53,13 +53,13 @@ def bends(mesh: QuadMesh) -> csr_array:
 
 
 def reroute(board: Board) -> bool:
-    """Draw every seam between two patches anew where that makes the cuts shorter or straighter; True if any changed."""
+    """Redraw every seam between two patches if that makes the cuts shorter or straighter; return whether any changed."""
     changed = False
     for seam in board.layout.seams:
         names = board.pieces_at(seam[:1])[0]
         around = np.sort(board.pieces_at(seam), axis=1)
         if names[0] == names[1] or not board.cut[seam].all() or (around != np.sort(names)).any():
-            continue  # an inner cut, or one that is no longer there
+            continue  # skip inner cuts and seams that no longer exist
         if not board.is_first_image(seam):
             continue
         listed = []
@@ -78,7 +78,7 @@ def reroute(board: Board) -> bool:
 
 
 def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[np.ndarray, " n"] | None:
-    """The edges of the straightest way through both patches between the ends of a seam, or near them."""
+    """Return the edges of the straightest path through both patches between the ends of a seam, or near them."""
     mesh = board.mesh
     quads = np.concatenate([board.pieces[n].quads for n in names.tolist()])
     edges = np.unique(mesh.quad_edges[quads])
@@ -98,7 +98,7 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[n
     nodes = np.concatenate([inner, count + inner])
     tail = np.concatenate([mesh.edges[inner, 0], mesh.edges[inner, 1]])
     head = np.concatenate([mesh.edges[inner, 1], mesh.edges[inner, 0]])
-    # the outline may be touched at the ends only
+    # the path may touch the outline only at its ends
     usable = (~rim[tail] | np.isin(tail, begin)) & (~rim[head] | np.isin(head, stop))
     nodes, tail, head = nodes[usable], tail[usable], head[usable]
     starts, goals = np.flatnonzero(np.isin(tail, begin)), np.flatnonzero(np.isin(head, stop))
@@ -117,14 +117,14 @@ def _way(board: Board, seam: np.ndarray, names: np.ndarray, slide: int) -> Int[n
 
 
 def _ends(pairs: np.ndarray) -> tuple[int, int] | None:
-    """The two vertices of a run of edges (n, 2) that only one of them has; ``None`` where it is closed."""
+    """Return the two end vertices of a run of edges (n, 2); None if it is closed."""
     vertices, count = np.unique(pairs, return_counts=True)
     tips = vertices[count == 1].tolist()
     return (tips[0], tips[1]) if len(tips) == 2 else None
 
 
 def _near(pairs: np.ndarray, vertex: int, steps: int) -> np.ndarray:
-    """Vertices of outline edges (n, 2) within some steps of one of them."""
+    """Return the vertices of outline edges (n, 2) within ``steps`` edges of a vertex."""
     found = np.array([vertex])
     for _ in range(steps):
         touched = np.isin(pairs, found).any(axis=1)

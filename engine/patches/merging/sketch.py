@@ -1,4 +1,4 @@
-"""Patches measured before they are flattened, and flattened ones: what the board of merging is set with."""
+"""Patches measured before flattening (sketches), and flattened ones (pieces), for the board of merging."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from ..flattening.outline import isthmus_width
 from ..layout import drawn_lengths, groups, straight_on
 from ..loops import NEXT, Loops, loops_of, perimeter
 
-ROOM = 1_000_000  # quads in the sketches, or flat patches, that are kept: it bounds memory, an estimated 80 to 100 bytes each
-WIDEST = 8  # edges: longer straight lines are no isthmuses; 5 and 12 give the same patches on seven surfaces
+# largest number of quads in cached sketches, or flat patches; bounds memory, at an estimated 80 to 100 bytes each
+ROOM = 1_000_000
+WIDEST = 8  # in edges: longer straight lines are not isthmuses; 5 and 12 give the same patches on seven surfaces
 
 
 @dataclass(frozen=True, eq=False)
 class Sketch:
-    """A patch before it is flattened. An isthmus is a straight line of edges through it, from outline to outline.
+    """Measures of a patch before flattening. An isthmus is a straight line of edges through it, from outline to outline.
 
     corners : local flat vertices
-    sides : those on the outline
-    rim : flat vertices on the border of the surface
-    perimeter : metres on the surface, of the longest loop, see ``loops.perimeter``
+    sides : mask of the sides on the outline
+    rim : mask of flat vertices on the border of the surface
+    perimeter : metres on the surface, see ``loops.perimeter``
     area : square metres on the surface
-    isthmuses : how many are shorter than the smallest allowed neck
-    bottleneck : the largest ratio of the outline behind an isthmus to its length, both in edges
+    isthmuses : number of isthmuses narrower than the smallest allowed neck
+    bottleneck : largest ratio of the outline behind an isthmus to its length, both in edges
 
-    Lines from border to border are no isthmuses: there the surface itself is narrow.
+    Lines from border to border are not isthmuses: there the surface itself is narrow.
     """
 
     quads: Int[np.ndarray, " quads"]
@@ -45,11 +46,12 @@ class Sketch:
 
     @property
     def compactness(self) -> float:
+        """Perimeter / sqrt(area)."""
         return self.perimeter / self.area**0.5
 
     @property
     def planar(self) -> bool:
-        """Is the patch a disk, apart from holes?"""
+        """Whether the patch is a disk, apart from holes."""
         inner = (self.sides.size - int(self.sides.sum())) // 2
         euler = int(self.corners.max()) + 1 - (4 * len(self.quads) - inner) + len(self.quads)
         return euler == 2 - len(self.loops)
@@ -57,7 +59,7 @@ class Sketch:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One flattened patch; ``serial`` is a number that no other piece has."""
+    """A flattened patch; ``serial`` is unique."""
 
     serial: int
     sketch: Sketch
@@ -72,15 +74,16 @@ class Piece:
 
     @property
     def quads(self) -> np.ndarray:
+        """Quads of the patch."""
         return self.sketch.quads
 
 
 class Sketcher:
-    """Measures patches of one mesh under changing cuts.
+    """Measures patches of a mesh under changing cuts.
 
-    place : (F,) int, scratch: local numbers of the quads at hand during a call, -1 everywhere between calls
-    onward : (4 F,) int, the side 4 q + k that goes on along the line of side k of quad q, -1 where the line ends
-    known : sketches by their quads and the sides on the outline; held : how many quads are in them
+    place : (F,) int, scratch: local numbers of the current quads during a call, -1 between calls
+    onward : (4 F,) int, the side 4 q + k that continues the line of side k of quad q, -1 where the line ends
+    known : sketches by quads and outline sides; held : number of quads in them
     """
 
     def __init__(self, mesh: QuadMesh, neck_min: int):
@@ -92,19 +95,20 @@ class Sketcher:
         self.held = 0
 
     def sketch(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> Sketch:
-        """Measures of the patch that some quads make under some cuts."""
+        """Return the measures of the patch of some quads under some cuts."""
         sides = (cut | self.mesh.border)[self.mesh.quad_edges[quads]]
         key = quads.tobytes(), sides.tobytes()
         if key not in self.known:
             if self.held > ROOM:
                 self.known, self.held = {}, 0
-            self.known[key] = self._sketched(quads, sides, cut)
+            self.known[key] = self._measure(quads, sides, cut)
             self.held += len(quads)
         return self.known[key]
 
-    def _sketched(
+    def _measure(
         self, quads: Int[np.ndarray, " quads"], sides: Bool[np.ndarray, "quads 4"], cut: Bool[np.ndarray, " edges"]
     ) -> Sketch:
+        """Measure a patch."""
         mesh = self.mesh
         qa, ka, qb, kb = self.joints(quads, cut)
         a = np.concatenate([4 * qa + ka, 4 * qa + NEXT[ka]])
@@ -124,7 +128,7 @@ class Sketcher:
     ) -> tuple[
         Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"], Int[np.ndarray, " joints"]
     ]:
-        """Uncut sides among some quads: local quad, side, local other quad, its side; each side once."""
+        """Uncut sides among some quads: local quad, side, local other quad, its side; each pair once."""
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         other = mesh.neighbours[quads]
@@ -138,7 +142,7 @@ class Sketcher:
         return qa, ka, qb, kb
 
     def components(self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"]) -> list[np.ndarray]:
-        """The quads of every patch that they make under some cuts."""
+        """Return the quads of every patch that some quads form under some cuts."""
         qa, _, qb, _ = self.joints(quads, cut)
         labels = groups(len(quads), qa, qb)
         return [quads[labels == n] for n in range(int(labels.max()) + 1)]
@@ -151,7 +155,7 @@ class Sketcher:
         loops: Loops,
         rim: Bool[np.ndarray, " vertices"],
     ) -> tuple[int, float]:
-        """``Sketch.isthmuses`` and ``Sketch.bottleneck``; a line between two loops has nothing behind it."""
+        """Return ``Sketch.isthmuses`` and ``Sketch.bottleneck``; lines between two loops count no outline behind them."""
         where = loops.where
         q, k = np.nonzero(~sides & (where[corners] >= 0))
         at, begin, ahead = 4 * quads[q] + k, corners[q, k], corners[:, NEXT].ravel()
@@ -179,7 +183,7 @@ class Sketcher:
     def rotations(
         self, parents: list[Piece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
-        """The parents' rotations, turned to fit along the opened edges: where the flattening of some quads starts."""
+        """Return start rotations of a merged patch: the parents' rotations, rotated to fit along the opened edges."""
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         rotation = np.empty((len(quads), 4), dtype=complex)
@@ -200,13 +204,13 @@ class Sketcher:
             product = -side[pair[:, 0], sides[:, 0]] * side[pair[:, 1], sides[:, 1]].conj()
             np.add.at(link, (owner[pair[:, 0]], owner[pair[:, 1]]), product)
             link += link.conj().T
-            rotation *= _spread(link)[owner][:, None]
+            rotation *= _propagate_turns(link)[owner][:, None]
         place[quads] = -1
         return rotation
 
 
-def _spread(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
-    """Turns of the parents such that turn[a] ~ turn[b] * conj(link[a, b]), from the first one on."""
+def _propagate_turns(link: Complex[np.ndarray, "parents parents"]) -> Complex[np.ndarray, " parents"]:
+    """Return rotations of the parents such that turn[a] ~ turn[b] * conj(link[a, b]), the first being 1."""
     turn = np.zeros(len(link), dtype=complex)
     turn[0] = 1.0
     waiting = [0]

@@ -1,7 +1,7 @@
-"""Outlines as a person would draw them: straight seams along parametric lines, few corners, no notches.
+"""Straighten outlines as a person would draw them: seams along parametric lines, few corners, no notches.
 
-Straight parts of seams are slid sideways, row by row of quads, and inner cuts are closed, wherever that makes the cuts
-shorter or takes corners away and keeps every limit.
+Straight parts of seams slide sideways, by rows of quads, and inner cuts are closed, if that makes the cuts shorter or
+removes corners within all limits.
 """
 
 from __future__ import annotations
@@ -18,24 +18,25 @@ from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
 from .sketch import Piece
 
-PATCH = 15.0  # what a patch less is worth, in edges of cut; 7 to 30 give the same on seven surfaces
-SMALL = 5.0  # what a quad more is worth in a patch that is too small; 2 to 10 give the same on seven surfaces
-GAIN = 0.3  # smallest gain, in edges, that is worth a change; 0.1 gives the same patches on seven surfaces, 1.0 two more of 44
-LONG = 1.0  # what compactness beyond the limit costs, in patches; 0.5 to 2 give the same on seven surfaces
-DEPTH = 8  # most rows moved at once; not measured, it bounds the work
-LARGEST = 150  # most quads moved at once; not measured, it bounds the work
+PATCH = 15.0  # gain from one patch less, in edges of cut; 7 to 30 give the same on seven surfaces
+SMALL = 5.0  # gain from a quad more in a too small patch, in edges; 2 to 10 give the same on seven surfaces
+# smallest gain, in edges, that justifies a change; on seven surfaces 0.1 gives the same patches, 1.0 two more of 44
+GAIN = 0.3
+LONG = 1.0  # penalty of compactness beyond the limit, in patches; 0.5 to 2 give the same on seven surfaces
+DEPTH = 8  # largest number of rows moved at once; not measured, bounds the work
+LARGEST = 150  # largest number of quads moved at once; not measured, bounds the work
 
 
 @dataclass(frozen=True, eq=False)
 class Slide:
-    """Quads that go over to another patch, and for each the quad whose patch it joins."""
+    """Quads that change to another patch, and for each the quad whose patch it joins."""
 
     quads: Int[np.ndarray, " quads"]
     hosts: Int[np.ndarray, " quads"]
 
 
 def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8) -> bool:
-    """Slide seams while it pays, and if ``darts``, close inner cuts; True if anything changed."""
+    """Slide seams while it gains, and with ``darts`` close inner cuts; return whether anything changed."""
     changed = False
     for sweep in range(sweeps):
         progress(sweep / sweeps, "Straightening seams")
@@ -48,7 +49,7 @@ def straighten(board: Board, progress: Progress, *, darts: bool, sweeps: int = 8
 
 
 def _slide_all(board: Board) -> bool:
-    """One sweep over all slides, the most gainful first."""
+    """Do one sweep over all slides, the largest gain first."""
     listed: list[tuple[float, int, Slide]] = []
     for slide in slides(board, fresh=True):
         flipped = flips_of(board, slide)
@@ -65,7 +66,7 @@ def _slide_all(board: Board) -> bool:
 
 
 def attempted(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
-    """Make a change unless it was refused before or is now; True if it is made."""
+    """Make a change unless it is or was refused; return whether it was made."""
     names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
     if key in board.refused:
@@ -78,7 +79,7 @@ def attempted(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.nd
 
 
 def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> float:
-    """How much better drawn the layout is after flipping edges: cut length in edges, corners, patches that go."""
+    """Return how much better drawn the layout is after flipping edges: shorter cuts, in edges, and cheaper corners."""
     mesh = board.mesh
     ring = rings(mesh)
     vertices = set(mesh.edges[opens].ravel().tolist())
@@ -95,7 +96,7 @@ def gain_of(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndar
 
 
 def widen(board: Board) -> bool:
-    """Take away isthmuses that are too narrow and patches that are too small, at the price of a longer seam if need be."""
+    """Remove too narrow isthmuses and too small patches, even if seams become longer; return whether anything changed."""
     changed = False
     for _ in range(10):
         poor = {n for n, p in board.pieces.items() if p.sketch.isthmuses or len(p.quads) < board.params.patch_min}
@@ -106,6 +107,7 @@ def widen(board: Board) -> bool:
 
 
 def _widen_one(board: Board, poor: set[int]) -> bool:
+    """Make the slide with the best gain that reduces the poverty of its patches; return whether there was one."""
     listed: list[tuple[float, int, tuple[np.ndarray, np.ndarray]]] = []
     for slide in slides(board):
         if not poor & set(board.piece_of[np.concatenate([slide.quads, slide.hosts])].tolist()):
@@ -124,11 +126,12 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
 
 
 def _poverty(board: Board, pieces: list[Piece]) -> int:
+    """Count too narrow isthmuses and missing quads."""
     return sum(p.sketch.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 
 def badness(board: Board, pieces: Iterable[Piece]) -> float:
-    """How many patches there are, and what is wrong with them, in patches: sizes, necks, waists and compactness."""
+    """Return the number of patches plus penalties, in patches, for their sizes, necks, bottlenecks and compactness."""
     params = board.params
     total = 0.0
     for p in pieces:
@@ -139,7 +142,7 @@ def badness(board: Board, pieces: Iterable[Piece]) -> float:
 
 
 def drawing_cost(board: Board) -> float:
-    """How well drawn all cuts are together, the less the better: length in edges and corners."""
+    """Return the cost of drawing all cuts: length in edges plus corners."""
     ring = rings(board.mesh)
     touched = np.unique(board.mesh.edges[board.cut]).tolist()
     length = float(board.mesh.edge_lengths[board.cut].sum() / board.mesh.median_edge)
@@ -147,7 +150,7 @@ def drawing_cost(board: Board) -> float:
 
 
 def size_gain(board: Board, slide: Slide) -> float:
-    """What a slide is worth because a patch goes, or because a too small one grows."""
+    """Return the gain of a slide from patches that vanish or too small patches that grow, in edges."""
     old, new = board.piece_of[slide.quads].tolist(), board.piece_of[slide.hosts].tolist()
     change: dict[int, int] = {}
     for a, b in zip(old, new, strict=True):
@@ -163,11 +166,12 @@ def size_gain(board: Board, slide: Slide) -> float:
 
 
 def _lack(size: int, least: int) -> float:
+    """Cost of a patch of ``size`` quads, in edges; 0 for no patch."""
     return 0.0 if size == 0 else PATCH + SMALL * max(least - size, 0)
 
 
 def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None:
-    """The cut edges that a slide opens and the joined edges that it closes; None where it changes nothing."""
+    """Return the cut edges that a slide opens and the joined edges that it closes; None if it opens none."""
     mesh, owner = board.mesh, board.piece_of
     old = owner[slide.quads]
     new = owner[slide.hosts]
@@ -180,8 +184,8 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
     cut, (one, two) = board.cut[edges], mesh.edge_quads[edges].T
     after = owner.copy()
     if stays.any():
-        # an inner cut: what was on one side of it is on the other afterwards
-        after[slide.quads] = 0  # the serial of no piece
+        # at an inner cut, quads on one side change to the other side
+        after[slide.quads] = 0  # no piece has this serial
         flip = (after[one] == 0) != (after[two] == 0)
         flip &= (owner[one] == old[0]) & (owner[two] == old[0])
         opens, closes = edges[flip & cut], edges[flip & ~cut]
@@ -193,9 +197,9 @@ def flips_of(board: Board, slide: Slide) -> tuple[np.ndarray, np.ndarray] | None
 
 
 def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
-    """Every slide of a straight part of a seam, to both sides, by one row of quads or more.
+    """Yield every slide of a straight part of a seam, to both sides, by one or more rows of quads.
 
-    ``fresh`` leaves out the seams that a sweep has seen between the same patches already.
+    ``fresh`` skips seams already examined between the same patches.
     """
     mesh = board.mesh
     border = mesh.border
@@ -221,6 +225,7 @@ def slides(board: Board, *, fresh: bool = False) -> Iterator[Slide]:
 
 
 def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hosts: np.ndarray) -> Iterator[Slide]:
+    """Yield slides of a row of quads, then of two rows, and so on."""
     mesh, owner = board.mesh, board.piece_of
     taken = np.zeros(0, dtype=np.int64)
     givers = set(owner[row].tolist())
@@ -241,13 +246,13 @@ def _rows(board: Board, border: np.ndarray, row: np.ndarray, at: np.ndarray, hos
 
 
 def _side_across(edge_quads: np.ndarray, edge_sides: np.ndarray, edges: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """The side of the other quad that lies on each edge."""
+    """Return the side of the other quad on each edge."""
     column = (edge_quads[edges, 0] == quads).astype(np.int64)
     return edge_sides[edges, column]
 
 
 def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], list[int]]]:
-    """Longest straight runs of cut edges: their vertices, edges, and the positions where they end or meet another cut."""
+    """Return maximal straight runs of cut edges: vertices, edges, and the positions where they end or meet another cut."""
     mesh = layout.mesh
     cut, ring = layout.cut, rings(mesh)
     degree = layout.cut_degree
@@ -256,6 +261,7 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
     ends = mesh.edges.tolist()
 
     def onward(edge: int, vertex: int) -> int:
+        """Return the cut edge straight ahead at a vertex, -1 if there is none."""
         r = ring[vertex]
         if not r.closed or len(r.edges) != 4:
             return -1
@@ -283,7 +289,7 @@ def straight_cut_runs(layout: PatchLayout) -> list[tuple[list[int], list[int], l
 
 
 def _close_inner(board: Board) -> bool:
-    """Close cuts inside patches from their free ends back, as far as a natural stop, where the distortion allows."""
+    """Close cuts inside patches from their free ends back to a natural stop, where the distortion allows it."""
     changed = False
     mesh = board.mesh
     layout = board.layout
@@ -303,7 +309,7 @@ def _close_inner(board: Board) -> bool:
 
 
 def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
-    """First and last vertex of a run whose edges (n, 2) are in order."""
+    """Return the first and last vertex of a run of ordered edges (n, 2)."""
     if len(pairs) == 1:
         return int(pairs[0, 0]), int(pairs[0, 1])
     first = pairs[0, 0] if pairs[0, 0] not in pairs[1] else pairs[0, 1]
@@ -312,7 +318,7 @@ def _run_ends(pairs: np.ndarray) -> tuple[int, int]:
 
 
 def natural_stops(board: Board, run: np.ndarray) -> list[int]:
-    """Positions in a run of edges where a person would end a cut: its ends, its corners, irregular vertices."""
+    """Return positions in a run where a person would end a cut: its ends, corners and irregular vertices."""
     mesh = board.mesh
     stops = [0]
     for i in range(1, len(run)):

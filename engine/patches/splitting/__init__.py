@@ -1,1 +1,1 @@
-"""Patches larger than the sheet, cut along straight runs of edges."""
+"""Cut patches larger than the sheet along straight runs of edges."""

@@ -12,22 +12,22 @@ from scipy.sparse.csgraph import dijkstra
 from ...arrays import Float, Int
 from ..flattening.flatten import FlatPatches
 
-BEND = 3.0  # what a quarter turn of a run costs, in mean edges; as in drawing seams anew
-# starts times directed edges: beyond, only some of the starts are taken, which bounds memory to some 200 MB
+BEND = 3.0  # cost of a quarter turn of a run, in mean edges; as in ``merging.reroute``
+# Largest product of starts and directed edges; beyond it only some starts are used, which bounds memory to some 200 MB.
 MOST = 10_000_000
-CHUNK = 500_000  # starts times directed edges that are looked at between two reports of progress
+CHUNK = 500_000  # starts times directed edges processed between two reports of progress
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """All straightest runs through a patch, from places all round its outline to every other one.
+    """All straightest runs through a patch, from places all round its outline to every other place.
 
-    A run may go along the rim of a hole, where there is nothing to cut.
+    A run may follow the rim of a hole, where nothing has to be cut.
 
     loop : flat vertices of the outline; inner : mesh edges inside the patch, and round its holes
     tail, head : (2 m,) flat vertices of every inner edge in both directions
     starts : directed edges that begin on the outline; ends : those that end there
-    cost : metres, length and bends; before : (s, 2 m) the directed edge before every one
+    cost : metres, for length and bends; before : (s, 2 m) predecessor of every directed edge
     """
 
     loop: Int[np.ndarray, " points"]
@@ -40,7 +40,7 @@ class Runs:
     before: np.ndarray
 
     def edges(self, start: int, end: int) -> np.ndarray:
-        """The mesh edges of one run."""
+        """Return the mesh edges of a run."""
         walk = [int(self.ends[end])]
         while walk[-1] != self.starts[start]:
             walk.append(int(self.before[start, walk[-1]]))
@@ -48,7 +48,18 @@ class Runs:
 
 
 def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lambda: None) -> Runs | None:
-    """The runs through one patch; ``None`` where it has no inner edges."""
+    """Find the runs through a patch.
+
+    Parameters
+    ----------
+    flat : flat patches
+    patch : its number
+    tick : called now and then; may raise to cancel
+
+    Returns
+    -------
+    the runs, or None if the patch has no inner edges
+    """
     layout, mesh = flat.layout, flat.layout.mesh
     loop = flat.outlines[patch]
     inner = layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]
@@ -68,7 +79,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     one, two = _following(tail, head, ~on_outline)
     cross = step[one, 0] * step[two, 1] - step[one, 1] * step[two, 0]
     bend = np.abs(np.arctan2(cross, (step[one] * step[two]).sum(axis=1)))
-    # half a right angle is not yet a corner: lines of quads bend a little all the time
+    # small bends up to 22.5 degrees are not corners: lines of quads bend slightly all the time
     corner = np.maximum(bend - np.pi / 8, 0.0) / (np.pi / 2 - np.pi / 8)
     weight = length[two] + BEND * length.mean() * (corner + 0.02 * bend)
     starts, ends = np.flatnonzero(on_outline[tail]), np.flatnonzero(on_outline[head])
@@ -83,7 +94,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
 
 
 def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of directed edges of which the second begins where the first ends, at a vertex inside, and does not go back."""
+    """Return pairs of directed edges where the second continues the first at an inner vertex without going back."""
     order = np.argsort(tail, kind="stable")
     count = np.bincount(tail, minlength=len(inside))
     first = np.concatenate([[0], np.cumsum(count)])
@@ -96,7 +107,7 @@ def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[
 
 
 def chord_areas(points: np.ndarray) -> Float[np.ndarray, "points points"]:
-    """Square metres: area of an outline's part from point i on to point j, closed by the chord."""
+    """Area between the outline from point i to point j and the chord, square metres."""
     after = np.roll(points, -1, axis=0)
     parts = 0.5 * (points[:, 0] * after[:, 1] - points[:, 1] * after[:, 0])
     sums = np.concatenate([[0.0], np.cumsum(parts)])[:-1]

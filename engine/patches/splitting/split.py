@@ -1,8 +1,7 @@
-"""Patches that are larger than the sheet of material: cut along straight runs of edges until every piece fits.
+"""Cut patches larger than the sheet of material along straight runs of edges until every piece fits.
 
-Runs in the layout, between merging and the spirals, because a cut changes the seams. A run goes from outline to outline,
-as straight as the quads allow; of all that are possible, the one that leads to the fewest, shortest and most compact
-pieces is taken.
+This happens in the layout, between merging and the spirals, because a cut changes the seams. A run goes from outline to
+outline, as straight as the quads allow; the run that leads to the fewest, shortest and most compact pieces is taken.
 """
 
 from __future__ import annotations
@@ -26,20 +25,30 @@ from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from .runs import Runs, chord_areas, straight_runs
 
-ANGLES = 60  # directions in half a turn in which a piece is tried on the sheet: 3 degrees apart
-CHECKED = 40  # runs that are looked at closely, best first; not measured, it bounds the time
-NEEDED = 2.0  # what one more piece costs, against a run across the patch; chosen by eye
-UNEVEN = 0.5  # what pieces as unequal as can be cost, against a run across the patch; chosen by eye
-CHANGE = 0.01  # how much a piece may grow, as a share, when it is flattened anew; chosen with a margin
-ROUNDING = 1e-4  # by how much, as a share, a patch that was stored and read again may have grown
-SLACK = 0.005  # share of the sheet's longer side that is left for connectors and for the packing
+ANGLES = 60  # directions per half turn in which a piece is tried on the sheet: 3 degrees apart
+CHECKED = 40  # number of runs examined closely, best first; not measured, bounds the time
+NEEDED = 2.0  # cost of one more piece, relative to a run across the patch; chosen by eye
+UNEVEN = 0.5  # cost of the most unequal pieces, relative to a run across the patch; chosen by eye
+CHANGE = 0.01  # share by which a piece may grow when it is flattened again; chosen with a margin
+ROUNDING = 1e-4  # share by which a patch may grow by being stored and read again
+SLACK = 0.005  # share of the sheet's longer side reserved for connectors and packing
 
 
 def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT) -> FlatPatches:
-    """Cut every patch that does not fit the sheet, and flatten the pieces; nothing happens if ``sheet.oversize`` is not "split".
+    """Cut every patch that does not fit the sheet, and flatten the pieces.
 
-    Patches that no run can divide are halved across their longest extent. The notes of the layout's report say how many
-    patches were cut. Raises ``FlexMapsError`` with the quads that alone are larger than the sheet.
+    Does nothing unless ``sheet.oversize`` is "split". Patches that no run can divide are halved across their longest
+    extent. The notes of the layout say how many cuts were made.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params, sheet : limits; size and margins of the sheet
+    progress : called with the fraction done
+
+    Raises
+    ------
+    FlexMapsError : naming quads that alone are larger than the sheet
     """
     if sheet.oversize != "split":
         return flat
@@ -55,14 +64,14 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
             break
         if found is None:
             found = symmetries(flat.layout.mesh, progress=part.part(0.0, 0.0))
-        # a patch that is its own mirror image may have been cut on one side only
+        # a patch that is its own mirror image may be cut on one side only
         mirrored = keeping(found, cut)
         done: set[int] = set()
         for number, patch in enumerate(large):
             tick = partial(part, number / len(large), "cutting panels to the sheet's size")
             tick()
             if patch in done:
-                continue  # as the mirror image of another one
+                continue  # done as the mirror image of another patch
             run = _best_run(flat, patch, params, (1.0 - CHANGE) * box, sheet, tick)
             if run is None:
                 run = _halves(flat, patch)
@@ -87,7 +96,17 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
 
 
 def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> None:
-    """Raise ``FlexMapsError`` where ``split`` would still cut: the layout was made for a larger sheet, or by hand."""
+    """Check that ``split`` would not cut: the layout may be by hand or for a larger sheet.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params, sheet : limits; size and margins of the sheet
+
+    Raises
+    ------
+    FlexMapsError : a panel is larger than the sheet
+    """
     if sheet.oversize != "split":
         return
     box = usable(sheet)
@@ -103,7 +122,7 @@ def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> N
 
 
 def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
-    """The mesh edges between the two halves of a patch's quads along its longest extent."""
+    """Return the mesh edges between the two halves of a patch's quads along its longest extent."""
     mesh, quads = flat.layout.mesh, flat.layout.patches[patch]
     along = flat.corners[quads].mean(axis=1) @ _directions()[:, int(np.argmax(_widths(_points(flat, patch))))]
     order = np.argsort(along, kind="stable")
@@ -116,6 +135,7 @@ def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
 
 
 def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) -> None:
+    """Raise FlexMapsError if a single quad is larger than the sheet."""
     size = f"The sheet of {sheet.sheet_width * 1e3:g} x {sheet.sheet_height * 1e3:g} mm"
     widths = np.ptp(np.einsum("fcx,xa->fca", flat.corners, _directions()), axis=1).T
     large = np.flatnonzero(_ratios(widths, box, sheet.rotation).max(axis=1).min(axis=0) > 1.0)
@@ -128,37 +148,39 @@ def _refuse_large_quads(flat: FlatPatches, box: np.ndarray, sheet: SheetParams) 
 
 
 def usable(sheet: SheetParams) -> Float[np.ndarray, " 2"]:
-    """Metres: width and height of the largest box that may lie on the sheet."""
+    """Width and height of the largest box that fits the sheet, metres."""
     size = np.array([sheet.sheet_width, sheet.sheet_height])
     return size - 2.0 * sheet.margin - SLACK * size.max()
 
 
 def excess(points: Float[np.ndarray, "samples 2"], box: Float[np.ndarray, " 2"], sheet: SheetParams) -> float:
-    """How many times too large points are for a box, in the best allowed direction; at most 1 fits."""
+    """Return the factor by which points exceed a box in the best allowed direction; at most 1 fits."""
     return float(_ratios(_widths(points)[:, None], box, sheet.rotation).max(axis=1).min())
 
 
 def _points(flat: FlatPatches, patch: int) -> np.ndarray:
+    """Flat corners of a patch's quads."""
     return flat.corners[flat.layout.patches[patch]].reshape(-1, 2)
 
 
 def _directions() -> np.ndarray:
+    """Unit vectors over half a turn, (2, ANGLES)."""
     angle = np.pi * np.arange(ANGLES) / ANGLES
     return np.stack([np.cos(angle), np.sin(angle)])
 
 
 def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
-    """(ANGLES,) metres: extent of points along every direction."""
+    """(ANGLES,) extent of points in every direction, metres."""
     return np.ptp(points @ _directions(), axis=0)
 
 
 def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
-    """Extents over the sheet's, across and along it, for widths (ANGLES, N) in the directions that are allowed."""
+    """Extents over the sheet's, across and along, for widths (ANGLES, N), in the allowed directions."""
     height = np.roll(width, -ANGLES // 2, axis=0)
     both = np.stack([width / box[0], height / box[1]], axis=1)
     if rotation == "FREE":
         return both
-    # a panel's own frame has its narrowest box along x
+    # a panel's own frame has its smallest bounding box along x
     best = np.argmin(np.where(width >= height - 1e-12, width * height, np.inf), axis=0)
     rows = np.arange(width.shape[1])
     lengthwise = both[best, :, rows].T[None]
@@ -169,7 +191,7 @@ def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarr
 
 
 def _sheets_needed(width: np.ndarray, box: np.ndarray, rotation: str) -> Int[np.ndarray, " patches"]:
-    """Into how many pieces a grid of sheets would divide shapes of these widths (ANGLES, N)."""
+    """Return the number of sheets in a grid that shapes of these widths (ANGLES, N) need."""
     return np.ceil(_ratios(width, box, rotation) - 1e-9).prod(axis=1).min(axis=0).astype(np.int64)
 
 
@@ -181,30 +203,30 @@ def _best_run(
     sheet: SheetParams,
     tick: Callable[[], None] = lambda: None,
 ) -> np.ndarray | None:
-    """The mesh edges of the best run through a patch; ``None`` if there is none."""
+    """Return the mesh edges of the best run through a patch; None if there is none."""
     runs = straight_runs(flat, patch, tick)
     if runs is None:
         return None
     number = np.full(len(flat.points), -1)
     number[runs.loop] = np.arange(len(runs.loop))
-    needed, tails, heads = _needed(flat, runs, number, box, sheet, tick)
+    needed, tails, heads = _sheets_of_sides(flat, runs, number, box, sheet, tick)
     points = flat.points[runs.loop]
     size = np.sqrt(np.bincount(flat.layout.patch_of, weights=flat.layout.mesh.areas)[patch])
-    # a chord's share of the area: as good as the run's own while the run is nearly straight
+    # the area cut off by the chord approximates that of a nearly straight run
     area = chord_areas(points)[tails[:, None], heads]
     whole = 0.5 * (points[:, 0] * np.roll(points[:, 1], -1) - points[:, 1] * np.roll(points[:, 0], -1)).sum()
     uneven = np.abs(2.0 * area / whole - 1.0)
     score = NEEDED * needed + 0.5 * runs.cost / size + UNEVEN * uneven**2
-    # both directions of a run are one run: keep those that leave the smaller number behind
+    # keep one direction of every run
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     best, found = np.inf, None
     piece = Piece.of(flat, patch)
-    for start, end in _worth_checking(score, needed):
+    for start, end in _candidates(score, needed):
         tick()
         if score[start, end] >= best:
-            continue  # no less is needed than its parts of the outline need
+            continue  # its pieces need at least as many sheets as their outlines
         edges = runs.edges(start, end)
-        judged = _judged(piece, edges, params, box, sheet)
+        judged = _cost_of_cut(piece, edges, params, box, sheet)
         if judged is not None:
             judged += 0.5 * float(runs.cost[start, end]) / size + UNEVEN * float(uneven[start, end]) ** 2
             if round(judged, 9) < best:
@@ -212,8 +234,8 @@ def _best_run(
     return found
 
 
-def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
-    """Starts and ends of the best runs (s, e), some for every number of pieces: the fewest may break another limit."""
+def _candidates(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
+    """Return starts and ends of the best runs, some for every number of pieces, because the fewest may break another limit."""
     found = []
     for pieces in np.unique(needed[np.isfinite(score)])[:3]:
         these = np.flatnonzero((needed == pieces) & np.isfinite(score))
@@ -222,7 +244,7 @@ def _worth_checking(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, in
     return found
 
 
-def _needed(
+def _sheets_of_sides(
     flat: FlatPatches,
     runs: Runs,
     number: np.ndarray,
@@ -230,7 +252,7 @@ def _needed(
     sheet: SheetParams,
     tick: Callable[[], None],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(s, e) int: pieces that the two sides of every run need, by their parts of the outline; and places of starts and ends."""
+    """Return (s, e) int: sheets that the two sides of every run need, by their outlines; and positions of starts and ends."""
     tails, heads = number[runs.tail[runs.starts]], number[runs.head[runs.ends]]
     count = len(runs.loop)
     spread = flat.points[runs.loop] @ _directions()
@@ -247,8 +269,13 @@ def _needed(
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A patch by itself: its layout, the edges of the whole mesh that its edges are, its flat corners, and the quads across its
-    narrowest isthmus."""
+    """A patch by itself.
+
+    layout : of its own mesh
+    edges : edge of the whole mesh for each of its edges
+    corners : flat corners, metres
+    isthmus : quads across its narrowest isthmus
+    """
 
     layout: PatchLayout
     edges: np.ndarray
@@ -257,13 +284,16 @@ class Piece:
 
     @classmethod
     def of(cls, flat: FlatPatches, patch: int) -> Piece:
+        """Take a patch out of the flat patches."""
         quads = flat.layout.patches[patch]
         layout, edges = alone(flat.layout, quads)
         return cls(layout, edges, flat.corners[quads], int(layout.isthmus_widths()[0]))
 
 
-def _judged(piece: Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams) -> float | None:
-    """How good the parts of a cut are, small is good, without the cut's length; ``None`` if it is not allowed."""
+def _cost_of_cut(
+    piece: Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams
+) -> float | None:
+    """Cost of the parts of a cut, without the cut's length; small is good; None if the cut is not allowed."""
     layout = piece.layout
     cut = layout.cut.copy()
     cut[np.searchsorted(piece.edges, run)] = True
@@ -282,12 +312,19 @@ def _judged(piece: Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray
 
 
 def allowed(piece: Piece, run: np.ndarray, params: LayoutParams, sheet: SheetParams) -> bool:
-    """Whether a patch may be cut along a run of mesh edges: into two parts that keep the limits as far as a cut to size does."""
-    return _judged(piece, run, params, (1.0 - CHANGE) * usable(sheet), sheet) is not None
+    """Return whether a patch may be cut along a run, into two parts that keep the limits of a cut to size.
+
+    Parameters
+    ----------
+    piece : the patch
+    run : mesh edges
+    params, sheet : limits; size and margins of the sheet
+    """
+    return _cost_of_cut(piece, run, params, (1.0 - CHANGE) * usable(sheet), sheet) is not None
 
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
-    """Mark a run in ``cut`` unless it leaves its patch or that patch has been cut; returns the patch, if so."""
+    """Mark a run in ``cut`` unless it leaves its patch or that patch is already cut; return the patches cut."""
     patches = set(np.unique(layout.patch_of[layout.mesh.edge_quads[run]]).tolist())
     if len(patches) != 1 or patches <= done:
         return set()

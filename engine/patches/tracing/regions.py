@@ -1,8 +1,8 @@
-"""The first layout of surfaces on which lines of quads lead nowhere: regions of quads, halved until they lie flat.
+"""First layout of surfaces where lines of quads lead nowhere: regions of quads, halved until they lie flat.
 
-Where irregular vertices are everywhere, parametric lines cut every quad out. Here a region is divided between the two
-quads that are farthest from each other, along the shortest cut that keeps away from both (Katz & Tal 2003), again and
-again until every region is a disk under the distortion limit.
+If irregular vertices are everywhere, parametric lines separate every quad. Here a region is divided between the two
+quads farthest from each other, along the cheapest cut that keeps away from both (Katz & Tal 2003), until every region
+is a disk under the distortion limit.
 """
 
 from __future__ import annotations
@@ -24,24 +24,26 @@ from ..flattening.outline import simple
 from ..layout import PatchLayout, drawn_lengths, groups
 from ..loops import loops_of, perimeter
 
-# share of the distortion limit that merging uses up; the rest is for seams with sides of equal length. On seven surfaces
-# 0.7 gives as many patches with 4 % less seam, 0.95 one more, and twice the mismatch of seams
+# Share of the distortion limit that merging may use; the rest is for seams with equally long sides. On seven surfaces
+# 0.7 gives as many patches with 4 % less seam, 0.95 one more, and twice the seam mismatch.
 MERGING_SHARE = 0.85
-# half-width of the band in which the cut is looked for, as a share of the distance between the two quads; with
-# 0.2 and 0.5 two irregular surfaces of 240 and 726 quads get as many patches, or one more
+# Half-width of the band that contains the cut, as a share of the distance between the two quads; with 0.2 and 0.5 two
+# irregular surfaces of 240 and 726 quads get as many patches, or one more.
 CORE = 0.35
-CONE = 0.6  # how much cheaper a cut through a vertex with curvature is, at most; 0.3 gives two more patches of 24
-# radians of total curvature in a region from which on flattening it is not tried: a hemisphere has 6.3 and E 0.1
+CONE = 0.6  # largest reduction of the price of a cut through a vertex with curvature; 0.3 gives two more patches of 24
+# Total curvature of a region, radians, above which flattening is not tried: a hemisphere has 6.3, and E 0.1.
 ROUND = 6.5
-# radians of curvature at one vertex from which on flattening is not tried: four quads round a cube's corner, 1.57, have E 0.06
+# Curvature at a vertex, radians, above which flattening is not tried: four quads round a cube's corner, 1.57, have E
+# 0.06.
 POINTED = 1.5
 
 
 class Halving:
-    """What dividing the regions of a mesh needs to know about it.
+    """Divides regions of a mesh.
 
-    dual : (D, 2) int, quads on both sides of every inner edge; across : (D,) metres between their middles;
-    price : (D,) metres, length of the edge between them, less where the curvature asks for a cut
+    dual : (D, 2) int, quads on both sides of every inner edge
+    across : (D,) distance between their centres, metres
+    price : (D,) length of the edge between them, reduced where curvature asks for a cut, metres
     """
 
     def __init__(self, mesh: QuadMesh, params: LayoutParams):
@@ -55,9 +57,9 @@ class Halving:
         self.place = np.full(len(mesh.quads), -1, dtype=np.int64)
 
     def layout(self, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> PatchLayout:
-        """Cuts between regions of some quads, whole bodies, that lie flat one by one.
+        """Cut between regions of some quads, whole bodies, so that each region lies flat.
 
-        A quad whose own energy is above the limit stays alone.
+        A quad whose own energy exceeds the limit stays alone.
         """
         mesh = self.mesh
         region = np.asarray(mesh.body_of, dtype=np.int64).copy()
@@ -80,7 +82,7 @@ class Halving:
         return PatchLayout(mesh, cut)
 
     def lies_flat(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
-        """Can a region be laid flat in one piece, within this share of the distortion limit and not lying over itself?"""
+        """Return whether a region can be laid flat in one piece, within ``share`` of the distortion limit and without overlap."""
         mesh, limit = self.mesh, share * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
         own[quads] = True
@@ -93,7 +95,7 @@ class Halving:
             return False
         corners = np.searchsorted(used, mesh.quads[quads])
         if len(np.unique(corners[sides])) != int(sides.sum()):
-            return False  # the outline meets itself in a vertex
+            return False  # the outline touches itself in a vertex
         loops = loops_of(corners, sides)
         inner = (sides.size - int(sides.sum())) // 2
         if len(used) - (4 * len(quads) - inner) + len(quads) != 2 - len(loops):
@@ -113,7 +115,7 @@ class Halving:
         return flat.worst <= limit and flat.flips == 0 and simple(flat.points, corners, sides)
 
     def halves(self, quads: np.ndarray) -> list[np.ndarray]:
-        """Two connected parts of a region, or more where the cut leaves islands."""
+        """Return two connected parts of a region, or more if the cut leaves islands."""
         place = self.place
         place[quads] = np.arange(len(quads))
         rows = np.flatnonzero((place[self.dual] >= 0).all(axis=1))
@@ -135,7 +137,7 @@ class Halving:
     def _cut(
         self, pair: np.ndarray, price: np.ndarray, from_one: np.ndarray, from_two: np.ndarray
     ) -> Bool[np.ndarray, " n"]:
-        """The cheapest cut between what is clearly nearer to the one quad and what is to the other."""
+        """Return the side of every quad for the cheapest cut between the quads clearly nearer to either end."""
         n = len(from_one)
         share = from_one / np.maximum(from_one + from_two, 1e-300)
         one, two = share <= 0.5 - 0.5 * CORE, share >= 0.5 + 0.5 * CORE

@@ -1,7 +1,8 @@
-"""The first layout: a motorcycle graph along parametric lines, every patch a disk (FlexMaps section 4).
+"""First layout: a motorcycle graph along parametric lines, every patch a disk (FlexMaps section 4).
 
-Lines start at the irregular vertices and run straight on, all at the same pace, until they meet a line that is already
-there (Eppstein et al. 2008). What is then no disk is cut along its shortest straight parametric line. Where lines lead nowhere, regions take their place.
+Lines start at irregular vertices and run straight on, all at the same pace, until they meet an existing line (Eppstein
+et al. 2008). Patches that are not disks are cut along their shortest straight parametric line. If lines lead nowhere,
+regions replace them.
 """
 
 from __future__ import annotations
@@ -25,11 +26,17 @@ from .regions import MERGING_SHARE, Halving
 
 @one_thread
 def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> PatchLayout:
-    """The first layout: every patch can be laid flat, under the distortion limit.
+    """Make the first layout: every patch can be laid flat under the distortion limit.
 
-    A body that lies flat in one piece is left whole. Else it is cut along its motorcycle graph, and on until every patch
-    is under the limit; where that leaves less than ``patch_min`` quads a patch, it is divided into regions instead.
-    A single quad above the limit stays: nothing can be cut there.
+    A body that lies flat in one piece stays whole. Others are cut along their motorcycle graph, and further until every
+    patch is under the limit; if that leaves fewer than ``patch_min`` quads per patch, regions are used instead. A
+    single quad above the limit stays, because it cannot be cut.
+
+    Parameters
+    ----------
+    mesh : quad mesh, metres
+    params : limits
+    progress : called with the fraction done
     """
     progress(0.0, "Tracing parametric lines")
     halving = Halving(mesh, params)
@@ -40,12 +47,12 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
         tick = partial(progress, 0.1 * number / len(bodies), "Tracing parametric lines")
         tick()
         whole[number] = halving.lies_flat(quads, MERGING_SHARE, tick)
-    sides = body[mesh.edge_quads].max(axis=1)  # the body of every edge
+    sides = body[mesh.edge_quads].max(axis=1)  # body of every edge
     lines = motorcycles(mesh) & ~whole[sides]
     layout = make_disks(PatchLayout(mesh, lines), where=~whole)
     size = np.bincount(body) / np.bincount(body[[quads[0] for quads in layout.patches]])
     shattered = ~whole & (size < params.patch_min)
-    traced = _under_limit(layout, params, progress.part(0.2, 0.8), ~whole & ~shattered)
+    traced = _halve_to_limit(layout, params, progress.part(0.2, 0.8), ~whole & ~shattered)
     size = np.bincount(body) / np.bincount(body[[quads[0] for quads in traced.patches]])
     shattered |= ~whole & (size < params.patch_min)
     cut = traced.cut
@@ -55,8 +62,8 @@ def trace(mesh: QuadMesh, params: LayoutParams, progress: Progress = SILENT) -> 
     return PatchLayout(mesh, cut, origin="regions" if shattered.any() else "lines")
 
 
-def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
-    """Patches of the ``wanted`` bodies, halved until they are under the distortion limit and injective."""
+def _halve_to_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, wanted: np.ndarray) -> PatchLayout:
+    """Halve patches of the ``wanted`` bodies until they are under the distortion limit and injective."""
     mesh = layout.mesh
     good: set[bytes] = set()
     for round_ in range(30):
@@ -67,7 +74,9 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
             key = quads.tobytes()
             if key in good or not wanted[mesh.body_of[quads[0]]]:
                 continue
-            if _worst(layout, quads, tick) > params.distortion_limit and len(line := middle_line(layout, number)):
+            if _worst_energy(layout, quads, tick) > params.distortion_limit and len(
+                line := middle_line(layout, number)
+            ):
                 cut[line] = True
             else:
                 good.add(key)
@@ -77,8 +86,8 @@ def _under_limit(layout: PatchLayout, params: LayoutParams, progress: Progress, 
     return layout
 
 
-def _worst(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
-    """Worst energy of a patch, as far as weighing its quads brings it down; infinite where it lies over itself."""
+def _worst_energy(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> float:
+    """Return the worst energy of a patch after reweighting its quads; infinite if it overlaps itself."""
     corners = np.unique(layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
     problem = PatchProblem(layout.mesh, quads, corners, tick)
     flat = settle(problem, tolerance=0.01)
@@ -87,9 +96,9 @@ def _worst(layout: PatchLayout, quads: np.ndarray, tick: Callable[[], None]) -> 
 
 
 def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
-    """The edges driven over by motorcycles that start at every irregular vertex, one edge a step.
+    """Mask the edges passed by motorcycles that start at every irregular vertex and run one edge per step.
 
-    Two that meet head-on stop; two that cross at the same moment both go on, which keeps symmetry.
+    Two that meet head-on stop; two that cross in the same step both continue, which keeps symmetry.
     """
     cut = np.zeros(len(mesh.edges), dtype=bool)
     edges = np.flatnonzero(~mesh.border)
@@ -103,7 +112,7 @@ def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
         cut[mesh.quad_edges[quad, side]] = True
         end = mesh.quads[quad, (side + 1) % 4]
         go = ~reached[end]
-        # whoever comes to a vertex from the opposite side has ended there too
+        # motorcycles that arrive from the opposite side stop here too
         quad, side, end = quad[go], side[go], end[go]
         quad2, side2, valid = straight_on(mesh, quad, side)
         reached[end] = True
@@ -113,9 +122,16 @@ def motorcycles(mesh: QuadMesh) -> Bool[np.ndarray, " edges"]:
 
 
 def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = None) -> PatchLayout:
-    """Cut every patch that cannot be laid flat along its shortest straight parametric line, until all can.
+    """Cut patches that cannot be laid flat along their shortest straight parametric lines until all can.
 
-    where : only in these bodies
+    Parameters
+    ----------
+    layout : mesh and cuts
+    where : mask of the bodies to cut; all by default
+
+    Raises
+    ------
+    FlexMapsError : the surface could not be cut into disks
     """
     for _ in range(10 * len(layout.mesh.quads)):
         bad = np.flatnonzero(~layout.planar).tolist()
@@ -131,7 +147,7 @@ def make_disks(layout: PatchLayout, where: Bool[np.ndarray, " bodies"] | None = 
 
 
 def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
-    """Edges of the shortest line that brings a patch nearer to a disk: from outline to outline, or closed."""
+    """Return the edges of the shortest line, from outline to outline or closed, that brings a patch nearer to a disk."""
     lines = parametric_lines(layout, patch)
     length = layout.mesh.edge_lengths
     keys = [(round(float(length[line].sum()), 12), i) for i, line in enumerate(lines)]
@@ -144,7 +160,7 @@ def opening_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
-    """Does this cut leave the patch in one piece (then it removes a handle or joins two outlines)?"""
+    """Return whether the patch stays in one piece after this cut, which then removes a handle or joins two outlines."""
     cut = layout.cut.copy()
     cut[line] = True
     after = PatchLayout(layout.mesh, cut)
@@ -152,7 +168,13 @@ def _opens(layout: PatchLayout, patch: int, line: np.ndarray) -> bool:
 
 
 def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
-    """Edges of the parametric line that halves a patch best, across its longer way; empty for a single quad."""
+    """Return the edges of the parametric line that halves a patch best, across its longer direction; empty for one quad.
+
+    Parameters
+    ----------
+    layout : mesh and cuts
+    patch : its number
+    """
     lines = parametric_lines(layout, patch)
     mesh = layout.mesh
     quads = layout.patches[patch]
@@ -171,9 +193,9 @@ def middle_line(layout: PatchLayout, patch: int) -> np.ndarray:
 
 
 def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
-    """Every maximal straight line of uncut edges inside a patch, each an int array of edges.
+    """Return every maximal straight line of uncut edges inside a patch as an int array of edges.
 
-    A line ends at the outline, at an irregular vertex, or closes on itself.
+    A line ends at the outline or an irregular vertex, or closes on itself.
     """
     mesh = layout.mesh
     inside = np.zeros(len(mesh.edges), dtype=bool)
