@@ -1,1 +1,1 @@
-"""What is drawn of a piece: flat patches beside each other, panels as bodies, drawings and plots, for any screen or paper."""
+"""Geometry and drawings for display: patches side by side, panels as bodies, plots and maps, for any screen or paper."""

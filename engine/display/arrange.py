@@ -1,4 +1,4 @@
-"""Where the flat patches lie beside each other, for looking at, not for cutting: in rows, or packed by xatlas."""
+"""Arrange the flat patches side by side for display, not for cutting: in rows, or packed by xatlas."""
 
 from __future__ import annotations
 
@@ -14,33 +14,38 @@ if TYPE_CHECKING:
     from ..patches.flattening.flatten import FlatPatches
     from ..spirals.design import SpiralDesign
 
-TABLE = 1.3  # width of the rows of panels on a table over that of the piece beside them; by eye
-ASPECT = 1.6  # width over height of the page that is filled, as of a screen
-# widths of rows that are tried, in that of a page that the boxes fill; finer steps were not measured
+TABLE = 1.3  # width of the rows of panels on a table, as a factor on the piece's width; by eye
+ASPECT = 1.6  # width over height of the page to fill, as of a screen
+# widths of rows tried, as factors on the width of a page that the boxes fill; finer steps were not measured
 WIDTHS = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.8, 2.2)
-# xatlas's pixels in the gap between two patches, half of them round each; with 4 the pages of 9 and 23 patches are 3 %
-# smaller and 9 % larger
+# Pixels of xatlas in the gap between two patches, half of them round each; with 4 the pages of 9 and 23 patches are 3 %
+# smaller and 9 % larger.
 PIXELS = 8
-MOST = 100  # patches that xatlas packs: 23 take it 0.14 s, and it cannot be stopped; so many are as well seen in rows
+# largest number of patches that xatlas packs: 23 take 0.14 s, and it cannot be stopped; more are as well seen in rows
+MOST = 100
 
 
 def side_by_side(flat: FlatPatches, width: float | None = None) -> Float[np.ndarray, "patches 2"]:
-    """Metres: where the origin of every patch goes, about an edge apart; the upper left corner of all is at the origin.
+    """Return the positions of the patches' origins, metres, about an edge apart; the upper left corner of all is the origin.
 
-    ``width`` is about how wide the whole is to be, metres; if not given it fills a page. Of rows of boxes and of xatlas's
-    packing of the true shapes, where it is installed, the one is taken that needs the smaller page.
+    Of rows of boxes and, if installed, xatlas's packing of the true shapes, the smaller page is taken.
+
+    Parameters
+    ----------
+    flat : flat patches
+    width : approximate total width, metres; by default that of a page
     """
     (low, high), gap = patch_boxes(flat), flat.layout.mesh.median_edge
     sizes = high - low
     aspect = ASPECT if width is None else width**2 / float((sizes + gap).prod(axis=1).sum())
     tried = [rows(sizes, gap, aspect)]
     if 1 < len(sizes) <= MOST and importlib.util.find_spec("xatlas") is not None:
-        tried.append(_packed(flat, low, gap, aspect))
+        tried.append(_pack(flat, low, gap, aspect))
     return min(tried, key=lambda corners: _page(corners, sizes, aspect)) - low
 
 
 def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Float[np.ndarray, "patches 2"]]:
-    """Lower and upper corners, metres, of the patches in their own frames."""
+    """Lower and upper corners of the patches in their own frames, metres."""
     count = len(flat.layout.patches)
     low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
     patch = np.repeat(flat.layout.patch_of, 4)
@@ -51,7 +56,13 @@ def patch_boxes(flat: FlatPatches) -> tuple[Float[np.ndarray, "patches 2"], Floa
 
 
 def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]:
-    """Metres: where the origins of the patches lie before they are joined: in rows before the piece, on its ground."""
+    """Return the positions of the patches' origins before assembly, metres: in rows in front of the piece, on its ground.
+
+    Parameters
+    ----------
+    design : spirals
+    pose : of the piece
+    """
     flat = design.flat
     spokes = 0.5 * (flat.corners + np.roll(flat.corners, -1, axis=1)) - design.arms.centre[:, None]
     tips = pose.centres[:, None] + spokes @ np.swapaxes(pose.rotations[:, :, :2], 1, 2)
@@ -64,9 +75,15 @@ def on_table(design: SpiralDesign, pose: Pose) -> Float[np.ndarray, "patches 3"]
 
 
 def rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, aspect: float = ASPECT) -> Float[np.ndarray, "boxes 2"]:
-    """Metres: the lower left corners of boxes of these sizes, set in rows from the top down, the tallest first.
+    """Return the lower left corners of boxes, metres, in rows from the top down, the tallest first.
 
-    The whole has its upper left corner at the origin; of several widths, the one that fills a page of this aspect best.
+    The upper left corner of all is the origin; of several widths, the best for a page of this aspect is taken.
+
+    Parameters
+    ----------
+    sizes : of the boxes, metres
+    gap : between boxes, metres
+    aspect : width over height of the page
     """
     padded = sizes + gap
     ideal = np.sqrt(padded.prod(axis=1).sum() * aspect)
@@ -81,7 +98,7 @@ def _page(corners: Float[np.ndarray, "boxes 2"], sizes: Float[np.ndarray, "boxes
 
 
 def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Float[np.ndarray, "boxes 2"]:
-    """Rows no wider than ``width``, each centred under the widest."""
+    """Set boxes in rows no wider than ``width``, each centred under the widest."""
     lines: list[list[int]] = [[]]
     x = 0.0
     for i in np.lexsort((np.arange(len(sizes)), -sizes[:, 1].round(5))).tolist():
@@ -103,18 +120,18 @@ def _rows(sizes: Float[np.ndarray, "boxes 2"], gap: float, width: float) -> Floa
     return corners
 
 
-# The atlas that was made last: its end waits for threads that may not have begun yet, then for ever. Until another one is made they
-# have had time to begin
+# Keep the last atlas alive: its destructor waits for worker threads, for ever if they have not started yet. By the time
+# the next one replaces it they have.
 _LAST: list[object] = []
 
 
-def _packed(
+def _pack(
     flat: FlatPatches, low: Float[np.ndarray, "patches 2"], gap: float, aspect: float
 ) -> Float[np.ndarray, "patches 2"]:
-    """Metres: the lower left corners of the patches' boxes, as xatlas packs the true shapes without turning them."""
+    """Return the lower left corners of the patches' boxes, metres, as xatlas packs the true shapes without rotation."""
     import xatlas
 
-    # xatlas fills squares: the patches are squeezed so that a square is a page of the aspect
+    # xatlas fills squares, so the patches are scaled to make a square a page of this aspect
     scale = PIXELS / gap * np.array([aspect**-0.5, aspect**0.5])
     atlas, kept = xatlas.Atlas(), []
     _LAST[:] = [atlas]
@@ -123,7 +140,7 @@ def _packed(
         faces = index.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.uint32)
         points = np.zeros((len(used), 2), np.float32)
         points[index.ravel()] = ((flat.corners[quads] - corner) * scale).reshape(-1, 2)
-        # xatlas takes meshes at one address for one mesh, so they must live until it has packed them
+        # xatlas identifies meshes by address, so they must live until it has packed them
         kept.append((points, faces))
         atlas.add_uv_mesh(points, faces)
     options = xatlas.PackOptions()

@@ -1,4 +1,4 @@
-"""The arms of spirals as flat bands on quads in space, quick enough to be drawn anew at every step of the optimiser."""
+"""Spiral arms as flat bands on quads in space, fast enough to redraw at every step of the optimiser."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 from ..arrays import Float, Int
 from ..spirals.spiral import LEFT, RIGHT, Arms, edge
 
-MOST = 250_000  # points of all bands together, beyond which arms get fewer pieces; 1,000 spirals still have the most pieces
-LEAST_PIECES, MOST_PIECES = 5, 18  # of an arm; 18 pieces of a full turn show no corners at the size of a window
+# largest number of points of all bands; above it arms get fewer pieces; 1,000 spirals still have the most pieces
+MOST = 250_000
+LEAST_PIECES, MOST_PIECES = 5, 18  # pieces of an arm; 18 pieces for a full turn show no corners at the size of a window
 
 
 def bands(
@@ -19,17 +20,23 @@ def bands(
     lift: float,
     pieces: int | None = None,
 ) -> tuple[Float[np.ndarray, "points 3"], Int[np.ndarray, "triangles 3"]]:
-    """Points and triangles of the arms, from the joints to the centres; what blends neighbours at their joints is left out.
+    """Return points and triangles of the arms from the joints to the centres; blends at the joints are left out.
 
-    wind : radians, the twist with the sign of the sense of rotation; lift : how far the bands float above the quads
-    pieces : of every arm; as many as there is room for if not given
-    corners, width, lift : in one unit of length, which is that of the points
+    Parameters
+    ----------
+    corners : quads in space; all lengths in one unit
+    normal : unit normals of the quads
+    width : of the arms
+    wind : twist, radians, with the sign of the sense of rotation
+    lift : distance of the bands above the quads
+    pieces : per arm; by default as many as ``MOST`` allows
     """
     count = len(corners)
     if pieces is None:
         pieces = int(np.clip(MOST // (8 * max(count, 1)) - 1, LEAST_PIECES, MOST_PIECES))
     centre = corners.mean(axis=1)
-    spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]  # they lie in one plane (Varignon)
+    # the side middles lie in one plane (Varignon)
+    spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     axes = np.stack([spokes[:, 0], np.cross(normal, spokes[:, 0])], axis=1)
     axes /= np.maximum(np.linalg.norm(axes, axis=-1, keepdims=True), 1e-30)
     flat = spokes @ axes.transpose(0, 2, 1)
@@ -38,20 +45,20 @@ def bands(
     t = np.broadcast_to(np.linspace(0.0, 1.0, pieces + 1), (*radius.shape, pieces + 1))
     edges = np.stack([edge(arms, t, side)[0] for side in (LEFT, RIGHT)], axis=3)  # (F, 4, pieces + 1, 2, 2)
     points = (edges.reshape(count, 8 * (pieces + 1), 2) @ axes).reshape(*edges.shape[:-1], 3)
-    points += _warped(points.reshape(count, 8 * (pieces + 1), 3), corners, spokes).reshape(points.shape)
+    points += _warp_offsets(points.reshape(count, 8 * (pieces + 1), 3), corners, spokes).reshape(points.shape)
     points += (centre + lift * normal)[:, None, None, None]
     first = np.arange(4 * count)[:, None] * 2 * (pieces + 1) + 2 * np.arange(pieces)
     one, two = np.stack([first, first + 1, first + 3], axis=-1), np.stack([first, first + 3, first + 2], axis=-1)
     return points.reshape(-1, 3), np.concatenate([one, two], axis=1).reshape(-1, 3)
 
 
-def _warped(
+def _warp_offsets(
     points: Float[np.ndarray, "quads points 3"],
     corners: Float[np.ndarray, "quads 4 3"],
     spokes: Float[np.ndarray, "quads 4 3"],
 ) -> Float[np.ndarray, "quads points 3"]:
-    """What brings points of the quads' mean planes, from their middles, onto the four triangles by which quads are drawn."""
-    one, two = spokes[:, 0], spokes[:, 1]  # to the middles of two sides; those of the others lie opposite
+    """Return offsets from the quads' mean planes to the four triangles by which quads are drawn; points from the quads' centres."""
+    one, two = spokes[:, 0], spokes[:, 1]  # the other two side middles are opposite
     a, b, c = ((x * y).sum(axis=1)[:, None] for x, y in ((one, one), (one, two), (two, two)))
     along, across = (np.einsum("fnk,fk->fn", points, x) for x in (one, two))
     scale = 1.0 / np.maximum(a * c - b * b, 1e-30)

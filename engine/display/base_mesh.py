@@ -1,4 +1,4 @@
-"""The plates that a piece stands on, as one body in space."""
+"""The base plates of a piece as one body in space."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..fabrication.panels.panel import Panel
 from ..fabrication.standing.base import Base
 from ..fabrication.writers.solids import extruded
 
-DRAWN = 5e-5  # metres: how far round corners may stray from the true ones
+DRAWN = 5e-5  # metres: tolerance of round corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class BaseMesh:
 
 
 def base_mesh(base: Base) -> BaseMesh:
-    """All plates of a base, their upper sides on the ground."""
+    """Return all plates of a base, their upper sides on the ground."""
     vertices, triangles, count = [], [], 0
     for plate in base.plates:
         solid = extruded(Panel(0, -1, plate.outline, plate.holes, (), 0.0, kind="base"), base.thickness, DRAWN)

@@ -1,4 +1,4 @@
-"""Drawings of plots and maps: a list of shapes that becomes SVG here and pixels (``raster.py``)."""
+"""Drawings of plots and maps: lists of shapes, written as SVG here and as pixels in ``raster.py``."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from ..arrays import Float
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
-SHADES = 96  # so many shades of a scale, so that shapes of one colour become one path
-SINGLE = 1e-6  # steps by which a tick may lie outside: a mesh stores in single precision
-SEAM = 0.5  # pixels: filled shapes grow by half of this, or light would shine between neighbours
+SHADES = 96  # number of shades of a colour scale; few, so that shapes of equal colour become one path
+SINGLE = 1e-6  # in steps: distance of a tick beyond the end of its axis that rounding to single precision explains
+SEAM = 0.5  # pixels: filled shapes grow by half of this, to close hairlines between neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Convex filled shapes, points in pixels with fills in sRGB; drawn in their order.
+    """Convex filled shapes, drawn in their order.
 
-    opacity : how much all of them together hide of the paper
+    points : pixels
+    fills : sRGB
+    opacity : of all shapes together
     """
 
     points: Float[np.ndarray, "shapes corners 2"]
@@ -33,7 +35,7 @@ class Shapes:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A polyline, points (n, 2) pixels, ``width`` pixels wide; ``dash`` pixels long dashes, 0 for none."""
+    """A polyline, points (n, 2) and ``width`` in pixels; ``dash`` is the length of dashes in pixels, 0 for a solid line."""
 
     points: np.ndarray
     colour: str = INK
@@ -43,7 +45,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Strokes:
-    """Many straight lines of one kind: ends (N, 2, 2) pixels."""
+    """Many straight lines of one colour and width: ends (N, 2, 2) pixels."""
 
     ends: np.ndarray
     colour: str = INK
@@ -61,7 +63,7 @@ class Dots:
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text that begins, has its middle or ends at ``at``, on the baseline; ``turned`` reads upwards."""
+    """A line of text with its start, middle or end (``anchor``) on the baseline at ``at``; ``turned`` reads upwards."""
 
     at: tuple[float, float]
     text: str
@@ -85,6 +87,7 @@ class Drawing:
     items: list[Item] = field(default_factory=list)
 
     def add(self, *items: Item) -> None:
+        """Append items; later ones cover earlier ones."""
         self.items.extend(items)
 
 
@@ -94,7 +97,7 @@ def rgb(colour: str) -> np.ndarray:
 
 
 def svg(drawing: Drawing) -> str:
-    """The drawing as an SVG document of its own, or to stand within a page; it names no other file."""
+    """Return the drawing as an SVG document, standalone or for a page; it refers to no other file."""
     w, h = f"{drawing.width:g}", f"{drawing.height:g}"
     title = escape(drawing.title)
     lines = [
@@ -107,6 +110,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def _svg(item: Item) -> list[str]:
+    """Return the SVG elements of an item."""
     if isinstance(item, Shapes):
         return _shapes(item)
     if isinstance(item, Strokes):
@@ -133,7 +137,7 @@ def _svg(item: Item) -> list[str]:
 
 
 def _shapes(item: Shapes) -> list[str]:
-    """Neighbours in the order that have one colour in one path."""
+    """Return the SVG paths of shapes; consecutive shapes of equal colour share a path."""
     names = hexes(item.fills)
     veil = f' opacity="{item.opacity:g}"' if item.opacity < 1.0 else ""
     lines, k = [], 0
@@ -150,6 +154,7 @@ def _shapes(item: Shapes) -> list[str]:
 
 
 def _path(points: np.ndarray) -> str:
+    """Return SVG path data of a polyline."""
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in np.asarray(points).tolist())
 
 
@@ -159,7 +164,18 @@ def hexes(srgb: np.ndarray) -> list[str]:
 
 
 def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
-    """(N, 3) sRGB: values between low and high on a scale (n, 3) of sRGB anchors, in ``SHADES`` shades."""
+    """Map values to colours on a scale, in ``SHADES`` shades.
+
+    Parameters
+    ----------
+    values : (N,)
+    low, high : values at the ends of the scale
+    scale : (n, 3) sRGB anchors
+
+    Returns
+    -------
+    (N, 3) sRGB
+    """
     span = high - low
     share = np.clip((np.asarray(values, dtype=float) - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
     share = np.round(share * (SHADES - 1)) / (SHADES - 1)
@@ -168,7 +184,13 @@ def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> 
 
 
 def ticks(low: float, high: float, count: int = 5) -> list[float]:
-    """Round numbers, one, two or five times a power of ten apart, between low and high; about ``count`` of them."""
+    """Return about ``count`` round numbers between low and high, one, two or five times a power of ten apart.
+
+    Parameters
+    ----------
+    low, high : ends of the axis
+    count : wanted number
+    """
     span = high - low
     if not np.isfinite(span) or span <= 0:
         return [float(low)]
@@ -180,7 +202,7 @@ def ticks(low: float, high: float, count: int = 5) -> list[float]:
 
 
 def decades(low: float, high: float) -> list[float]:
-    """Ticks of a logarithmic axis: powers of ten, with two and five times them where there are few."""
+    """Return ticks of a logarithmic axis: powers of ten, with multiples where these are few."""
     powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
     for factors in ((1,), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)):
         found = sorted(f * p for p in powers.tolist() for f in factors if low * 0.999 <= f * p <= high * 1.001)
@@ -190,14 +212,21 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def number(value: float) -> str:
-    """A tick's number: no more digits than it needs."""
+    """Format a tick's number with no more digits than needed."""
     return f"{value:.6g}" if abs(value) < 1e5 else f"{value:.1e}"
 
 
 def legend_bar(
     at: tuple[float, float], size: tuple[float, float], scale: np.ndarray, low: float, high: float, unit: str
 ) -> list[Item]:
-    """An upright colour bar with ticks at its right and the unit above: at its upper left corner, ``size`` pixels."""
+    """Return an upright colour bar with ticks at its right and the unit above.
+
+    Parameters
+    ----------
+    at, size : upper left corner; width and height, pixels
+    scale : (n, 3) sRGB anchors
+    low, high, unit : values at the ends; their unit
+    """
     (x, y), (width, height) = at, size
     share = np.linspace(1.0, 0.0, SHADES + 1)
     edges = y + height * np.linspace(0.0, 1.0, SHADES + 1)
@@ -217,7 +246,14 @@ def legend_bar(
 def entries(
     at: tuple[float, float], rows: Sequence[tuple[str, str]], columns: int = 2, wide: float = 240
 ) -> list[Item]:
-    """A key of colours, "#rrggbb", with what they stand for, from ``at`` to the right and downwards."""
+    """Return a colour key, row by row from ``at`` to the right and downwards.
+
+    Parameters
+    ----------
+    at : upper left corner, pixels
+    rows : "#rrggbb" and text of each entry
+    columns, wide : number of columns; their width, pixels
+    """
     items: list[Item] = []
     for k, (colour, text) in enumerate(rows):
         x, y = at[0] + wide * (k % columns), at[1] + 20 * (k // columns)

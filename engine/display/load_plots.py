@@ -1,4 +1,4 @@
-"""Plots of what a piece bears: how it gives way as its loads rise, and how near its arms are to what they bear."""
+"""Plot how a piece deflects as its loads rise."""
 
 from __future__ import annotations
 
@@ -12,27 +12,30 @@ from .. import colours
 from .drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
 from .plots import ACCENT, CURVE, Axes
 
-ROOM = 1.06  # of the largest value, that an axis ends beyond it; by eye
+ROOM = 1.06  # length of an axis over its largest value; by eye
 LEFT = 118.0  # pixels for the names beside the curves; by eye
-SHOWN = 3.0  # times the load, or the deflection where it snaps, where the axes end: what is beyond flattens the rest
+SHOWN = 3.0  # load factor where the axes end at most, unless the piece gives way above it; more would flatten the rest
 
 
 def load_paths(block: Mapping[str, Any], size: tuple[float, float] = (520, 340)) -> Drawing:
-    """Factor of every load against the deflection of the hub that moves most; a dot where the piece gives way.
+    """Plot the factor of every load against the deflection of the hub that moves most; a dot marks where the piece gives way.
 
+    Parameters
+    ----------
     block : ``structure`` of report.json
+    size : width and height, pixels
     """
     outcomes = [one for one in block["outcomes"] if len(one["curve"]) > 1]
     drawing = Drawing("How far the piece gives way as its loads rise", *size)
     if not outcomes:
         return drawing
     curves = [np.array(one["curve"]) for one in outcomes]
-    wide, tall = _ends(outcomes, curves)
+    wide, tall = _axis_ends(outcomes, curves)
     axes = Axes(drawing, (0.0, ROOM * wide), (0.0, ROOM * tall), right=LEFT)
     axes.frame("Deflection (mm)", "Factor of the load", ticks(0.0, wide), ticks(0.0, tall))
     looks = hexes(np.clip(colours.of_patches(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
     for row, (one, curve, look) in enumerate(zip(outcomes, curves, looks, strict=True)):
-        inside = _inside(curve, wide, tall)
+        inside = _clip(curve, wide, tall)
         points = axes.at(inside[:, 1], inside[:, 0])
         drawing.add(Line(points, look, 2.2))
         if one["critical"] is not None and one["critical"] <= ROOM * tall:
@@ -47,24 +50,24 @@ def load_paths(block: Mapping[str, Any], size: tuple[float, float] = (520, 340))
     return drawing
 
 
-def _ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Where the axes end: beyond the load itself and the critical ones, but not where a piece hangs long after it snapped."""
+def _axis_ends(outcomes: Sequence[Mapping[str, Any]], curves: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Return where the axes end: beyond the load and the critical factors, but not far beyond a snap."""
     highest = [one["critical"] for one in outcomes if one["critical"] is not None]
     tall = min(
         max([1.2, *(1.1 * value for value in highest)]), SHOWN * 1.0 if not highest else max(SHOWN, min(highest))
     )
-    at_load = [float(np.interp(min(tall, c[:, 0].max()), *_rising(c))) for c in curves]
+    at_load = [float(np.interp(min(tall, c[:, 0].max()), *_up_to_peak(c))) for c in curves]
     return max(*at_load, 1e-6, 0.0) * 1.5, tall
 
 
-def _rising(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _up_to_peak(curve: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Factors and deflections up to the largest factor."""
     part = curve[: 1 + int(curve[:, 0].argmax())]
     return part[:, 0], part[:, 1]
 
 
-def _inside(curve: np.ndarray, wide: float, tall: float) -> np.ndarray:
-    """The curve up to where it leaves the plot, cut off at its edge."""
+def _clip(curve: np.ndarray, wide: float, tall: float) -> np.ndarray:
+    """Return the curve up to where it leaves the plot, cut off at the edge."""
     out = [curve[0]]
     for before, after in pairwise(curve):
         share = 1.0

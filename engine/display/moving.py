@@ -1,4 +1,4 @@
-"""Plain panels whose points follow a design that is being painted: making their mesh anew holds up a window, moving points does not."""
+"""Panels whose vertices follow a design while it is painted: moving points is fast, rebuilding the mesh would block the window."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from .solids import ArmVertices, Solid, arm_edges, light, rim_points
 
 
 class MovingPanels:
-    """The panels of a design without connectors, beside each other.
+    """Panels of a design without connectors, side by side.
 
-    design : what they show; centres : (N, 2) metres, where the patches' origins lie
-    solid : for any twist that the settings allow, so that its faces stay those that they are
+    design : shown now; centres : (N, 2) metres, positions of the patches' origins
+    solid : built for any twist that the settings allow, so that its faces never change
     """
 
     design: SpiralDesign
@@ -32,18 +32,19 @@ class MovingPanels:
         self._make(design)
 
     def _make(self, design: SpiralDesign) -> None:
+        """Build the mesh for a design."""
         self.design = design
         self.solid = light(design, self.centres, wound=max(design.params.twist_max, float(design.twist.max())))
 
     def follow(self, design: SpiralDesign) -> None:
-        """Show another design in the same flat patches with the same settings: of its spirals, only those that are others are drawn anew."""
+        """Show another design of the same flat patches and settings; only spirals that changed are redrawn."""
         changed = design.unlike(self.design)
         if not changed.any():
             return
         where, mesh = self.solid.arms, design.flat.layout.mesh
-        # arms blend into those that they are joined with
+        # arms blend into the arms at their joints
         touched = changed | changed[opposite_sides(mesh)[0]].any(axis=1)
-        # a foot keeps its place, and its arm may meet it with another number of points
+        # a foot keeps its place, but its arm may meet it with another number of points
         if where is None or touched[[foot.arm // 4 for foot in design.feet]].any():
             self._make(design)
             return
@@ -73,9 +74,9 @@ def _move_caps(
     chords: Float[np.ndarray, "some 4 2 2"],
     absent: Bool[np.ndarray, "some 4"],
 ) -> None:
-    """Turn and scale the half circles over the ends of arms, among the vertices, with their chords.
+    """Rotate and scale the half circles at the ends of arms with their chords, in place.
 
-    chords : metres, the left and the right edge where these arms end by now; the vertices still have the former ones
+    chords : metres, left and right edge at the new ends of these arms; the vertices still have the old ones
     """
     new = np.full((4 * where.edges.shape[1], 2), np.nan, dtype=complex)
     new[arm[absent]] = chords[absent] @ np.array([1.0, 1j])

@@ -1,7 +1,7 @@
-"""The panels as one mesh of bars and plates that can be bent: every arm with its true rectangular section, every hub a plate.
+"""The panels as a bendable mesh: every arm a bar of true rectangular section, every hub a plate.
 
-The mesh is made once for a design; where its vertices are follows from the arms of any pose (``bent_arms``). Built from
-sections, for cutting a sheet with thousands of holes into triangles would take minutes.
+The faces are made once per design; the vertices follow from the arms of any pose (``bent_arms``). The mesh is built
+from sections, because triangulating a sheet with thousands of holes would take minutes.
 """
 
 from __future__ import annotations
@@ -23,14 +23,16 @@ from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, opposite_sides
 from .rim_mesh import RimMesh
 
-DRAWING = "Drawing the arms"  # what the progress says
+DRAWING = "Drawing the arms"  # text of the progress
 
 
 @dataclass(frozen=True)
 class Detail:
-    """How finely the panels are drawn.
+    """Resolution of the panels.
 
-    least : pieces of a straight arm; degrees : of twist for each piece more; fillet : points within a hub's inner corner
+    least : pieces of a straight arm
+    degrees : twist per additional piece
+    fillet : points on the fillet between two arms at the hub
     """
 
     least: int
@@ -44,16 +46,16 @@ DETAILS = {"COARSE": Detail(4, 40.0, 0), "MEDIUM": Detail(6, 20.0, 0), "FINE": D
 
 @dataclass(frozen=True, eq=False)
 class PanelMesh:
-    """Sections of the arms and points of the hubs, and the faces between them.
+    """Sections of the arms, points of the hubs, and the faces between them; lengths in metres.
 
-    arm, t : arm 4 f + k and parameter of every section; line : metres, flat, from the hub's centre to the section
-    sides : metres, flat, from there to its left and right edge
-    rim_quad and rim : metres, the points of the hubs between the arms, as ``line``
-    used : the vertices that are there but for those of the rim, of 4 a section (left and right above, left and right below) and 2 a point of
-        a rim or a connector (above, below)
-    heads : the points of the connectors; strip : those of the rim, whose vertices come last
-    corners : vertex of every face corner; sizes : corners of every face; quad_of : the quad of every face
-    vertex_quad : the quad of every vertex; section : vertices with the same number share a section
+    arm, t : arm 4 f + k and parameter of every section; line : flat, from the hub's centre to the section
+    sides : flat, from the section's middle to its left and right edge
+    rim_quad, rim : quad and position, as ``line``, of the hubs' points between the arms
+    used : vertices that exist, without those of the strip: 4 per section (left and right above, left and right below)
+        and 2 per point of a hub or connector (above, below)
+    heads : points of the connectors; strip : points of the piece's rim, whose vertices come last
+    corners, sizes, quad_of : vertex of every face corner; corners and quad of every face
+    vertex_quad, section : quad and section of every vertex
     """
 
     design: SpiralDesign
@@ -74,10 +76,17 @@ class PanelMesh:
 
     @property
     def triangles(self) -> int:
+        """Number of triangles, if all faces were triangulated."""
         return int((self.sizes - 2).sum())
 
     def placed(self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None) -> np.ndarray:
-        """(V, 3) metres: the vertices in space; where only some quads are asked for, the others' are anywhere."""
+        """Return the vertices in space, (V, 3) metres.
+
+        Parameters
+        ----------
+        arms, pose : bent arms and pose
+        only : mask of quads that are needed; vertices of the others are undefined
+        """
         wanted = np.ones(len(self.design.width), bool) if only is None else only
         rows, rims, points = wanted[self.arm // 4], wanted[self.rim_quad], wanted[self.heads.arm // 4]
         place, turn = arms.at(self.arm[rows], self.t[rows], self.line[rows])
@@ -93,7 +102,7 @@ class PanelMesh:
         return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.placed(arms))])
 
     def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
-        """Metres: the vertices in the flat panels, every patch's origin at ``centres``, middle plane at z = 0."""
+        """Return the vertices of the flat panels, metres; patch origins are at ``centres``, the middle plane at z = 0."""
         shape = np.zeros((len(self.design.width), 3))
         shape[:, :2] = self.design.arms.centre + centres[self.design.flat.layout.patch_of]
         up = np.array([0.0, 0.0, 1.0])
@@ -106,10 +115,12 @@ class PanelMesh:
         return np.concatenate([made, self._plates(self.strip.flat + np.c_[moved, np.zeros(len(moved))], up)])
 
     def _plates(self, points: np.ndarray, up: np.ndarray) -> Float[np.ndarray, "vertices 3"]:
+        """Offset points by half the thickness to both sides along ``up``."""
         lift = 0.5 * self.design.params.thickness * np.broadcast_to(up, points.shape)
         return np.stack([points + lift, points - lift], axis=1).reshape(-1, 3)
 
     def _thick(self, edges: np.ndarray, up: np.ndarray, rim: np.ndarray, rim_up: np.ndarray) -> np.ndarray:
+        """Give sections and single points their thickness, and keep the used vertices."""
         half = 0.5 * self.design.params.thickness
         lift, rim_lift = half * np.broadcast_to(up, (len(edges), 3)), half * np.broadcast_to(rim_up, rim.shape)
         sections = np.concatenate([edges + lift[:, None], edges - lift[:, None]], axis=1).reshape(-1, 3)
@@ -120,15 +131,20 @@ class PanelMesh:
 def panel_mesh(
     design: SpiralDesign, detail: Detail, tips: Sequence[Tip | Cap] = (), progress: Progress = SILENT
 ) -> PanelMesh:
-    """The panels of a design; every patch becomes a closed body.
+    """Build the panels of a design; every patch becomes a closed body.
 
-    ``tips`` are the ends of arms that have a connector, in their true outlines; the others end plainly at the cuts.
+    Parameters
+    ----------
+    design : spirals
+    detail : resolution
+    tips : ends of arms with connectors or caps, in true outline; other arms end bluntly at cuts
+    progress : called with the fraction done
     """
     progress(0.0, DRAWING)
     count = len(design.width)
     turn = np.degrees(design.twist) / detail.degrees
     pieces = np.repeat(detail.least + np.ceil(turn).astype(int), 4)
-    # the slots on both sides of an arm end at different places, and the arm's hub lies between them
+    # the slots on both sides of an arm end at different places, with the arm's root between them
     behind = np.abs(design.roots.left - np.roll(design.roots.right, 1, axis=1))
     rows = pieces + 2 + (turn[:, None] * behind).astype(int).ravel()
     first = np.cumsum(rows) - rows
@@ -146,7 +162,7 @@ def panel_mesh(
     more, more_of = heads.faces(first.ravel(), 4 * len(arm) + 2 * rim_quad.size)
     faces, quad_of = [*faces, *more], np.concatenate([quad_of, more_of])
     points = 4 * len(arm) + 2 * (rim_quad.size + len(heads.arm))
-    same = _joined(design, first, points)
+    same = _shared_vertices(design, first, points)
     used = np.flatnonzero(same == np.arange(points))
     index = np.empty(points, dtype=np.int64)
     index[used] = np.arange(len(used))
@@ -166,7 +182,7 @@ def panel_mesh(
 
 
 def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
-    """The same with the plates of a rim."""
+    """Add the plates of a rim, if there is one."""
     if strip is None:
         return made
     faces, quad_of = strip.faces(len(made.used))
@@ -185,14 +201,15 @@ def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:
 def _sections(
     design: SpiralDesign, arm: np.ndarray, row: np.ndarray, pieces: np.ndarray, rows: np.ndarray, begin: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter (R,), centre line (R, 3) and edges from there (R, 2, 3) of all sections, from the tips to the roots.
+    """Return parameter (R,), centre line (R, 3) and edges relative to it (R, 2, 3) of all sections, from tips to roots.
 
-    The tips are at ``begin`` (A,). Of the ``rows`` (A,) of an arm, the first ``pieces`` (A,) and one more are at right angles to it; the others are rigid.
+    Tips are at ``begin`` (A,). Of the ``rows`` (A,) of an arm, the first ``pieces`` (A,) + 1 are perpendicular to it;
+    the others are rigid with the hub.
     """
     quad, side = np.divmod(arm, 4)
     hub, root = hub_ends(design).ravel()[arm], design.roots
     share = np.minimum(row / pieces[arm], 1.0)
-    # closer together towards the tip, where arms are blended
+    # closer together towards the tip, where arms blend
     t = begin[arm] + (hub - begin[arm]) * share * (2.0 + share) / 3.0
     shape = design.arms.one_by_one(quad, side)
     beyond = np.maximum(row - pieces[arm], 0) / (rows - 1 - pieces)[arm]
@@ -206,7 +223,7 @@ def _sections(
 
 
 def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
-    """Quad (F, 4, points) and place (F, 4, points, 3), from the hub's centre, of points on the fillet after every arm."""
+    """Return quad (F, 4, points) and position (F, 4, points, 3), from the hub's centre, of points on the fillet after every arm."""
     root, count = design.roots, len(design.width)
     quad = np.broadcast_to(np.arange(count)[:, None, None], (count, 4, points))
     place = np.zeros((count, 4, points, 3))
@@ -216,7 +233,7 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     right = np.roll(edge(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
     right -= root.centre
     begin = np.arctan2(left[..., 1], left[..., 0])
-    # always a turn to the right
+    # always turn right
     turn = -((begin - np.arctan2(right[..., 1], right[..., 0])) % (2.0 * np.pi))
     turn = np.where(turn < -1.5 * np.pi, 0.0, turn)
     angle = begin[..., None] + turn[..., None] * (np.arange(1, points + 1) / (points + 1))
@@ -228,9 +245,11 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
 def _faces(
     design: SpiralDesign, arm: np.ndarray, first: np.ndarray, last: np.ndarray, fillet: int, headed: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Faces of equal size (n, size) each, and the quads of them all; first, last (F, 4) are the sections at the arms' ends.
+    """Return arrays of faces (n, size), and the quad of every face.
 
-    headed : (A,) bool, the arms that end in a connector
+    first, last : (F, 4) sections at the arms' ends
+    fillet : points per fillet
+    headed : (A,) bool, arms that end in a connector
     """
     layout, count = design.flat.layout, len(first)
     outer = np.ones(len(arm), bool)
@@ -250,7 +269,7 @@ def _faces(
     rim = 4 * len(arm) + 2 * np.arange(4 * count * fillet).reshape(count, 4, fillet)
     corner = np.concatenate([4 * last[..., None] + left, rim], axis=2)
     below = np.concatenate([4 * last[..., None] + left + low, rim + 1], axis=2)
-    # round the hub: every arm's right root, its left root, and the fillet after it
+    # round the hub: right root and left root of every arm, then the fillet
     top = np.concatenate([4 * last[..., None] + right, corner], axis=2).reshape(count, -1)
     bottom = np.concatenate([4 * last[..., None] + right + low, below], axis=2).reshape(count, -1)
     onward = np.concatenate([corner[..., 1:], np.roll(4 * last + right, -1, axis=1)[..., None]], axis=2)
@@ -265,12 +284,12 @@ def _faces(
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """The points of the connectors that do not belong to the arms, and the faces on them.
+    """Points of the connectors that do not belong to arms, and their faces.
 
-    arm, t : of every point, as of a section; line, side : metres, flat, to the centre line and from there
-    ends : the arms that have one; starts : (ends + 1,), where its points begin
-    triangles : counter-clockwise, numbers of points, and -1 and -2 for the arm's right and left edge
-    of : which of ``ends`` they belong to
+    arm, t : of every point, as of a section; line, side : metres, flat, to the centre line and from there to the point
+    ends : arms with a connector; starts : (ends + 1,), first point of each
+    triangles : counter-clockwise, point numbers, with -1 and -2 for the arm's right and left edge
+    of : position in ``ends`` of every triangle's arm
     """
 
     arm: Int[np.ndarray, " points"]
@@ -284,6 +303,7 @@ class Heads:
 
     @classmethod
     def of_tips(cls, design: SpiralDesign, tips: Sequence[Tip | Cap], progress: Progress = SILENT) -> Heads:
+        """Triangulate the connectors and caps of a design."""
         import shapely
 
         rings = [shapely.get_coordinates(tip.polygon)[:-1] for tip in tips]
@@ -303,14 +323,21 @@ class Heads:
         arm = np.repeat(ends, count)
         points = np.concatenate([np.empty((0, 2)), *(ring[1:-1] for ring in rings)])
         return cls(
-            arm, *_along(design, arm, points, tips, count), ends, starts, np.concatenate(triangles), np.concatenate(of)
+            arm,
+            *_arm_coordinates(design, arm, points, tips, count),
+            ends,
+            starts,
+            np.concatenate(triangles),
+            np.concatenate(of),
         )
 
     def faces(self, first: np.ndarray, base: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Triangles and walls, and their quads; first (A,) sections of the arms, ``base`` the number of the first vertex."""
-        known = np.stack([4 * first[self.ends] + 1, 4 * first[self.ends]], axis=1)  # right, left, above
+        """Return triangles and walls, and their quads; ``first`` (A,) are the arms' first sections, ``base`` the first vertex."""
+        # upper right and left vertices of the arm's end
+        known = np.stack([4 * first[self.ends] + 1, 4 * first[self.ends]], axis=1)
 
         def vertex(number: np.ndarray, of: np.ndarray, low: int) -> np.ndarray:
+            """Return vertex numbers; negative numbers are edges of the arm."""
             side = known[of[:, None], np.where(number == -1, 0, 1)] + 2 * low
             return np.where(number < 0, side, base + 2 * number + low)
 
@@ -326,10 +353,10 @@ class Heads:
         return [top, bottom[:, ::-1], sides], quad_of
 
 
-def _along(
+def _arm_coordinates(
     design: SpiralDesign, arm: np.ndarray, points: np.ndarray, tips: Sequence[Tip | Cap], count: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter (H,), centre line (H, 3) and way from there (H, 3) of points (H, 2) about the tips; beyond them all is rigid."""
+    """Return parameter (H,), centre line (H, 3) and offset from it (H, 3) of points (H, 2) near the tips; points beyond them move rigidly."""
     shape = design.arms.one_by_one(*np.divmod(arm, 4))
     tip, speed, _ = (x[:, 0, 0] for x in centre_line(shape, np.zeros((len(arm), 1, 1))))
     over = np.repeat([tip.over for tip in tips], count)
@@ -340,14 +367,14 @@ def _along(
     return t, line, side
 
 
-def _joined(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
-    """(points,) int: for every vertex the one that it is the same as, for two arms of a patch share the section at their joint."""
+def _shared_vertices(design: SpiralDesign, first: np.ndarray, points: int) -> np.ndarray:
+    """Return (points,) int, the vertex that replaces each: two arms of a patch share the section at their joint."""
     layout, same = design.flat.layout, np.arange(points)
     quad, side = opposite_sides(layout.mesh)
     blunt = layout.cut[layout.mesh.quad_edges] | layout.mesh.border[layout.mesh.quad_edges]
     second = ~blunt & (np.arange(len(first))[:, None] > quad)
     mine, theirs = 4 * first[second], 4 * first[quad, side][second]
-    # what is left of one arm, seen outwards, is right of the other
+    # seen outwards, left of an arm is right of the arm that it meets
     for own, other in ((0, 1), (1, 0), (2, 3), (3, 2)):
         same[mine + own] = theirs + other
     return same

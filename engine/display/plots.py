@@ -1,4 +1,4 @@
-"""The plots of a run: how the match improved, how the errors are spread, and maps of the flat patches and of the shape."""
+"""Plots of a run: progress of the match, distribution of errors, maps of the flat patches and of the shape."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from .drawing import (
 
 CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
-LOGARITHMIC = 8.0  # ratio of largest to smallest from which on a scale is logarithmic; chosen by eye
-LIGHT = np.array([0.27, -0.45, 0.85])  # where the light of ``shape_map`` comes from; chosen by eye
-VIEW = np.array([0.9, -1.0, 0.85])  # where the eye of ``shape_map`` is
+LOGARITHMIC = 8.0  # ratio of largest to smallest value above which a scale is logarithmic; chosen by eye
+LIGHT = np.array([0.27, -0.45, 0.85])  # direction to the light of ``shape_map``; chosen by eye
+VIEW = np.array([0.9, -1.0, 0.85])  # direction to the viewer of ``shape_map``
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """The frame of a plot: pixels from values, both axes with ticks, grid, names and units."""
+    """Frame of a plot: maps values to pixels, draws both axes with ticks, grid, names and units; margins in pixels."""
 
     drawing: Drawing
     x: tuple[float, float]
@@ -49,7 +49,16 @@ class Axes:
     logarithmic: bool = False
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(n, 2) pixels."""
+        """Map values to pixels.
+
+        Parameters
+        ----------
+        x, y : (n,) values
+
+        Returns
+        -------
+        (n, 2) pixels
+        """
         low, high = self.y
         if self.logarithmic:
             share = np.log(np.asarray(y) / low) / np.log(high / low)
@@ -61,7 +70,13 @@ class Axes:
         return np.stack([self.left + wide * across, self.top + tall * (1.0 - share)], axis=-1)
 
     def frame(self, x_name: str, y_name: str, x_ticks: Sequence[float], y_ticks: Sequence[float]) -> None:
-        """Draw title, grid, ticks and names; the curves come on top."""
+        """Draw title, grid, ticks and names, before the curves.
+
+        Parameters
+        ----------
+        x_name, y_name : names of the axes, with units
+        x_ticks, y_ticks : values of the ticks
+        """
         d = self.drawing
         base, end = d.height - self.bottom, d.width - self.right
         d.add(Text((self.left, 22), d.title, 14, INK, bold=True))
@@ -83,9 +98,15 @@ class Axes:
 
 
 def history(values: Sequence[float], title: str, name: str, size: tuple[float, float] = (520, 320)) -> Drawing:
-    """How a number, named with its unit, fell from step to step; the first is the start's.
+    """Plot a number over the steps of a run; the first is the start's.
 
-    The scale begins at zero, or is logarithmic where the values span much.
+    The scale begins at zero, or is logarithmic if the values span a wide range.
+
+    Parameters
+    ----------
+    values : one per step; non-finite ones are dropped
+    title, name : of the plot; of the number, with its unit
+    size : width and height, pixels
     """
     found = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
     drawing = Drawing(title, *size)
@@ -104,7 +125,7 @@ def history(values: Sequence[float], title: str, name: str, size: tuple[float, f
 
 
 def _scale(values: Float[np.ndarray, " steps"]) -> tuple[tuple[float, float], bool]:
-    """The ends of a scale for these values, and whether it is logarithmic."""
+    """Return the ends of a scale for these values, and whether it is logarithmic."""
     low, high = float(values.min()), float(values.max())
     if low > 0.0 and high > LOGARITHMIC * low:
         return (low / 1.15, high * 1.15), True
@@ -112,7 +133,13 @@ def _scale(values: Float[np.ndarray, " steps"]) -> tuple[tuple[float, float], bo
 
 
 def sparkline(values: Sequence[float], size: float) -> Drawing:
-    """The same without words, in a square of ``size`` pixels, readable on dark and on light paper."""
+    """Draw the curve of ``history`` without words, readable on dark and on light paper.
+
+    Parameters
+    ----------
+    values : one per step; only positive finite ones are drawn
+    size : side of the square, pixels
+    """
     drawing, margin = Drawing("", size, size), 0.05 * size
     low, high = 0.7 * margin, size - 0.7 * margin
     drawing.add(Line(np.array([[low, low], [low, high], [high, high]]), PALE))
@@ -138,7 +165,16 @@ def histogram(
     size: tuple[float, float] = (520, 320),
     bins: int = 28,
 ) -> Drawing:
-    """How many spirals have which value; marks are values with names, such as the root mean square."""
+    """Plot how many spirals have which value.
+
+    Parameters
+    ----------
+    values : one per spiral
+    title, name : of the plot; of the value, with its unit
+    marks : values to mark, with names, e.g. the root mean square
+    size : width and height, pixels
+    bins : number of bins
+    """
     values = np.asarray(values, dtype=float)
     drawing = Drawing(title, *size)
     high = max(float(values.max()), *(v for v, _ in marks), 1e-9) * 1.02
@@ -161,7 +197,14 @@ def histogram(
 
 
 def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float = 520) -> Drawing:
-    """Names with amounts, as bars from the top down."""
+    """Plot named amounts as horizontal bars.
+
+    Parameters
+    ----------
+    rows : names and amounts
+    title, unit : of the plot; of the amounts
+    width : pixels
+    """
     drawing = Drawing(title, width, 44 + 24 * len(rows) + 8)
     drawing.add(Text((16, 22), title, 14, INK, bold=True))
     left, right = 110.0, 70.0
@@ -181,7 +224,7 @@ def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float 
 
 @dataclass(frozen=True, eq=False)
 class Colouring:
-    """What a map shows: fills (F, 3) sRGB, and its key: a scale from low to high with its unit, or rows of colours."""
+    """Colours of a map: fills (F, 3) sRGB, and their key: a scale from low to high with its unit, or rows of colours."""
 
     title: str
     fills: np.ndarray
@@ -193,11 +236,20 @@ class Colouring:
 
     @classmethod
     def of(cls, title: str, values: np.ndarray, unit: str, scale: np.ndarray, low: float, high: float) -> Colouring:
+        """Colour values by a scale."""
         return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
 
 
 def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520) -> Drawing:
-    """The flat patches from above: corners (F, 4, 2), y up; sides (F, 4) bool are drawn as outlines. Any unit of length."""
+    """Draw the flat patches from above.
+
+    Parameters
+    ----------
+    corners : (F, 4, 2), y up, any unit of length
+    sides : (F, 4) bool, drawn as outlines
+    colouring : of the quads
+    width : pixels
+    """
     points = corners * np.array([1.0, -1.0])
     room = width - 32 - _key_width(colouring)
     low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
@@ -208,17 +260,22 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width
     drawing = Drawing(colouring.title, width, float(height) + 60 + _key_height(colouring))
     spare = 0.5 * (room - factor * (high[0] - low[0]))
     placed = (points - low) * factor + np.array([16 + spare, 44 + 0.5 * (height - factor * (high[1] - low[1]))])
-    order = np.lexsort(colouring.fills.T)  # alike ones together; none hides another
+    order = np.lexsort(colouring.fills.T)  # group equal colours; none covers another
     drawing.add(Shapes(placed[order], colouring.fills[order]))
-    return _finished(drawing, placed, sides, colouring)
+    return _finish(drawing, placed, sides, colouring)
 
 
 def shape_map(
     vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520
 ) -> Drawing:
-    """A surface in space, seen from above and one side without perspective, far quads first, lit a little.
+    """Draw a surface in space, in parallel projection from above and one side, far quads first, slightly lit.
 
-    vertices : (V, 3); quads : (F, 4) int; sides : (F, 4) bool, drawn as lines
+    Parameters
+    ----------
+    vertices, quads : (V, 3), any unit of length; (F, 4) int
+    sides : (F, 4) bool, drawn as lines
+    colouring : of the quads
+    width : pixels
     """
     eye = VIEW / np.linalg.norm(VIEW)
     right = np.cross([0.0, 0.0, 1.0], eye)
@@ -239,15 +296,15 @@ def shape_map(
     spare = 0.5 * (np.array([room, height]) - factor * (high - low))
     placed = (points - low) * factor + spare + np.array([16.0, 44.0])
     shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)
-    # far ones first, and the lines of a quad before what hides it
+    # draw far quads first, and the lines of a quad before quads that cover it
     for chunk in np.array_split(order, min(len(order), 24)):
         drawing.add(Shapes(placed[chunk], shades[chunk]))
         drawing.add(_outlines(placed[chunk], sides[chunk]))
-    return _finished(drawing, placed[:0], sides[:0], colouring)
+    return _finish(drawing, placed[:0], sides[:0], colouring)
 
 
 def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
-    """(F, 3) sRGB: a colour for every patch."""
+    """Return (F, 3) sRGB, one colour per patch."""
     looks = colours.hexadecimal(colours.of_patches(int(patch.max()) + 1))
     return np.array([rgb(name) for name in looks])[patch]
 
@@ -255,7 +312,14 @@ def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"
 def thumbnail(
     vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, patch: Int[np.ndarray, " quads"], size: float
 ) -> Drawing:
-    """Patches as ``shape_map`` draws them, without words, in a square of ``size`` pixels."""
+    """Draw patches like ``shape_map``, without words.
+
+    Parameters
+    ----------
+    vertices, quads, sides : see ``shape_map``
+    patch : of every quad
+    size : side of the square, pixels
+    """
     large = shape_map(vertices, quads, sides, Colouring("", patch_fills(patch)))
     body = [item for item in large.items if not isinstance(item, Text)]
     shown = np.concatenate([item.points.reshape(-1, 2) for item in body if isinstance(item, Shapes)])
@@ -272,7 +336,14 @@ def thumbnail(
 
 
 def front(rows: Sequence[tuple[float, float, str]], taken: int, size: tuple[float, float] = (520, 320)) -> Drawing:
-    """Proposals by their joints and their distance, percent, each with a name; the taken one stands out."""
+    """Plot proposals by joints and distance, each with a name; the chosen proposal stands out.
+
+    Parameters
+    ----------
+    rows : joints, RMS distance in percent, and name of each proposal
+    taken : position of the chosen proposal
+    size : width and height, pixels
+    """
     drawing = Drawing("Layouts that were compared", *size)
     joints, rms = np.array([row[0] for row in rows], dtype=float), np.array([row[1] for row in rows], dtype=float)
     span, logarithmic = _scale(rms)
@@ -286,19 +357,22 @@ def front(rows: Sequence[tuple[float, float, str]], taken: int, size: tuple[floa
 
 
 def _key_width(colouring: Colouring) -> float:
+    """Width of the key at the right, pixels."""
     return 84.0 if colouring.scale is not None else 0.0
 
 
 def _key_height(colouring: Colouring) -> float:
+    """Height of the key at the bottom, pixels."""
     return 20.0 * ((len(colouring.rows) + 1) // 2)
 
 
 def _outlines(placed: np.ndarray, sides: np.ndarray) -> Strokes:
+    """Lines along the marked sides."""
     return Strokes(np.stack([placed[sides], np.roll(placed, -1, axis=1)[sides]], axis=1), INK, 0.9)
 
 
-def _finished(drawing: Drawing, placed: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
-    """With outlines, title and key."""
+def _finish(drawing: Drawing, placed: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
+    """Add outlines, title and key."""
     drawing.add(_outlines(placed, sides))
     drawing.add(Text((16, 22), colouring.title, 14, INK, bold=True))
     if colouring.scale is not None:

@@ -1,4 +1,4 @@
-"""Drawings as pixels: shapes are filled by numpy, letters come as triangles of any font."""
+"""Render drawings to pixels: shapes are filled with numpy, letters are triangles of any font."""
 
 from __future__ import annotations
 
@@ -9,20 +9,26 @@ import numpy as np
 from ..arrays import Float
 from .drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes, Strokes, Text, rgb
 
-SCALE = 2  # pixels of the picture for one of the drawing, so that letters of 11 pixels can be read when enlarged
-FINE = 2  # smaller ones, both ways, for one of the picture: soft edges
-UNKNOWN = "?"  # stands for a letter that is not among the given ones
+SCALE = 2  # pixels of the picture per pixel of the drawing, so that letters of 11 pixels stay readable enlarged
+FINE = 2  # subpixels per pixel in both directions, for soft edges
+UNKNOWN = "?"  # replaces letters without a glyph
 
-_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # 24 corners: a dot of 9 pixels strays by 0.04 of them
-_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)  # the corners of a dot of radius 1
+_ANGLES = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # 24 corners: a dot of 9 pixels deviates by 0.04 pixels
+_CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)  # corners of a dot of radius 1
 
-Glyphs = dict[str, tuple[np.ndarray, float]]  # of every letter its triangles (N, 3, 2) at size 1 and how far it goes
+Glyphs = dict[str, tuple[np.ndarray, float]]  # triangles (N, 3, 2) of every letter at size 1, and its advance
 
 
 def pixels(drawing: Drawing, letters: Glyphs, paper: str | None = PAPER) -> Float[np.ndarray, "rows columns 4"]:
-    """sRGB with alpha in [0, 1], premultiplied, the uppermost row first; ``None`` for transparent paper.
+    """Render a drawing to sRGB with alpha in [0, 1], premultiplied, the top row first.
 
-    Needs no Blender, so any thread can.
+    It needs no Blender, so any thread can call it.
+
+    Parameters
+    ----------
+    drawing : shapes
+    letters : glyphs of a font
+    paper : background "#rrggbb"; None for transparent
     """
     factor = SCALE * FINE
     rows, columns = round(drawing.height * SCALE), round(drawing.width * SCALE)
@@ -36,11 +42,12 @@ def pixels(drawing: Drawing, letters: Glyphs, paper: str | None = PAPER) -> Floa
 
 
 def _opaque(colour: str) -> Float[np.ndarray, " 4"]:
+    """Return a colour with alpha 1."""
     return np.append(rgb(colour), 1.0)
 
 
 def _polygons(item: Item, letters: Glyphs) -> Iterable[tuple[np.ndarray, np.ndarray]]:
-    """Convex polygons (n, 2), pixels of the drawing, with their colours (4,), sRGB with alpha, premultiplied."""
+    """Return convex polygons (n, 2), in pixels of the drawing, with their premultiplied colours (4,)."""
     if isinstance(item, Shapes):
         middle = item.points.mean(axis=1, keepdims=True)
         apart = item.points - middle
@@ -49,15 +56,15 @@ def _polygons(item: Item, letters: Glyphs) -> Iterable[tuple[np.ndarray, np.ndar
         return zip(grown, item.opacity * np.c_[item.fills, np.ones(len(item.fills))])
     colour = _opaque(item.colour)
     if isinstance(item, Text):
-        return ((triangle, colour) for triangle in _placed(item, letters))
+        return ((triangle, colour) for triangle in _text_triangles(item, letters))
     if isinstance(item, Dots):
         return ((centre + item.radius * _CIRCLE, colour) for centre in item.points)
     lines = item.ends if isinstance(item, Strokes) else _dashes(item)
     return ((_stroke(a, b, item.width), colour) for a, b in lines)
 
 
-def _placed(item: Text, letters: Glyphs) -> np.ndarray:
-    """The triangles of a text where it stands; letters have their height, so the size of a font is a little more."""
+def _text_triangles(item: Text, letters: Glyphs) -> np.ndarray:
+    """Return the triangles of a text at its place; the factor 1.05 is the font's size over the letters' height."""
     parts, length = [np.zeros((0, 3, 2))], 0.0
     for letter in item.text:
         shape, width = letters[letter if letter in letters else UNKNOWN]
@@ -76,12 +83,14 @@ def _placed(item: Text, letters: Glyphs) -> np.ndarray:
 
 
 def _stroke(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
+    """Return a straight line as a rectangle."""
     along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-12) * 0.5 * width
     across = np.array([-along[1], along[0]])
     return np.array([a - along + across, a - along - across, b + along - across, b + along + across])
 
 
 def _dashes(item: Line) -> Iterable[tuple[np.ndarray, np.ndarray]]:
+    """Yield the straight parts of a line."""
     for a, b in zip(item.points[:-1], item.points[1:]):
         if not item.dash:
             yield a, b
@@ -92,7 +101,7 @@ def _dashes(item: Line) -> Iterable[tuple[np.ndarray, np.ndarray]]:
 
 
 def _fill(canvas: np.ndarray, points: np.ndarray, colour: np.ndarray) -> None:
-    """Paint a convex polygon (n, 2), in pixels of the canvas."""
+    """Paint a convex polygon (n, 2), in pixels of the canvas, in place."""
     height, width = canvas.shape[:2]
     low = np.maximum(np.floor(points.min(axis=0)).astype(int), 0)
     high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + 1, [width, height])

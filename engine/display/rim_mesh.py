@@ -1,7 +1,7 @@
-"""The rim as bodies that can be bent: of every node a plate with its neck and its holes, half way to the nodes beside it.
+"""The rim as bendable bodies: a plate per node, with its neck and holes, reaching half way to the adjacent nodes.
 
-Plates are cut into triangles in the coordinates of the straightened strip: s along its middle line from the node, y outwards. The points
-follow the node's arms of the bent piece (see ``mechanics.arms.bent``).
+Plates are triangulated in coordinates of the straightened strip: s along its middle line from the node, y outwards. The
+points follow the node's arms of the bent piece (see ``mechanics.arms.bent``).
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ from ..mechanics.vectors import times
 from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
 
-FINEST = 0.002  # metres between points along an edge, by eye
-ROUND = 6  # points on a quarter of a hole, by eye
+FINEST = 0.002  # metres: largest distance between points along an edge; by eye
+ROUND = 6  # points on a quarter of a hole; by eye
 
 
 @dataclass(frozen=True, eq=False)
 class RimMesh:
-    """P points of all plates, each above and below, and the triangles between them.
+    """Points of all plates, each above and below, and the triangles between them; lengths in metres.
 
-    rim : whose B nodes they belong to; necks : metres, half of the width of each, which is never 0
-    node : of every point; plane : s and y of every point, metres
-    arm : 4 body + arm of the bent piece's nodes; t : as of a section; line, side : metres, flat, from the node's centre to the arm's
-        middle line and from there to the point; centre : metres, of the node, flat
-    quad : the quad of every point; triangles : counter-clockwise, above; walls : edges of the plates, material on the left
+    rim : its B nodes own the points; necks : half width of each neck, never 0
+    node : of every point; plane : s and y of every point
+    arm : 4 body + arm of the bent piece's nodes; t : as of a section
+    line, side : flat, from the node's centre to the arm's middle line, and from there to the point
+    centre : of the node, flat
+    quad : of every point; triangles : upper side, counter-clockwise; walls : edges of the plates, material on the left
     """
 
     rim: Rim
@@ -48,7 +49,7 @@ class RimMesh:
 
     @classmethod
     def of(cls, design: SpiralDesign) -> RimMesh | None:
-        """Of a design, None where it has no rim."""
+        """Build the rim of a design; None if it has no rim."""
         rim = design.rim
         if rim is None:
             return None
@@ -59,15 +60,15 @@ class RimMesh:
             parts.append((np.full(len(points), node), points, first + triangles, first + walls))
             first += len(points)
         of, plane, triangles, walls = (np.concatenate(column) for column in zip(*parts, strict=True))
-        arm, t, line, side = _followed(rim, of, plane)
+        arm, t, line, side = _arm_coordinates(rim, of, plane)
         arm += 4 * (len(design.width) + of)
         centre, quad = _flat(rim.centre)[of], rim.quad[of]
         return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
     def necked(self, design: SpiralDesign) -> RimMesh:
-        """The same faces with the necks of another design on the same rim: as wide as its arms are.
+        """Return the same faces with the necks as wide as the arms of another design on the same rim.
 
-        Beside a neck the points of the strip's inner edge make room for it in proportion.
+        Points of the strip's inner edge beside a neck move in proportion to make room.
         """
         necks = _necks(design, self.rim)
         s, y = self.plane.T
@@ -77,21 +78,21 @@ class RimMesh:
         moved = np.where(way <= old, way * new / old, np.where(way < reach, beyond, way))
         inner = y < -0.5 * self.rim.width + 1e-9
         plane = np.column_stack([np.where(inner, np.sign(s) * moved, s), y])
-        _, t, line, side = _followed(self.rim, self.node, plane)
+        _, t, line, side = _arm_coordinates(self.rim, self.node, plane)
         return replace(self, necks=necks, plane=plane, t=t, line=line, side=side)
 
     def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-        """Middle points and upward normals in space."""
+        """Return middle points, metres, and upward normals in space."""
         place, turn = arms.at(self.arm, self.t, self.line)
         return place + times(turn, self.side), turn[:, :, 2]
 
     @property
     def flat(self) -> Float[np.ndarray, "points 3"]:
-        """Metres, in the frames of the patches."""
+        """Middle points in the frames of the patches, metres."""
         return self.centre + self.line + self.side
 
     def faces(self, base: int) -> tuple[list[np.ndarray], Int[np.ndarray, " faces"]]:
-        """Triangles and walls, and their quads; the points' vertices, above and below in turn, begin at ``base``."""
+        """Return triangles and walls, and their quads; vertices, above and below in turn, begin at ``base``."""
         above = base + 2 * self.triangles
         a, b = base + 2 * self.walls.T
         walls = np.stack([a + 1, b + 1, b, a], axis=1)
@@ -100,7 +101,7 @@ class RimMesh:
 
 
 def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (n, 2) s and y of a plate, its triangles and its edges."""
+    """Return points (n, 2) s and y of a plate, its triangles and its edges."""
     import shapely
 
     ahead, behind = rim.reach[node].tolist()
@@ -126,16 +127,16 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
     a, b, c = points[triangles].transpose(1, 0, 2)
     clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
     triangles[clockwise] = triangles[clockwise, ::-1]
-    # edges of one triangle alone
+    # walls are at edges of one triangle only
     edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     known = {(a, b) for a, b in edges.tolist()}
     walls = np.array([(a, b) for a, b in edges.tolist() if (b, a) not in known])
-    # y goes outwards, to the right of s: the plate is seen from below
+    # y points to the right of s, so the plate is seen from below
     return points, triangles[:, ::-1], walls[:, ::-1]
 
 
 def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
-    """The s of all holes that reach into a plate, those beyond its ends included."""
+    """Return s of all holes that reach into a plate, including those centred beyond its ends."""
     found = []
     for sign, other in ((1.0, node), (-1.0, int(rim.before[node]))):
         if other >= 0 and rim.holes[other]:
@@ -148,13 +149,14 @@ def _bores(rim: Rim, node: int) -> Float[np.ndarray, " holes"]:
 
 
 def _necks(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
+    """Half width of every neck, metres."""
     return 0.5 * design.arms.joint_width[rim.quad, rim.side]
 
 
-def _followed(
+def _arm_coordinates(
     rim: Rim, node: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Arm of its node, t, line and side, in the flat frame, of points of plates."""
+    """Return the node's arm, t, line and side, in the flat frame, of points of plates."""
     s, y = points.T
     ahead, behind = rim.reach[node].T
     middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)
@@ -170,4 +172,5 @@ def _followed(
 
 
 def _flat(numbers: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
+    """Convert complex numbers to points at z = 0."""
     return np.stack([numbers.real, numbers.imag, np.zeros(numbers.shape)], axis=-1)

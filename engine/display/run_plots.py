@@ -1,4 +1,4 @@
-"""Which plots and maps a run has: those of the stages that have run, by the names of their files."""
+"""Plots and maps of a run, by file name, for the stages that have run."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from .plots import Colouring
 NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits", "scan", "loads", "utilisation")  # fmt: skip
 
-LEAST_ANISOTROPY = 1.0  # percent: where its scale ends at least, so that rounding is not seen as a difference
-# mm: the scale of the slots in the simulated shape reaches at least to here, the smallest one that a laser leaves
+LEAST_ANISOTROPY = 1.0  # percent: smallest end of its scale, so that rounding does not look like a difference
+# mm: smallest end of the scale of slots in the simulated shape, the narrowest slot that a laser cuts
 LEAST_SLOT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What maps show, a value for every quad; ``None`` where the stage has not run.
+    """Values per quad for maps; None if the stage has not run.
 
-    mesh : the target; corners : metres, the flat patches beside each other; sides : their outlines
-    distortion : ARAP energy; width, anisotropy, twist : mean of the arms in mm, percent as in ``spiral.anisotropy``, degrees
-    shape : metres, the simulated one; distance : mm to the target; strain : share of the material's limit
-    slot : mm, the narrowest slot beside the arms in that shape
-    utilisation : the largest share of what its arms bear, over all loads
-    kind : what limits the match, into ``reach.NAMES``
+    mesh : target; corners : metres, flat patches side by side; sides : their outlines
+    distortion : ARAP energy
+    width, anisotropy, twist : mean of the arms in mm; percent, see ``spiral.anisotropy``; degrees
+    shape : metres, simulated; distance : mm to the target; strain : share of the material's limit
+    slot : mm, narrowest slot beside the arms in that shape
+    utilisation : largest share of the arms' strength used, over all loads
+    kind : what limits the match, index into ``reach.NAMES``
     scan : mm from the scan of the built piece, negative where it does not show the spiral
     """
 
@@ -71,7 +72,13 @@ class Measured:
         scan: Comparison | None = None,
         structure: Structure | None = None,
     ) -> Measured:
-        """Of what the stages have made."""
+        """Gather the values from the results of the stages.
+
+        Parameters
+        ----------
+        mesh : target
+        flat, design, simulation, limits, scan, structure : results; None if the stage has not run
+        """
         values: dict[str, Any] = {}
         if flat is not None:
             layout = flat.layout
@@ -103,9 +110,13 @@ class Measured:
 
 
 def drawings(measured: Measured, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Every plot that there is something to show in, by name.
+    """Return all plots for which there are values, by name.
 
-    described : the report of the same run; distortion : the limit of the layout, where the scale of the distortion ends
+    Parameters
+    ----------
+    measured : values per quad
+    described : report of the same run
+    distortion : distortion limit of the layout, where its scale ends
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
     match = _match(measured, described)
@@ -114,6 +125,7 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
 
 
 def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
+    """Maps of the surface, the patches and their distortion."""
     count = len(m.mesh.quads)
     sides = np.zeros((count, 4), bool) if m.sides is None else m.sides
     if m.patch is None or m.corners is None or m.distortion is None:
@@ -130,6 +142,7 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
 
 
 def _spirals(m: Measured) -> dict[str, Drawing]:
+    """Maps of the spirals' width, twist and anisotropy."""
     if m.width is None or m.anisotropy is None or m.twist is None or m.corners is None or m.sides is None:
         return {}
     found = {}
@@ -147,6 +160,7 @@ def _spirals(m: Measured) -> dict[str, Drawing]:
 
 
 def _choices(described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """Plot of the layouts compared."""
     block = described.get("choose")
     if not block:
         return {}
@@ -156,6 +170,7 @@ def _choices(described: Mapping[str, Any]) -> dict[str, Drawing]:
 
 
 def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """Plots of the optimisation."""
     block = described.get("optimise")
     if not block or not block["history"]:
         return {}
@@ -169,6 +184,7 @@ def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
 
 
 def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """Plots of distance, strain, slots and limits of the simulated shape."""
     if m.distance is None or m.corners is None or m.sides is None:
         return {}
     found = {}
@@ -205,7 +221,7 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
 
 
 def _scan(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """The shape with the distance of the built piece's scan; grey where the scan does not show it."""
+    """Map of the distance of the built piece's scan, grey where the scan does not show the piece."""
     if m.scan is None or not (m.scan >= 0).any():
         return {}
     block = described.get("scan", {})
@@ -218,6 +234,7 @@ def _scan(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
 
 
 def _loads(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """Plots of the loads."""
     block = described.get("structure")
     if not block:
         return {}

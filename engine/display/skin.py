@@ -1,9 +1,9 @@
-"""Panels with true spirals that follow their hubs without a solver: what a page can bend by itself.
+"""Panels with true spirals that follow their hubs without a solver, so that a web page can bend them.
 
-Every section of an arm hangs on two frames: that of its hub, and that of its tip, which lies half way between the two hubs
-of its joint. In between, it moves with a share of both ("skinning", as for figures in animation). What that leaves of the
-elastic arm's true shape in the final pose (``bent``) is kept section by section, and is added in the measure in
-which an arm is bent as much as in the end. So flat panels and the final pose are exact, and all between is near.
+Every section of an arm depends on two frames: its hub's, and its tip's, half way between the two hubs of its joint; it
+moves by a weighted mean of both ("skinning" in animation). The rest of the elastic arm's true shape in the final pose
+(``bent``) is stored per section, and added in proportion to the arm's bend. So flat panels and the final pose are
+exact, and poses between are close.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ..spirals.design import SpiralDesign
 from .panel_mesh import Detail, panel_mesh
 from .rim_mesh import RimMesh
 
-# pieces of a straight arm and degrees of twist for each more, by eye: few spirals are looked at from near, and of more than MANY
-# each has some 40 pixels of a screen. It saves a fifth of the triangles, of 290 to 370 a spiral on four surfaces
+# Pieces of a straight arm and degrees of twist per further piece, by eye: few spirals are seen from near, of more than
+# MANY each has some 40 pixels. COARSE saves a fifth of the triangles, of 290 to 370 per spiral on four surfaces.
 DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """The rim of a piece: plates whose points follow a hub, sorted by its quad. Lengths in metres, seen from the hub's centre.
+    """The rim of a piece: plates whose points follow a hub, sorted by quad. Lengths in metres, from the hub's centre.
 
-    quad : of every point; flat : where it lies in the panel
-    way, up : in the hub's frame, from there to where it is in the final pose, and the strip's upward normal then
+    quad : of every point; flat : position in the panel
+    way, up : in the hub's frame, offset from there to the final pose, and the strip's upward normal then
     triangles : counter-clockwise, seen from above; walls : edges of the plates, material on the left
     """
 
@@ -44,7 +44,7 @@ class Strip:
 
     @classmethod
     def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> Strip:
-        """The plates of a rim, which end in a pose, if there is one."""
+        """Build the plates of a rim; with a pose, also their offsets in it."""
         order = np.argsort(rim.quad, kind="stable")
         new = np.empty(len(order), dtype=np.int64)
         new[order] = np.arange(len(order))
@@ -62,14 +62,14 @@ class Strip:
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Arm 4 f + k is arm k of quad f. Lengths in metres; flat is seen from the hub's centre, in the frame of its patch.
+    """Skinned panels. Arm 4 f + k is arm k of quad f. Lengths in metres; flat means from the hub's centre, in the patch's frame.
 
-    arm : of every section, from the tips to the roots; share : how far it moves with the tip
-    left, right : flat, its edges
-    tip : flat, where every arm ends; axis : radians, of its side; partner : the arm that it meets, or -1
-    way, turn : what the hub and tip frames leave, in the hub's frame: metres and rotation vectors
-    full : (A, 6) how the tip is moved against the hub in the final pose, see ``tips``
-    strip : the rim, where there is one
+    arm : of every section, from tips to roots; share : weight of the tip's frame
+    left, right : flat, edges of every section
+    tip : flat, end of every arm; axis : radians, direction of its side; partner : arm at the same joint, or -1
+    way, turn : correction in the final pose, in the hub's frame: metres and rotation vectors
+    full : (A, 6) motion of the tip relative to the hub in the final pose, see ``tips``
+    strip : the rim, if there is one
     """
 
     arm: Int[np.ndarray, " sections"]
@@ -86,7 +86,14 @@ class Skin:
 
     @classmethod
     def of(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
-        """The panels of a design, which end in a pose, if there is one."""
+        """Build the panels of a design.
+
+        Parameters
+        ----------
+        design : spirals
+        pose : final pose; None for flat panels
+        progress : called with the fraction done
+        """
         mesh = design.flat.layout.mesh
         panels = panel_mesh(design, detail_of(design), (), progress.part(0.0, 0.3))
         arm = panels.arm
@@ -112,7 +119,7 @@ class Skin:
         middle = place + times(turn, panels.sides.mean(axis=1))
         full = skin.tips(pose, (partner >= 0).astype(float))
         back = np.swapaxes(pose.rotations, 1, 2)[arm // 4]
-        # as the hub sees them
+        # in the hub's frame
         own = times(back, middle - pose.centres[arm // 4])
         turned = rotation_vector(back @ turn)
         guess, guessed = skin.followed(full)
@@ -121,9 +128,12 @@ class Skin:
         )  # fmt: skip
 
     def tips(self, pose: Pose, closed: Float[np.ndarray, " arms"]) -> Float[np.ndarray, "arms 6"]:
-        """Metres and rotation vectors: how every tip is moved against its hub, in the hub's frame.
+        """Return the motion of every tip relative to its hub, in the hub's frame: metres and rotation vectors.
 
-        closed : 1 where the tip lies half way to its partner's, 0 where it is rigid with its hub, or in between
+        Parameters
+        ----------
+        pose : of the hubs
+        closed : 1 if the tip is half way to its partner's, 0 if it is rigid with its hub, or between
         """
         quad, met = np.arange(len(self.tip)) // 4, np.flatnonzero(self.partner >= 0)
         end = pose.centres[quad] + times(pose.rotations[quad], _flat(self.tip))
@@ -137,7 +147,7 @@ class Skin:
         return out
 
     def followed(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
-        """Middles (n, 3) metres and turns (n, 3) of the sections, in their hubs' frames, between hub and tip."""
+        """Return middles (n, 3), metres, and rotation vectors (n, 3) of the sections, in their hubs' frames, interpolated to the tips."""
         middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
         way, turn = moved[self.arm, :3], moved[self.arm, 3:]
         share = self.share[:, None]
@@ -145,7 +155,14 @@ class Skin:
         return (1.0 - share) * middle + share * with_tip, share * turn
 
     def placed(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
-        """(n, 4, 3) metres: of every section the left and right edge above, then below; the page does the same."""
+        """Return for every section left and right edge above, then below, (n, 4, 3) metres; the page computes the same.
+
+        Parameters
+        ----------
+        pose : of the hubs
+        closed : see ``tips``
+        thickness : metres
+        """
         moved = self.tips(pose, closed)
         middle, turn = self.followed(moved)
         measure = self.bends(moved)[self.arm, None]
@@ -160,7 +177,14 @@ class Skin:
     def placed_strip(
         self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float
     ) -> Float[np.ndarray, "points 2 3"]:
-        """Metres: of every point of the rim its place above and below; the page does the same."""
+        """Return for every point of the rim its positions above and below, metres; the page computes the same.
+
+        Parameters
+        ----------
+        pose : of the hubs
+        closed : see ``tips``
+        thickness : metres
+        """
         assert self.strip is not None
         quad, up = self.strip.quad, np.array([0.0, 0.0, 1.0])
         bend = self._means(self.measure(self.tips(pose, closed)))[quad, None]
@@ -171,17 +195,17 @@ class Skin:
         return pose.centres[quad, None] + ends @ np.swapaxes(pose.rotations, 1, 2)[quad]
 
     def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """From 0 to 1: how much of its final bend an arm has; at a border, which no joint tells of, as much as the others of its spiral."""
+        """Share of its final bend that every arm has, 0 to 1; border arms, without a joint, take the mean of their spiral."""
         measure = self.measure(moved)
         return np.where(self.partner >= 0, measure, np.repeat(self._means(measure), 4))
 
     def _means(self, measure: Float[np.ndarray, " arms"]) -> Float[np.ndarray, " quads"]:
-        """The mean over the arms of every spiral that have a joint."""
+        """Mean over the arms with a joint of every spiral."""
         met = (self.partner >= 0).reshape(-1, 4)
         return (measure.reshape(-1, 4) * met).sum(axis=1) / np.maximum(met.sum(axis=1), 1)
 
     def measure(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
-        """From 0 to 1: how much of the arms' final bend they have."""
+        """Share of their final bend that arms with a joint have, 0 to 1."""
         size = np.linalg.norm(self.tip, axis=1)
         unit = np.concatenate([np.repeat(1.0 / size[:, None], 3, axis=1), np.ones((len(size), 3))], axis=1)
         full = self.full * unit
@@ -189,13 +213,15 @@ class Skin:
 
 
 def detail_of(design: SpiralDesign) -> Detail:
-    """How finely the spirals of a design are drawn."""
+    """Return the resolution for a design."""
     return DETAIL if len(design.width) <= MANY else COARSE
 
 
 def _flat(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"]:
+    """Add z = 0."""
     return np.c_[points, np.zeros(len(points))]
 
 
 def _about_z(angle: Float[np.ndarray, " angles"]) -> Float[np.ndarray, "angles 3 3"]:
+    """Rotation matrices about z."""
     return exponential(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=1))

@@ -1,6 +1,6 @@
-"""The cut panels as solids to look at: every arm a bar between its true edges, every hub a small plate.
+"""The cut panels as solids for display: every arm a bar between its true edges, every hub a small plate.
 
-Built arm by arm, for cutting a sheet with thousands of holes into triangles would take Blender minutes.
+They are built arm by arm, because triangulating a sheet with thousands of holes would take Blender minutes.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, Arms, edge, opposite_sides
 from .rim_mesh import RimMesh
 
-DEGREES = 9.5  # of an arm's twist between two of its steps
-# faces of all arms; beyond, steps are longer: 10,000 spirals have 2 million faces of 12 steps an arm in the place of 7 million
+DEGREES = 9.5  # degrees of an arm's twist per step
+# Largest number of faces of all arms, above which steps are longer: 10,000 spirals have 2 million faces of 12 steps per
+# arm instead of 7 million.
 MOST = 2_000_000
-DRAWN = 0.00005  # metres: how far the outlines that are drawn beside the model may stray from the true ones
+DRAWN = 0.00005  # metres: tolerance of the outlines drawn beside the model
 
 
 @dataclass(frozen=True, eq=False)
 class ArmVertices:
-    """Which vertices are the arms' points, of the lower side and of the upper one, or of the upper alone.
+    """Vertices of the arms' points, of the lower and the upper side, or of the upper side only.
 
-    edges : as ``_edges`` has them; -1 for those that are none
-    ends : of the points of caps and connectors that no edge has; arm : of each of those, 4 quad + side
+    edges : as in ``_edges``; -1 for points without a vertex
+    ends : points of caps and connectors that are not on an edge; arm : 4 quad + side of each
     """
 
     edges: Int[np.ndarray, "sides quads 4 2 steps"]
@@ -44,10 +45,10 @@ class Solid:
 
     vertices : metres
     corners : vertex of every face corner; sizes : corners per face
-    quad_of : the quad that every face belongs to
-    seam_of : the seam whose connector it is a part of, -1 for none
-    flat : whether it is only the upper side
-    arms : which vertices are the arms' points; None for other bodies
+    quad_of : quad of every face
+    seam_of : seam of the connector to which the face belongs, or -1
+    flat : whether it has the upper side only
+    arms : vertices of the arms' points; None for other bodies
     strip : the rim, whose points come last
     """
 
@@ -68,9 +69,13 @@ def light(
     most: int = 100_000,
     wound: float | None = None,
 ) -> Solid:
-    """Like ``solid``, but of many spirals only the upper side and in coarser steps, about ``most`` faces in all.
+    """Like ``solid``, but large designs get only the upper side and coarser steps, so that a window stays responsive.
 
-    So a window is not held up by them. ``wound``: radians, twist for which the steps are enough; the design's largest if not given.
+    Parameters
+    ----------
+    design, centres, tips : see ``solid``
+    most : approximate largest number of faces
+    wound : twist for which the steps suffice, radians; by default the design's largest
     """
     count, steps = len(design.width), _steps(design, DEGREES, wound)
     if count * 16 * steps <= most:
@@ -100,12 +105,18 @@ def solid(
     degrees_per_step: float = DEGREES,
     wound: float | None = None,
 ) -> Solid:
-    """All panels, every patch's origin at ``centres`` (N, 2) metres, from z = 0 up to the sheet's thickness.
+    """Build all panels as closed bodies from z = 0 up to the sheet's thickness; every edge has exactly two faces.
 
-    Every edge has exactly two faces. Arms are straight between steps of ``degrees_per_step``: with 9.5 the volume is right to
-    half a percent; where there are more than ``MOST`` faces steps are longer. For printing,
-    ``engine/fabrication/writers/solids.py`` follows the true outlines. ``tips`` are the ends of arms with connectors, in
-    their true shape.
+    For printing, ``engine/fabrication/writers/solids.py`` follows the true outlines.
+
+    Parameters
+    ----------
+    design : spirals
+    centres : (N, 2) positions of the patches' origins, metres
+    tips : ends of arms with connectors, in true shape
+    degrees_per_step : arms are straight between steps; 9.5 gives the volume to half a percent; longer above ``MOST``
+        faces
+    wound : twist for which the steps suffice, radians; by default the design's largest
     """
     layout, tips = design.flat.layout, (*tips, *design.caps)
     steps = min(_steps(design, degrees_per_step, wound), max(MOST // (16 * len(design.width)), 5))
@@ -125,7 +136,7 @@ def solid(
     sizes = np.repeat([4, 8, 3, 4], [len(loops), len(plates), len(caps), len(walls)])
     arm = np.concatenate([heads.arm, heads.arm, heads.wall_arm])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) % up // (8 * steps), arm // 4])
-    same = np.concatenate([_joined(index, cut, design), np.arange(index.size, up)])
+    same = np.concatenate([_shared_vertices(index, cut, design), np.arange(index.size, up)])
     corners = np.concatenate([same, same + up])[corners]
     used = np.zeros(2 * up, dtype=bool)
     used[corners] = True
@@ -138,7 +149,7 @@ def solid(
 
 
 def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
-    """The same with the plates of a rim, if the design has one."""
+    """Add the plates of a rim, if there is one."""
     strip = RimMesh.of(design)
     if strip is None:
         return made
@@ -160,14 +171,14 @@ def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
 
 
 def rim_points(strip: RimMesh, design: SpiralDesign, centres: np.ndarray, flat: bool) -> Float[np.ndarray, "points 3"]:
-    """The vertices of a rim in the panels, metres: above and below in turn, or above alone."""
+    """Return the vertices of a rim in the panels, metres: above and below in turn, or only above if ``flat``."""
     moved = centres[design.flat.layout.patch_of[strip.quad]]
     above = strip.flat + np.c_[moved, np.full(len(moved), design.params.thickness)]
     return above if flat else np.stack([above, above * [1.0, 1.0, 0.0]], axis=1).reshape(-1, 3)
 
 
 def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
-    """(count,) int, the seam of every face: the last ones are parts of the arms ``arm``, the others of none."""
+    """Return (count,) int, the seam of every face: the last faces belong to the arms ``arm``, the others to no seam."""
     layout = design.flat.layout
     seam = np.full(count, -1, dtype=np.int64)
     if len(arm):
@@ -177,11 +188,11 @@ def _seams(design: SpiralDesign, arm: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Heads:
-    """The ends with connectors, flat, on the vertices of their arms and on their own.
+    """Flat ends with connectors, on the vertices of their arms and on their own.
 
-    points : (n, 2) metres, their own vertices, numbered on from the arms' ones; point_arm : (n,) int
-    triangles : (T, 3) int, counter-clockwise; arm : (T,) int, of which arm, 4 quad + side
-    walls : (W, 2) int, the sides of their outlines but for those that they share with the arms; wall_arm : (W,) int
+    points : (n, 2) metres, own vertices, numbered after the arms'; point_arm : (n,) int
+    triangles : (T, 3) int, counter-clockwise; arm : (T,) int, 4 quad + side
+    walls : (W, 2) int, sides of their outlines that they don't share with arms; wall_arm : (W,) int
     """
 
     points: np.ndarray
@@ -193,13 +204,14 @@ class _Heads:
 
     @classmethod
     def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray) -> _Heads:
+        """Triangulate the ends; ``index`` numbers the arms' vertices."""
         import shapely
 
         points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
         count = index.size
         for tip, filled in zip(tips, shapely.constrained_delaunay_triangles([t.polygon for t in tips]), strict=True):
             ring = shapely.get_coordinates(tip.polygon)[:-1]
-            # the outline begins at the arm's right edge and ends at its left one
+            # the outline begins at the arm's right edge and ends at its left edge
             ends_ = index.reshape(-1, *index.shape[2:])[tip.arm, ::-1, 0]
             number = np.concatenate([ends_[:1], count + np.arange(len(ring) - 2), ends_[1:]])
             found = places(ring, shapely.get_coordinates(filled).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
@@ -222,13 +234,13 @@ class _Heads:
 
 
 def _steps(design: SpiralDesign, degrees_per_step: float, wound: float | None = None) -> int:
-    """Points along every arm's edges."""
+    """Number of points along every arm's edges."""
     most = design.twist.max(initial=0.0) if wound is None else wound
     return 5 + int(np.ceil(np.degrees(most) / degrees_per_step))
 
 
 def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence[Tip | Cap]) -> np.ndarray:
-    """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm, from the joint, or its tip, to the hub."""
+    """(F, 4, 2, steps, 2) metres: left and right edge of every arm, from the joint, or its tip, to the hub."""
     begin = design.begin.copy()
     begin.ravel()[[tip.arm for tip in tips]] = [tip.over for tip in tips]
     return (
@@ -237,33 +249,45 @@ def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence
 
 
 def arm_edges(arms: Arms, root: Hubs, begin: Float[np.ndarray, "quads 4"], steps: int) -> np.ndarray:
-    """(F, 4, 2, steps, 2) metres: the left and the right edge of every arm from its t ``begin`` to its root, in its patch's frame."""
+    """Left and right edge of every arm from parameter ``begin`` to its root, in its patch's frame.
+
+    Parameters
+    ----------
+    arms, root : of the quads
+    begin : parameter t of the ends
+    steps : points per edge
+
+    Returns
+    -------
+    (F, 4, 2, steps, 2) metres
+    """
     share, first = np.linspace(0.0, 1.0, steps), begin[..., None]
     left = edge(arms, first + (root.left[..., None] - first) * share, LEFT)[0]
     right = edge(arms, first + (np.roll(root.right, 1, axis=1)[..., None] - first) * share, RIGHT)[0]
     return np.stack([left, right], axis=2)
 
 
-def _joined(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
-    """(n,) int: for every lower vertex the one that it is the same as, for two arms end at the same two points of a joint."""
+def _shared_vertices(index: np.ndarray, blunt: np.ndarray, design: SpiralDesign) -> np.ndarray:
+    """Return (n,) int, the vertex that replaces each lower vertex: two arms share both end points at their joint."""
     same = np.arange(index.size)
     quad, side = opposite_sides(design.flat.layout.mesh)
     own = np.arange(len(index))[:, None]
     second = ~blunt & (own > quad)
     ends = index[..., 0]
-    # what is left of one arm, seen inwards, is right of the other
+    # seen inwards, left of an arm is right of the arm that it meets
     for mine, theirs in ((0, 1), (1, 0)):
         same[ends[:, :, mine][second]] = ends[quad, side, theirs][second]
     return same
 
 
 def _faces(index: np.ndarray, blunt: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
-    """Quads (n, 4) and hub plates (2 F, 8); index (F, 4, 2, steps) numbers the lower vertices, the upper ones are ``up`` on.
+    """Return quads (n, 4) and hub plates (2 F, 8).
 
-    blunt : (F, 4) bool, arms that end at a cut, where the bar shows its end
+    index : (F, 4, 2, steps) lower vertices; the upper vertices have numbers larger by ``up``
+    blunt : (F, 4) bool, arms that end at a cut, where the bar gets an end face
     """
     l0, l1, r0, r1 = index[:, :, 0, :-1], index[:, :, 0, 1:], index[:, :, 1, :-1], index[:, :, 1, 1:]
-    # the right edge lies counter-clockwise before the left one as seen from the joint inwards
+    # the right edge precedes the left edge counter-clockwise, seen from the joint inwards
     plate = np.stack([index[:, :, 1, -1], index[:, :, 0, -1]], axis=-1).reshape(len(index), 8)
     after = np.roll(index[:, :, 1, -1], -1, axis=1)
     ends = index[:, :, :, 0][blunt]

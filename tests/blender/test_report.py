@@ -310,7 +310,7 @@ def test_letters_are_those_of_blender_as_it_sets_them() -> None:
     """A whole line, made by Blender at once, has the same corners and the same area."""
     text = "RMS 0.312 mm (6.83 %), gÄW"
     letters, alone = images.glyphs(), images._set(text.replace("Ä", raster.UNKNOWN))
-    placed = raster._placed(drawing.Text((0, 0), text, 1 / 1.05), letters) * np.array([1, -1])
+    placed = raster._text_triangles(drawing.Text((0, 0), text, 1 / 1.05), letters) * np.array([1, -1])
     area = [np.abs(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])).sum() for t in (placed, alone)]
     assert area[0] == pytest.approx(area[1], rel=1e-4)
     for one, other in ((placed, alone), (alone, placed)):  # only diagonals may differ

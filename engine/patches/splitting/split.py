@@ -284,7 +284,13 @@ class Piece:
 
     @classmethod
     def of(cls, flat: FlatPatches, patch: int) -> Piece:
-        """Take a patch out of the flat patches."""
+        """Take a patch out of the flat patches.
+
+        Parameters
+        ----------
+        flat : flat patches
+        patch : its number
+        """
         quads = flat.layout.patches[patch]
         layout, edges = alone(flat.layout, quads)
         return cls(layout, edges, flat.corners[quads], int(layout.isthmus_widths()[0]))
