@@ -292,8 +292,15 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
         else:
             ideas += changes
     ideas = ideas if counted else ideas[: BASES * share]
-    made = search.together(partial(lay, search.piece), ideas, progress.part(0.0, 0.2), search.said)
-    sound = [one for one in made if one is not None and _fits(one, *_limits(search, first)) and search.unknown(one)]
+    batch = max(len(ideas), 1) if counted else share  # what is ranked has to be laid flat first
+    sound: list[Laid] = []
+    for k in range(0, len(ideas), batch):
+        if len(sound) < share:
+            some = ideas[k : k + batch]
+            made = search.together(partial(lay, search.piece), some, progress.part(0.0, 0.2), search.said)
+            sound += [
+                one for one in made if one is not None and _fits(one, *_limits(search, first)) and search.unknown(one)
+            ]
     if counted:
         sound = _ranked(search, sound)
     search.judge(sound[:share], progress.part(0.2, 1.0))
@@ -329,12 +336,12 @@ def _better(search: Search, most: int) -> list[Laid]:
 
 def _undecided(search: Search) -> list[Laid]:
     """Return the nearest layout of those that had one long search, where another one decides whether it is taken."""
-    nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.rms, default=None)
+    nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.eased, default=None)
     if nearest is None:
         return []
     whole = next((one.rms for one in search.proved.values() if one.share >= WHOLE), 0.0)
-    may_hold = nearest.rms <= CLOSE * search.params.match / 100.0
-    return [nearest.laid] if may_hold or (nearest.eased > WORTH * whole and nearest.rms <= CLOSE * whole) else []
+    may_hold = nearest.eased <= CLOSE * search.params.match / 100.0
+    return [nearest.laid] if may_hold or WORTH * whole < nearest.eased <= CLOSE * whole else []
 
 
 def _fill_gaps(search: Search, progress: Progress) -> None:
