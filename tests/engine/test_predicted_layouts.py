@@ -103,6 +103,42 @@ def test_an_optimised_layout_stays_unless_another_comes_nearer(
     assert pick(search, sorted(judged, key=search.key), laid[given]).laid.panels == panels
 
 
+@pytest.mark.parametrize(
+    ("rms", "strain", "again"),
+    [
+        (0.019, 0.5, True),  # nearer, by less than its joints are worth
+        (0.015, 0.5, False),  # nearer by enough
+        (0.0125, 0.5, True),  # may hold 1 %
+        (0.03, 0.5, False),
+        (0.019, 1.5, False),  # far once its strains are borne
+    ],
+)
+def test_a_second_search_is_for_layouts_that_it_may_decide_on(
+    layouts: tuple[Piece, list[Laid]], rms: float, strain: float, again: bool
+) -> None:
+    """The given layout was optimised and came to 2 %."""
+    piece, (six, three, _) = layouts
+    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    found = replace(_judged(six, rms, LONG), strain=strain)
+    for laid, one in ((three, _judged(three, 0.02, WHOLE)), (six, found)):
+        search.known[key(laid)] = search.proved[key(laid)] = one
+    assert choosing._undecided(search) == ([six] if again else [])
+    assert found.proved == (strain <= 1.0)
+
+
+def test_layouts_are_searched_for_that_are_expected_to_be_better(layouts: tuple[Piece, list[Laid]]) -> None:
+    piece, (six, three, two) = layouts
+    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    for laid, rms in ((six, 0.015), (three, 0.03), (two, 0.02)):
+        search.known[key(laid)] = _judged(laid, rms, 0.0)
+    search.proved[key(two)] = _judged(two, 0.02, WHOLE)
+    assert choosing._better(search, 2) == [six]
+    search.proved[key(six)] = _judged(six, 0.03, LONG)
+    assert choosing._better(search, 2) == []
+    search.expect([search.proved[key(two)]])
+    assert search.expected == 1.0 and search.distance(search.known[key(three)]) == 0.03
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
 def test_the_first_of_many_layouts_go_from_end_to_end(count: int) -> None:
     ordered: list[Any] = list(range(count))
