@@ -233,7 +233,7 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     right = np.roll(edge(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
     right -= root.centre
     begin = np.arctan2(left[..., 1], left[..., 0])
-    # always turn right
+    # the fillet always turns to the right
     turn = -((begin - np.arctan2(right[..., 1], right[..., 0])) % (2.0 * np.pi))
     turn = np.where(turn < -1.5 * np.pi, 0.0, turn)
     angle = begin[..., None] + turn[..., None] * (np.arange(1, points + 1) / (points + 1))
@@ -332,7 +332,11 @@ class Heads:
         )
 
     def faces(self, first: np.ndarray, base: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Return triangles and walls, and their quads; ``first`` (A,) are the arms' first sections, ``base`` the first vertex."""
+        """Return triangles and walls, and the quad of each.
+
+        first : (A,) first section of every arm
+        base : number of the connectors' first vertex
+        """
         # upper right and left vertices of the arm's end
         known = np.stack([4 * first[self.ends] + 1, 4 * first[self.ends]], axis=1)
 

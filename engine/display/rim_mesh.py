@@ -26,12 +26,13 @@ ROUND = 6  # points on a quarter of a hole; by eye
 class RimMesh:
     """Points of all plates, each above and below, and the triangles between them; lengths in metres.
 
-    rim : its B nodes own the points; necks : half width of each neck, never 0
-    node : of every point; plane : s and y of every point
-    arm : 4 body + arm of the bent piece's nodes; t : as of a section
+    rim : the rim with B nodes; necks : half width of each node's neck, never 0
+    node : node of every point; plane : s and y of every point
+    arm : 4 body + arm, the arm of the bent piece that every point follows; t : parameter along that arm
     line, side : flat, from the node's centre to the arm's middle line, and from there to the point
-    centre : of the node, flat
-    quad : of every point; triangles : upper side, counter-clockwise; walls : edges of the plates, material on the left
+    centre : of the point's node, flat
+    quad : quad of every point; triangles : upper side, counter-clockwise; walls : edges of the plates, material on the
+        left
     """
 
     rim: Rim
@@ -156,7 +157,7 @@ def _necks(design: SpiralDesign, rim: Rim) -> Float[np.ndarray, " nodes"]:
 def _arm_coordinates(
     rim: Rim, node: Int[np.ndarray, " n"], points: Float[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the node's arm, t, line and side, in the flat frame, of points of plates."""
+    """Express points of plates relative to their node's arms: arm, t, line and side, see ``RimMesh``, in the flat frame."""
     s, y = points.T
     ahead, behind = rim.reach[node].T
     middle, way = np.zeros(len(s), dtype=complex), np.zeros(len(s), dtype=complex)

@@ -250,7 +250,7 @@ class PatchLayout:
         return self._split_runs(self._runs((self.cut_degree == 2) & ~mesh.on_border & ~mesh.irregular))
 
     def _split_runs(self, run_of: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return the edges of every run."""
+        """Return the edges of every run; ``run_of`` numbers the run of each cut edge."""
         ids = np.flatnonzero(self.cut)
         if not len(ids):
             return ()

@@ -140,7 +140,7 @@ class QuadMesh:
 
     @cached_property
     def border(self) -> Bool[np.ndarray, " edges"]:
-        """Edges with a quad on one side only."""
+        """Mask of the edges with a quad on one side only."""
         return (self.edge_quads < 0).any(axis=1)
 
     @cached_property
@@ -150,7 +150,7 @@ class QuadMesh:
 
     @cached_property
     def on_border(self) -> Bool[np.ndarray, " vertices"]:
-        """Vertices on the border."""
+        """Mask of the vertices on the border."""
         mask = np.zeros(len(self.vertices), dtype=bool)
         mask[self.edges[self.border].ravel()] = True
         return mask
@@ -208,5 +208,5 @@ class QuadMesh:
 
     @cached_property
     def normals(self) -> Float[np.ndarray, "quads 3"]:
-        """Unit normals."""
+        """Unit normal of every quad."""
         return self.area_vectors / np.maximum(self.areas, 1e-300)[:, None]

@@ -166,7 +166,7 @@ def _refit(mesh: QuadMesh, points: np.ndarray, tree: cKDTree, matrix: np.ndarray
 
 
 def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
-    """Return the image of every edge; None if two vertices joined by an edge have images that are not."""
+    """Return the edge between the images of every edge's ends; None if any of these edges does not exist."""
     n = len(mesh.vertices)
     ends = np.sort(image[mesh.edges], axis=1)
     keys = mesh.edges[:, 0].astype(np.int64) * n + mesh.edges[:, 1]
@@ -176,7 +176,7 @@ def _edge_images(mesh: QuadMesh, image: np.ndarray) -> np.ndarray | None:
 
 
 def _quad_images(mesh: QuadMesh, edges: np.ndarray) -> Int[np.ndarray, " quads"] | None:
-    """Return for every quad the quad on the images of its edges; None if a quad has no such image."""
+    """Return the quad on the images of every quad's edges; None if any of these quads does not exist."""
     own, images = np.sort(mesh.quad_edges, axis=1), np.sort(edges[mesh.quad_edges], axis=1)
     first, second = np.lexsort(own.T), np.lexsort(images.T)
     if (own[first] != images[second]).any():

@@ -123,7 +123,7 @@ def isthmus_width(outline: Complex[np.ndarray, " points"], rim: Bool[np.ndarray,
 
 
 def _between(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return whether directions lie counter-clockwise between two others."""
+    """Return whether ``middle`` lies counter-clockwise between ``first`` and ``last``, all plane vectors."""
     turn, one, two = _cross(first, last), _cross(first, middle) > 0, _cross(middle, last) > 0
     return np.where(turn > 0, one & two, one | two)
 

@@ -34,7 +34,7 @@ SOLVES = 10.0  # mean number of solves of a flattening
 # Largest ratio of the outline behind an isthmus to its width; a rectangle four times as long as wide has 5. On seven
 # surfaces 3.5 gives 46 patches instead of 44, 8 gives as many as 5 with narrower necks.
 BOTTLENECK = 5.0
-NOTHING = np.zeros(0, dtype=np.int64)  # no edges
+NOTHING = np.zeros(0, dtype=np.int64)  # empty array of edges
 
 
 @dataclass(frozen=True, eq=False)

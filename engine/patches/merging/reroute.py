@@ -26,9 +26,9 @@ SLIDES = (0, 2, 5)  # numbers of edges that the ends of a seam may move along th
 
 @lru_cache(maxsize=4)
 def bends(mesh: QuadMesh) -> csr_array:
-    """Cost of continuing from a directed edge to the next, in median edges, for its length and the bend; (2 E, 2 E).
+    """(2 E, 2 E) cost of continuing from a directed edge to the next, in median edges: its length and the bend.
 
-    Directed edge e runs from the smaller to the larger vertex of edge e, E + e in reverse.
+    Directed edge e runs from the smaller to the larger vertex of edge e, directed edge E + e the other way.
     """
     count = len(mesh.edges)
     first = mesh.edges[:, 0].tolist()

@@ -183,7 +183,7 @@ class Sketcher:
     def rotations(
         self, parents: list[Piece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
-        """Return start rotations of a merged patch: the parents' rotations, rotated to fit along the opened edges."""
+        """Return rotations from which flattening a merged patch starts: the parents', turned to fit along the opened edges."""
         mesh, place = self.mesh, self.place
         place[quads] = np.arange(len(quads))
         rotation = np.empty((len(quads), 4), dtype=complex)

@@ -175,7 +175,7 @@ def _widths(points: Float[np.ndarray, "samples 2"]) -> np.ndarray:
 
 
 def _ratios(width: np.ndarray, box: np.ndarray, rotation: str) -> Float[np.ndarray, "directions 2 patches"]:
-    """Extents over the sheet's, across and along, for widths (ANGLES, N), in the allowed directions."""
+    """Extents (ANGLES, N) divided by the sheet's, across and along it, for the directions that ``rotation`` allows."""
     height = np.roll(width, -ANGLES // 2, axis=0)
     both = np.stack([width / box[0], height / box[1]], axis=1)
     if rotation == "FREE":

@@ -35,7 +35,7 @@ class Finding:
         return self.severity == "error"
 
     def as_dict(self) -> dict[str, Any]:
-        """For report.json."""
+        """Return the fields for report.json."""
         return {"code": self.code, "severity": self.severity, "message": self.message, "faces": list(self.faces)}
 
 
@@ -80,7 +80,7 @@ def counted(n: int, one: str, many: str) -> str:
 
 
 def named(faces: Any) -> str:
-    """For example "3 faces (4, 7, 12)"; long lists are cut short."""
+    """Return for example "3 faces (4, 7, 12)"; long lists are cut short."""
     faces = np.asarray(faces)
     shown = ", ".join(str(f) for f in faces[:5].tolist())
     return f"{counted(len(faces), 'face', 'faces')} ({shown}{', ...' if len(faces) > 5 else ''})"

@@ -120,7 +120,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
         with np.errstate(over="ignore"):
             scale = float(np.ldexp(1.0, power))
         if middle > 0 and not SIZES[0] <= middle * scale <= SIZES[1]:
-            text = f"The edges measure {middle * scale * 1e3:.3g} mm, which is no size to cut: scale the mesh to the quad edge that is wanted"
+            text = f"The edges measure {middle * scale * 1e3:.3g} mm, which cannot be cut: scale the mesh to the quad edge you want"
             return [*found, finding("size", text)]
     else:
         scale = edge / middle
@@ -208,7 +208,7 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
 
 
 def _inside_out(polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vectors: np.ndarray) -> list[Finding]:
-    """Closed bodies with a negative volume."""
+    """Report closed bodies with a negative volume, whose normals point inwards."""
     starts = np.cumsum(polygons.sizes) - polygons.sizes
     p = np.asarray(polygons.vertices, float)
     centre = np.add.reduceat(p[polygons.corners], starts, axis=0) / polygons.sizes[:, None]

@@ -79,7 +79,8 @@ def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report doubled border vertices and T-junctions."""
     found = []
     label = doubled(mesh, sides)
-    if joinable(mesh, label) is not None:  # if welding makes the mesh worse, parts of the surface merely meet there
+    # otherwise parts of the surface merely meet there, and welding them would add faults
+    if joinable(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
         text = f"{counted(len(on), 'vertex lies', 'vertices lie')} doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"

@@ -1,1 +1,1 @@
-"""Readers and writers of mesh files."""
+"""Readers of mesh files: OBJ, OFF, PLY, STL."""

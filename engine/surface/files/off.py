@@ -46,7 +46,8 @@ def parse_off(data: bytes, name: str) -> RawMesh:
         way(_vertices_by_word, _faces_over_lines),
         way(_vertices_by_word, _faces_by_word),
     ]
-    if not _face_fills_its_line(head, rows):  # then the error message comes from the way that allows for it
+    # read by line last, so that errors are reported for faces that span several lines
+    if not _face_fills_its_line(head, rows):
         ways.append(ways.pop(0))
     return first_that_fits(ways)
 

@@ -13,7 +13,7 @@ TURNED = (
     # 1.8, a zigzag by 0.5
     1.2
 )
-MANY = 1.3  # meshes with more than this factor of the triangles needed are simplified first
+MANY = 1.3  # meshes with more than this many times the triangles needed are simplified first
 
 
 def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:

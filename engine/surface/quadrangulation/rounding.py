@@ -8,7 +8,7 @@ from ...arrays import Float, Int
 from .separation import Apart
 
 SURE = 0.02  # values this near to integers are rounded together
-FAR = 3.0  # largest change of an integer
+FAR = 3.0  # largest change of an integer when pairs are separated
 # limit on the solver's nodes, not seconds, so that a mesh always gives the same map; of 83 maps of 24 meshes 65 took at
 # most 7, the others over 40
 NODES = 10

@@ -329,7 +329,7 @@ class Maps:
 
     @cached_property
     def _schur(self) -> tuple[np.ndarray, np.ndarray]:
-        """Matrix and right side (for an edge of 1 m) of the energy in the integers, minimised over all other unknowns."""
+        """Matrix and right side, for an edge of 1 m, of the energy as a function of the integers alone, all else optimal."""
         weighted = diags_array(self._weight) @ self._whole
         cross = (self._free.T @ weighted).toarray()
         solved = self._factor.solve(cross) if cross.size else cross
@@ -342,7 +342,7 @@ class Maps:
         return np.linalg.solve(matrix, right)
 
     def energy(self, edge: float) -> tuple[Float[np.ndarray, "whole whole"], Float[np.ndarray, " whole"]]:
-        """Return matrix and right side of the energy in the integers, minimised over all other unknowns; ``edge`` in metres."""
+        """Return matrix and right side of the energy as a function of the integers alone, all else optimal; ``edge`` in metres."""
         matrix, right = self._schur
         count = len(right)
         return matrix + np.eye(count) * (1e-9 * max(float(np.trace(matrix)) / max(count, 1), 1e-300)), right / edge

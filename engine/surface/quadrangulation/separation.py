@@ -99,7 +99,8 @@ class _NeighbourWalk:
         )
         self._held, self._any_held = held.tolist(), held.any(axis=1).tolist()
         self._uv = maps.map(edge, self.relaxed).reshape(-1, 2).tolist()
-        other = self.mesh.opposite.reshape(-1, 3)  # at the border this is the last triangle, to which no walk goes
+        # opposite is -1 at the border, which selects the last triangle; no walk crosses the border
+        other = self.mesh.opposite.reshape(-1, 3)
         self._way = np.linalg.norm(middles[other // 3] - middles[:, None], axis=2).ravel().tolist()
         self.found: dict[bytes, tuple[np.ndarray, float]] = {}
         self._rows: dict[int, np.ndarray] = {}
@@ -154,7 +155,7 @@ class _NeighbourWalk:
                     self._note(row if way[c] > 0 else -row, 1.0)
 
     def _difference(self, corner: int, h: int, frame: int) -> np.ndarray:
-        """(2, whole): the coordinates of a corner relative to the start of the walk, in the integers."""
+        """(2, whole): offset of a corner from the start of the walk, as factors of the map's integers."""
         turn, shift = self._frames[frame]
         return turn @ self._row(h) + shift - self._row(corner)
 
@@ -170,7 +171,7 @@ class _NeighbourWalk:
         self.found.setdefault((np.round(row, DIGITS) + 0.0).tobytes(), (row, least))
 
     def _row(self, h: int) -> np.ndarray:
-        """(2, whole): u and v of a corner in the integers."""
+        """(2, whole): u and v of a corner as factors of the map's integers."""
         wedge = self._wedge[h]
         if wedge not in self._rows:
             self._rows[wedge] = self.whole[2 * wedge : 2 * wedge + 2].toarray().astype(np.int64)

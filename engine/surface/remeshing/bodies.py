@@ -133,7 +133,7 @@ def is_closed(mesh: PolygonMesh) -> bool:
 
 
 def is_clean(mesh: PolygonMesh) -> bool:
-    """Return whether the mesh is one orientable body, at most two faces per edge, one fan per vertex, consistently oriented."""
+    """Return whether the mesh is one oriented manifold body: at most two faces per edge, one fan per vertex, two sides."""
     sides = sides_of(mesh)
     if not len(mesh.sizes) or np.bincount(sides.edge).max() > 2 or len(split_vertices(mesh, sides)):
         return False

@@ -16,7 +16,7 @@ AT_CORNER = 0.5  # in quad edges: a quad corner within this distance goes to the
 
 
 def split(polygons: PolygonMesh) -> PolygonMesh:
-    """Every polygon in quads from its middle, one at each corner, as in the first step of Catmull and Clark."""
+    """Split every polygon into quads round its middle, one per corner, as in the first Catmull-Clark step."""
     sides, starts = sides_of(polygons), np.cumsum(polygons.sizes) - polygons.sizes
     corners, face = polygons.vertices[polygons.corners], sides.face
     middles = np.add.reduceat(corners, starts, axis=0) / polygons.sizes[:, None]

@@ -228,7 +228,11 @@ def bends(corners: Float[np.ndarray, "quads 4 3"]) -> Float[np.ndarray, " quads"
 def _press_flat(
     mesh: QuadMesh, points: np.ndarray, allowed: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Press quads flat until their corners are within ``allowed(corners, distance from the plane)`` of their plane."""
+    """Press quads flat until no corner is farther from its quad's plane than allowed.
+
+    allowed : function of corners (quads, 4, 3) and their signed distance (quads,) that returns the distance allowed,
+        metres
+    """
     signs = np.array([1.0, -1.0, 1.0, -1.0])
     for _ in range(100):
         p = points[mesh.quads]

@@ -106,13 +106,13 @@ def requad(
     """
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
-        raise FlexMapsError("The mesh has no faces, or corners without a place; give it some, or delete those")
+        raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
     mesh = welded(mesh).in_order()
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
     triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
     if triangles is None or not len(triangles.sizes):
-        raise FlexMapsError("The faces of the mesh have no area; give it some that have")
+        raise FlexMapsError("The faces of the mesh have no area; choose an object whose faces have some")
     parts, found = parts_of(triangles, tool, progress)
     areas = np.array([target_of(part).area for part in parts])
     share = count * areas / areas.sum()

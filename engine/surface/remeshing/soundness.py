@@ -25,8 +25,8 @@ LOST = 3
 # two sides, and QuadriFlow with few quads closes it: an open half ball came back with 1.47 to 1.66, results that kept
 # their border with 0.92 to 0.97.
 DOUBLED = 1.2
-# In quad edges: a quad fills a hole if all its corners are this near the border and its middle is off the surface, or
-# if it faces the other way.
+# In quad edges: a quad fills a hole if all its corners are this near the border and, besides, its middle is off the
+# surface or its back faces outwards.
 AT_BORDER = 0.6
 FILLING = 0.1  # in quad edges: distance between surface and middle of a quad above which the quad fills a hole
 
