@@ -64,7 +64,10 @@ class Track:
 
 
 class Actors(Protocol):
-    """Points that follow the poses of the hubs, and the quad of each."""
+    """Interface of objects in a film: points whose positions follow from the poses of the hubs.
+
+    vertex_quad : the quad to which each point belongs
+    """
 
     @property
     def vertex_quad(self) -> np.ndarray: ...
@@ -213,7 +216,7 @@ class _Reel:
 
 
 class _Shooting:
-    """State of the film while it is made: poses of all hubs, and what was last recorded of every panel."""
+    """State of the film while it is made: poses of all hubs, and the last recorded shape of every panel."""
 
     def __init__(self, design: SpiralDesign, actors: Actors, table: np.ndarray, size: float):
         self.design, self.actors, self.size = design, actors, size
@@ -307,9 +310,9 @@ class _Shooting:
         return out
 
     def _pieces(self, blend: Blend) -> tuple[np.ndarray, np.ndarray]:
-        """Return (N,) each the numbers of linear pieces for every panel's bending and for its motion, powers of two.
+        """Return two arrays (N,), powers of two: how many linear pieces approximate every panel's bending and motion.
 
-        The path of a point is evenly curved: in n pieces the deviation is 1 / n^2 of that of the whole path.
+        The path of a point is evenly curved: divided into n pieces, its deviation from straight lines falls to 1 / n^2.
         """
         poses = (blend.start, blend.at(0.5), blend.end)
         bending = np.zeros(len(self.reels))
@@ -347,7 +350,7 @@ class _Shooting:
         """
         for time, turns, places in moments:
             low = min(float(places[p, 2] + lowest(self.reels[p].shape(time), turns[p])) for p in panels)
-            # a little higher, because motion is only approximately linear
+            # add a small margin, because shapes between the recorded moments are interpolated
             self.lift = max(0.0, self.ground + STRAIGHT * self.edge - low)
             if stands and time == moments[-1][0]:
                 self.lift = 0.0
@@ -362,7 +365,8 @@ class _Shooting:
         self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
 
     def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Return rotations (N, 3, 3) and positions (N, 3), metres, of the panels that fit what was last recorded best.
+        """Return the rotations (N, 3, 3) and positions (N, 3), metres, that fit the last recorded panels to a pose
+        best.
 
         Hubs are compared with their axes, because even hubs in a row define an orientation then.
         """

@@ -21,7 +21,10 @@ class Hubs:
 
     @property
     def reach(self) -> float:
-        """Metres to the joints, so that no part of a panel goes below the table."""
+        """Metres from the centre to the axis points, about as far as the joints.
+
+        So the points stand for a whole panel, none of which may go below the table.
+        """
         return 0.5 * self.design.flat.layout.mesh.median_edge
 
     @property

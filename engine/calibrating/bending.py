@@ -9,14 +9,14 @@ The clamp also prevents the strip from bending across near it, as if it were sho
 measured on solids of widths from 5 to 12 thicknesses and Poisson's ratios from 0.2 to 0.42, see
 ``database/coupons.py``.
 
-The measured value is the change of height when the weight is added, so neither own sag nor initial curvature counts.
-The linear limit F L^3 / (3 E I) is 1.1 % too large at a sag of a tenth of the length, and 4 % at a fifth.
+The measured value is the change of height when the weight is added, so own sag and initial curvature cancel. The linear
+limit F L^3 / (3 E I) is 1.1 % too large at a sag of a tenth of the length, and 4 % at a fifth.
 
 Spiral: the tips of the four arms are held in their frame and the hub sinks without turning, because the spiral has
-fourfold symmetry. Each arm carries a quarter of the weight with the stiffness of ``mechanics/arms/stiffness.py``, the
-program's own table from finite elements: with its compliance C, the wrench is K u with K = C^-1 for the tip's motion u
-relative to its hub. This is linear: a solid whose arms' ends are held at every point sags less by 0 to 2 %, and by 1 to
-3 % at up to 1.5 thicknesses.
+fourfold symmetry. Each arm carries a quarter of the weight. Its stiffness K = C^-1 is the inverse of the compliance
+from ``mechanics/arms/stiffness.py``, the program's own table from finite elements; it turns the motion u of the tip
+relative to the hub into the wrench K u. This is linear: a solid whose arms' ends are held at every point sags less by 0
+to 2 %, and by 1 to 3 % at up to 1.5 thicknesses.
 """
 
 from __future__ import annotations

@@ -84,11 +84,11 @@ class Readings:
         weights = _numbers(spiral_weight, "spirals' weights")
         both = [_numbers(pair, "spirals' sags") for pair in pairs]
         if any(len(pair) != 2 for pair in both) or len(weights) not in (0, 2):
-            raise FlexMapsError("Of spirals give two numbers, of A and of B")
+            raise FlexMapsError("Give two numbers for the spirals, one for A and one for B")
         one = {name: _numbers(value, name.replace("_", " ")) for name, value in
                (("clearance", clearance), ("strip_weight", strip_weight), ("strip_mass", strip_mass))}  # fmt: skip
         if any(len(value) > 1 for value in one.values()):
-            raise FlexMapsError("Of the clearance, the strip's weight and its mass give one number each")
+            raise FlexMapsError("Give one number each for the clearance, the strip's weight and its mass")
         first = {name: value[0] if value else None for name, value in one.items()}
         return cls(
             _numbers(kerf_comb, "kerf comb"), first["clearance"], kind, _numbers(thickness, "thickness"),
@@ -137,8 +137,7 @@ class Calibration:
     """Results in SI units; None if not measured.
 
     strip, spirals : Young's modulus by each, Pa
-    youngs : modulus that counts, Pa
-    believed : which of them counts, and why
+    youngs, believed : the modulus to use, Pa, and which of them it is and why
     warnings : sentences about contradictions
     settings : "section.name" -> value for ``params.changed``, only measured settings
     """
@@ -190,7 +189,7 @@ def calibrate(made: Coupons, readings: Readings) -> Calibration:
     wider_arms = made.kerf_holes - kerf.value if kerf is not None else 0.0
     if kerf is not None and wider_arms <= -made.spirals[0].width:
         raise FlexMapsError(
-            f"With a kerf of {kerf.value * 1e3:.2f} mm nothing of the spirals would be left; measure the gap again"
+            f"A kerf of {kerf.value * 1e3:.2f} mm would leave nothing of the spirals' arms; measure the gap again"
         )
     thickness = _mean(readings.thickness, RULER) if readings.thickness else None
     as_cut = made if thickness is None else replace(made, thickness=thickness.value)
@@ -227,8 +226,8 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
     for x in readings.thickness:
         if not 0.5 < x / made.thickness < 2.0:
             raise FlexMapsError(
-                f"A sheet of {x * 1e3:g} mm is no sheet of {made.thickness * 1e3:g} mm, for which the pieces were drawn; "
-                "make the calibration sheet for it"
+                f"The pieces were drawn for a sheet of {made.thickness * 1e3:g} mm, but {x * 1e3:g} mm was measured; "
+                "make a calibration sheet for this thickness"
             )
 
 
@@ -265,7 +264,7 @@ def _clearance(
     """Return the clearance to use, with warnings if it is within its error."""
     if readings.clearance is None:
         return None
-    # without a measured kerf, the drawn kerf counts
+    # without a measured kerf, use the kerf for which the sheet was drawn
     gap = readings.clearance - wider
     error = math.hypot(strays, RULER if kerf is None else 0.0)
     if kerf is not None and gap < -SURE * error - 1e-6:
@@ -334,7 +333,7 @@ def _contradict(one: Measured, other: Measured) -> bool:
 def _choose_modulus(
     strip: Measured | None, spirals: Measured | None, warnings: list[str]
 ) -> tuple[Measured | None, str]:
-    """Return the modulus that counts, and the reason."""
+    """Return the modulus from the strip, the spirals or both, and the reason for this choice."""
     if strip is None or spirals is None:
         one = strip or spirals
         if one is None:
@@ -379,7 +378,9 @@ def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str
     try:
         changed(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
     except FlexMapsError as error:
-        raise FlexMapsError(f"What was measured is no setting: {error}; check the units") from None
+        raise FlexMapsError(
+            f"The measured values are outside the range of the settings: {error}; check the units"
+        ) from None
     return values
 
 

@@ -14,8 +14,9 @@ from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon
 CELLS, CELL = 10, 0.01
 # clearances of the ladder in mm, around those usual for lasers and printers
 STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)
-# Dimensions of the spirals in thicknesses: diameter, and widths of the arms of A and B. Half a turn makes arms bend and
-# twist as in pieces. All are within the range of the stiffness table. The intended sag is half a thickness
+# Dimensions of the spirals in thicknesses: diameter, and widths of the arms of A and B. A twist of half a turn bends
+# and twists the arms as in real pieces. All values are within the range of the stiffness table. The intended sag is
+# half a thickness
 SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
 MILLS = 1.5  # maximum diameter of a mill in thicknesses: wider mills do not fit around the ends of spiral B's arms
 KERFS = 4.0  # minimum width of an arm in kerfs; otherwise variation of the kerf would dominate its stiffness

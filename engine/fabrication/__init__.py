@@ -1,1 +1,1 @@
-"""From a design to what is cut or printed: connectors, labels, kerf, tool paths, nesting, sheets and their files."""
+"""From a design to files for cutting or printing: connectors, labels, kerf, toolpaths, nesting and sheets."""

@@ -37,7 +37,7 @@ class Part:
     design : its spirals
     sheets : the sheets of a single copy by itself
     figures : mass, time and cost of a single copy
-    assembly : ``AssemblyCheck``, None without one
+    assembly : ``AssemblyCheck`` of its seams, or None
     """
 
     name: str
@@ -45,7 +45,7 @@ class Part:
     sheets: CutSheets
     material: Material
     figures: Estimates
-    assembly: Any = None  # assembling.check.AssemblyCheck
+    assembly: Any = None  # an ``assembling.check.AssemblyCheck``
     copies: int = 1
 
 
@@ -72,9 +72,9 @@ class Batch:
         return [seam_name(copy) for copy, k in enumerate(self.of) if k == part]
 
     def seen_by(self, part: int) -> CutSheets:
-        """Return the common sheets for the assembly sheet of one part.
+        """Return the common sheets as the assembly sheet of one part needs them.
 
-        Panels of other parts lose their patch number, and the joints are those of the part.
+        Only panels of this part keep their patch number; connectors and narrowest widths are taken from the part.
         """
         panels = tuple(p if self.of[p.piece] == part else replace(p, patch=-1) for p in self.sheets.panels)
         own = self.parts[part].sheets
@@ -137,7 +137,7 @@ def _refuse_unlike(parts: Sequence[Part]) -> None:
     count = sum(part.copies * len(part.design.flat.layout.patches) for part in parts)
     if count > MOST:
         raise FlexMapsError(
-            f"{count} panels are too many for common sheets, which take up to {MOST}; make them in several goes"
+            f"{count} panels are too many for common sheets, which take up to {MOST}; export them in several batches"
         )
     first = parts[0]
     for part in parts[1:]:

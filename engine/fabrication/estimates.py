@@ -22,13 +22,15 @@ class CutSpeed:
     source: str
 
     def at(self, thickness: float) -> float:
-        """Return the speed in m/s for a thickness in metres, at most what a machine reaches along small curves."""
+        """Return the speed in m/s for a thickness in metres, at most ``FASTEST``, which limits machines along small
+        curves.
+        """
         return min(self.at_3mm * 0.003 / thickness, FASTEST)
 
 
 FASTEST = 0.06  # m/s
 CONTOUR = 0.4  # seconds per contour for moving there and piercing
-ENGRAVING = 0.1  # m/s along the strokes of a label
+ENGRAVING = 0.1  # m/s while engraving the strokes of a label
 _TABLE = "teaching material of a certified laser course, 60 W CO2: cast acrylic 3 mm 10-15 mm/s, 6 mm 5-8; birch plywood 3 mm 12-18, 6 mm 5-8; MDF 3 mm 15-20"
 # by material, with the source of each speed
 SPEEDS: dict[str, CutSpeed] = {
@@ -37,7 +39,8 @@ SPEEDS: dict[str, CutSpeed] = {
     "mdf": CutSpeed(0.0175, _TABLE),
     "pom": CutSpeed(0.0125, "taken as acrylic, which it cuts like; no table at hand names it"),
 }
-# FlexMaps table 1 gives 0.25 h (Shell) to 7.5 h (Bunny) for objects with about 70 to 700 joints: 12 to 80 s each
+# Seconds per joint. FlexMaps, table 1, gives 0.25 h (Shell) to 7.5 h (Bunny) for objects with about 70 to 700 joints:
+# 12 to 80 s each
 JOINT = 45.0  # seconds
 
 

@@ -226,7 +226,7 @@ def engraved(
 
 
 def along_grain(design: SpiralDesign, params: SheetParams) -> float:
-    """Return the angle (radians) that turns panels from the grain of the design to that of the sheet."""
+    """Return the angle in radians by which panels are turned so that their grain runs along the sheet's grain."""
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 

@@ -1,1 +1,1 @@
-"""The built piece, scanned, beside the shape that was predicted."""
+"""Comparison of the built, scanned piece with its predicted shape."""

@@ -138,7 +138,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     rms = float(np.sqrt(np.nanmean(distances**2)))
     if rms > MAX_RMS:
         raise FlexMapsError(
-            f"The scan lies RMS {100 * rms:.1f} % of the size from the piece where it comes nearest; is it another object, "
+            f"Even at its best fit the scan is {100 * rms:.1f} % of the size (RMS) away from the piece; is it another object, "
             "in another unit, or did the piece snap into another shape?"
         )
     return Comparison(

@@ -51,7 +51,7 @@ def read(path: str | Path, unit: str = "", anywhere: bool = True) -> Scan:
     if unit not in ("", *UNITS):
         raise FlexMapsError(f"'{unit}' is no unit of a scan; give {', '.join(UNITS)}")
     if os.path.isdir(path) or suffix not in PARSERS:
-        raise FlexMapsError(f"{path} is no scan that can be read; save it as {', '.join(SUFFIXES)}")
+        raise FlexMapsError(f"{path} is not a readable scan; save it as {', '.join(SUFFIXES)}")
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -79,9 +79,7 @@ def _points(raw: RawMesh, name: str) -> Float[np.ndarray, "points 3"]:
     first, step = np.array(fans).T
     triangles = np.column_stack([raw.corners[first], raw.corners[first + step], raw.corners[first + step + 1]])
     if triangles.min() < 0 or triangles.max() >= len(raw.vertices):
-        raise FlexMapsError(
-            f"{name}: a face refers to a vertex that is not there; it may be cut short, export it again"
-        )
+        raise FlexMapsError(f"{name}: a face refers to a missing vertex; the file may be incomplete, export it again")
     corners = raw.vertices[triangles]
     with np.errstate(invalid="ignore", over="ignore"):
         areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

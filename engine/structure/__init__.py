@@ -1,1 +1,1 @@
-"""What a piece bears: load cases, how far it gives way under them, and how far they may rise until it snaps."""
+"""Load analysis: load cases, deflection and use of arms and joints, and the load at which a piece snaps."""

@@ -1,7 +1,7 @@
 """Effects of loads on the spirals: forces at the hubs, pressures that follow them, and movements of supports.
 
-Areas that wind and snow meet and lengths of lines are those of the shape at rest without loads. Forces, wind and snow
-keep their direction as the piece deforms; a pressure stays normal to every hub.
+Exposed areas and lengths of lines are measured on the shape at rest without loads. Forces, wind and snow keep their
+direction as the piece deforms; a pressure stays normal to every hub.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class LoadPlan:
             unknown = [name for _, name in one.parts if name not in known]
             if unknown:
                 raise FlexMapsError(
-                    f"Combination '{one.name}' adds '{unknown[0]}', which is no case; there are {', '.join(known)}"
+                    f"Combination '{one.name}' adds '{unknown[0]}', which is not a load case; the load cases are {', '.join(known)}"
                 )
 
     @property
@@ -131,12 +131,12 @@ def line_of(
     line = " ".join(words)
     if ";" in where or "\n" in where:
         raise FlexMapsError(
-            f"The group '{where:.{LONGEST}}' has a semicolon in its name, which parts load cases; name it otherwise"
+            f"The group '{where:.{LONGEST}}' has a semicolon in its name, which separates load cases; rename the group"
         )
     read = _load(line)[1]
     if read.where != where.strip():
         raise FlexMapsError(
-            f"The group '{where:.{LONGEST}}' cannot be told from the words of a load case; name it otherwise"
+            f"The group '{where:.{LONGEST}}' has a name that reads like words of a load case; rename the group"
         )
     return line
 
@@ -166,7 +166,7 @@ def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> 
 
 
 def _line_error(line: str, why: str) -> FlexMapsError:
-    """Return the error about a line."""
+    """Return an error that quotes a line of a load case and says what is wrong."""
     return FlexMapsError(f"Load case '{line.strip():.{LONGEST}}': {why}")
 
 

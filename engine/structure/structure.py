@@ -220,7 +220,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
 
 @dataclass(frozen=True, eq=False)
 class _Strength:
-    """Limits of arms and joints.
+    """Limits of a piece: those of its material, and the widths of its necks.
 
     simulation : with the material
     necks : width of the joints, metres
@@ -257,7 +257,7 @@ def without_loads(simulation: Simulation, params: SimulateParams, progress: Prog
     loads = Loads(simulation.loads.fixed, np.zeros_like(simulation.loads.force))
     found = solve(simulation.model, simulation.equilibrium.pose, loads, params, progress)
     if not found.converged:
-        raise FlexMapsError(f"Without loads the piece comes to no rest to begin with: {found.status}")
+        raise FlexMapsError(f"The piece has no equilibrium without loads: {found.status}")
     return found
 
 

@@ -76,6 +76,6 @@ def test_without_supports_the_export_says_what_is_missing(piece: Any, tmp_path: 
     press("spirals")
     press("simulate")
     piece.flexmaps.export.folder = str(tmp_path)
-    with pytest.raises(RuntimeError, match="name supports"):
+    with pytest.raises(RuntimeError, match="choose supports"):
         bpy.ops.flexmaps.export()
     assert not list(tmp_path.iterdir())

@@ -94,7 +94,7 @@ def test_a_load_that_snaps_it_is_a_warning(piece: Any, attribute: Any) -> None:
     [
         ("top: point 1 -z on Nothing", "", "'Nothing' names no quad"),
         ("top: points", "", "'points' is no kind of load"),
-        ("w: weight", "a = 2 snow", "adds 'snow', which is no case"),
+        ("w: weight", "a = 2 snow", "adds 'snow', which is not a load case"),
     ],
 )
 def test_loads_that_mean_nothing_are_refused(piece: Any, cases: str, combinations: str, says: str) -> None:

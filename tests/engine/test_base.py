@@ -124,9 +124,9 @@ def test_a_base_larger_than_the_sheet_is_several():
 @pytest.mark.parametrize(
     ("polygons", "more", "options", "words"),
     [
-        (_arch(), {}, {"supports": None}, "nothing is; name supports"),
+        (_arch(), {}, {"supports": None}, "no supports to hold; choose supports"),
         (_arch(), {"base.foot_width": 60.0}, {}, "no room for a foot|too near"),
-        (_arch(), {"base.foot_width": 17.5, "base.base_height": 20.0, "spiral.thickness": 10.0}, {}, "cut its own slots|too near"),
+        (_arch(), {"base.foot_width": 17.5, "base.base_height": 20.0, "spiral.thickness": 10.0}, {}, "slots of the base are less than|too near"),
         (_arch(), {"simulate.clamped": False}, {}, "clamps the feet"),
         (_arch(sweep=0.9), {}, {}, "too flat"),
         (_arch(), {}, {"supports": [11]}, "away from the open border"),
@@ -219,10 +219,10 @@ def test_a_piece_that_would_swing_about_its_eyelets_says_so():
         (_arch(), [11], {}, "away from the open border"),
         (_arch(), [0, 1], {}, "does not lie below"),
         (_arch(sweep=0.3), [0, 7, 8, 15], {}, "too flat"),
-        (_arch(), None, {}, "nothing is; name supports"),
+        (_arch(), None, {}, "no supports to hold; choose supports"),
         (_arch(), None, {"base.base": "eyelets", "simulate.clamped": False}, "such as the highest"),
         (_arch(), "lowest", {"simulate.clamped": False}, "clamps the feet"),
-        (_arch(), "lowest", {"spiral.border": "rim"}, "which a rim joins"),
+        (_arch(), "lowest", {"spiral.border": "rim"}, "a rim joins these arms"),
     ],
 )
 def test_what_cannot_stand_is_refused_before_anything_is_made(polygons, supports, more, words, monkeypatch):

@@ -69,7 +69,7 @@ def test_lines_that_cannot_be_read_are_named(line: str, says: str) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("b = 2 snow", "'b' adds 'snow', which is no case; there are a"),
+        ("b = 2 snow", "'b' adds 'snow', which is not a load case; the load cases are a"),
         ("b: 2 a", "give it as NAME = "),
         ("b = ", "give it as NAME = "),
         ("b = 2 3 a", "give it as NAME = "),

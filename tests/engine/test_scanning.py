@@ -139,7 +139,7 @@ def test_what_is_no_scan_is_named(tmp_path):
     with pytest.raises(FlexMapsError, match="another object"):
         line = np.linspace(0, 0.3, 500)[:, None] * [[1.0, 0.0, 0.0]]
         compare.compare(mesh, Scan(line, unit="m", anywhere=False))
-    with pytest.raises(FlexMapsError, match="no scan that can be read"):
+    with pytest.raises(FlexMapsError, match="not a readable scan"):
         reading.read(tmp_path / "scan.xyz")
     with pytest.raises(FlexMapsError, match="cannot be read"):
         reading.read(tmp_path / "scan.ply")

@@ -237,5 +237,5 @@ def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
 def test_loads_are_read_before_the_work() -> None:
     mesh = PolygonMesh.of(shapes.make("strip"))
     settings = changed(ObjectSettings(), {"structure.cases": "w: weight", "structure.combinations": "a = 2 snow"})
-    with pytest.raises(FlexMapsError, match="adds 'snow', which is no case"):
+    with pytest.raises(FlexMapsError, match="adds 'snow', which is not a load case"):
         job.run(mesh, settings, stop_after="structure")

@@ -1,1 +1,1 @@
-"""The joints between panels: dovetails, keys and tabs, where they fit, and whether they go together."""
+"""Connectors between panels: dovetails, keys and tabs, their positions, and a check of their fit."""

@@ -73,8 +73,8 @@ def _joint(
         window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
         left = shapely.clip_by_rect(panels[int(half.patch[0])], *window).buffer(-0.5 * kerf, quad_segs=64)
         if halves[0].patch[0] == halves[1].patch[0]:
-            # both sides of the cut lie in one panel, and the other moves away once the cut is closed: keep this arm
-            # alone
+            # Both arms belong to the same panel. The opposite arm moves away when the cut closes, so keep only the part
+            # that belongs to this arm
             through = Throughs(half, halves[0] if half is halves[1] else halves[1])
             behind = _point_along(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
             at = shapely.Point(pairs(half.placed(np.array([behind]))[0]))

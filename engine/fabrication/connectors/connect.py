@@ -228,7 +228,7 @@ class _Search:
         return found
 
     def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
-        """Keep the attempts that have room."""
+        """Evaluate attempts and store those that have room."""
         made = self.space.judged([joint for joint, _ in tries], [attempt for _, attempt in tries])
         for (joint, attempt), tips in zip(tries, made, strict=True):
             if tips is not None:

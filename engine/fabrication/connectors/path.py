@@ -68,7 +68,7 @@ class Widening:
         return widening(extra, self.full[:, None], self.over[:, None], tau)
 
     def rows(self, which: np.ndarray) -> Widening:
-        """Return some of the rows."""
+        """Return the widening in the given rows."""
         return Widening(self.left[which], self.right[which], self.full[which], self.over[which])
 
 
@@ -108,7 +108,7 @@ class Halves:
         return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
 
     def rows(self, which: np.ndarray) -> Halves:
-        """Return some of the arms."""
+        """Return the arms in the given rows."""
         rest = {n: getattr(self, n)[which] for n in self.__dataclass_fields__ if n != "arms"}
         return Halves(arms=self.arms.of(which), **rest)
 
@@ -149,11 +149,11 @@ class Throughs:
 
     @cached_property
     def turned(self) -> Throughs:
-        """The arms seen from the other halves."""
+        """The same arms with ``own`` and ``other`` exchanged."""
         return Throughs(self.other, self.own)
 
     def rows(self, which: np.ndarray) -> Throughs:
-        """Return some of the arms."""
+        """Return the arms in the given rows."""
         return Throughs(self.own.rows(which), self.other.rows(which))
 
     @property

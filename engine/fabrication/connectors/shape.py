@@ -76,7 +76,7 @@ def size(width: float, params: ConnectorParams, scale: float = 1.0, mill: float 
     asked = max(params.rounding, 0.75 * c)
     corners = max(2.1 * _TANGENT * asked, (1.05 * _TANGENT + _DOGBONE) * inside)
     length = max(LENGTH * neck, corners * flank)
-    # offsetting sharpens some corners by half of the clearance, which is compensated where the flank is long enough
+    # The offset reduces the radius of some corners by half of the clearance; add that where the flank is long enough
     rounding = max(asked, min(params.rounding + 0.5 * c, length / (2.1 * _TANGENT * flank)))
     head = neck + 2.0 * length * FLANK
     wall = max(WALL * neck, params.thinnest)

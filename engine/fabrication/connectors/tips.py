@@ -84,7 +84,7 @@ class Tip:
 
     @property
     def arm(self) -> int:
-        """4 quad + side."""
+        """Index of the arm, 4 quad + side."""
         return int(self.through.own.arm[self.row])
 
     @property
@@ -94,7 +94,7 @@ class Tip:
 
     @property
     def over(self) -> float:
-        """t from which the arm has its ordinary width."""
+        """Parameter t beyond which the arm is not widened."""
         return float(self.wide.over[0])
 
     @property

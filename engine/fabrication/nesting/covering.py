@@ -117,7 +117,7 @@ class _Ring:
         three = [before, corner, after] if to is None else [corner, -1, after]
         triangle = np.array([to if k < 0 else self.corners[k] for k in three])
         low, high = triangle.min(axis=0), triangle.max(axis=0)
-        # only sides whose box meets that of the triangle
+        # test only sides whose bounding box overlaps the triangle's
         meets = ((self.at <= high) | (self.ends <= high)) & ((self.at >= low) | (self.ends >= low))
         near = meets.all(axis=1)
         own = 4 if to is None else 3  # sides that share a corner with the triangle, two of which may bend back into it

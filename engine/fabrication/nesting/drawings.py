@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 FLAT = 4e-3  # maximum distance in mm of chords from curves; a size is wrong by at most twice as much
 MAX_BYTES = 50_000_000  # largest file that is read
 MAX_DEPTH = 32  # nesting depth of blocks; a block that contains itself is damaged
-# millimetres of the units of $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
-# decimetre, decametre, hectometre, and the foot, inch, and yard of the US survey
+# mm per unit by the code in $INSUNITS: inch, foot, mile, mm, cm, m, km, microinch, mil, yard, angstrom, nm, micrometre,
+# decimetre, decametre, hectometre, and the foot, inch and yard of the US survey
 DXF_UNITS = {
     1: 25.4,
     2: 304.8,

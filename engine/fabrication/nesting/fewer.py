@@ -1,9 +1,8 @@
 """Cut panels further where that takes fewer sheets, if the sheets saved are worth the added joints.
 
-A beam search makes layouts with one more cut each from the best layouts so far and keeps the best of those. The number
-of sheets is estimated from the share of a sheet that convex hulls usually cover (a millisecond), for the most promising
-layouts also by the quick packing, and for the last few by nesting. Flat patches stand for the panels, which are drawn
-later and cover about as much of a sheet.
+A beam search adds one cut at a time to the best layouts found so far. The number of sheets is estimated from the areas
+of convex hulls (a millisecond), for the most promising layouts also by the quick packing, and for the last few by
+nesting. Panels are drawn only later, so the flat patches are used in their place; they cover about as much of a sheet.
 """
 
 from __future__ import annotations
@@ -58,8 +57,8 @@ LEFT_OUT = 0.2
 def fewer_sheets(flat: FlatPatches, settings: Settings, progress: Progress = SILENT) -> FlatPatches:
     """Cut the patches further if that saves sheets at no more than ``sheet.cut_joints`` joints per sheet.
 
-    The emptiest sheet counts by its used length, so half a sheet is worth half as many joints. Otherwise the patches
-    are returned unchanged. The notes of the layout's report describe the result.
+    The emptiest sheet is counted by the share of its length in use, so saving half a sheet may cost half as many
+    joints. Otherwise the patches are returned unchanged. The notes of the layout's report describe the result.
 
     Parameters
     ----------
@@ -129,7 +128,7 @@ def joints(layout: PatchLayout) -> int:
 
 
 def sheets_needed(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], sheet: SheetParams) -> float:
-    """Return the number of sheets; the emptiest counts by its used length.
+    """Return the number of sheets; the emptiest is counted by the share of its length in use.
 
     Parameters
     ----------
@@ -184,7 +183,7 @@ class _Cutting:
         found = symmetries(flat.layout.mesh, progress=progress.quiet()) if self.params.symmetric else []
         self.mirrored: list[Symmetry] = keeping(found, flat.layout.cut)
         self.known: dict[bytes, list[np.ndarray]] = {}  # candidate cuts by patch, keyed by its quads
-        self.hulls: dict[bytes, float] = {}  # square metres, by the quads
+        self.hulls: dict[bytes, float] = {}  # area of the convex hull in m2, by the quads of a patch
         self.end = time.monotonic() + LONGEST * self.sheet.nesting_seconds
         self.first = joints(flat.layout)
 
@@ -212,7 +211,7 @@ class _Cutting:
         return list(kept.values())
 
     def _refine_by_packing(self, found: list[tuple[float, FlatPatches]]) -> list[tuple[float, FlatPatches]]:
-        """Raise the estimated gain of layouts to that of the quick packing where greater, as far as time allows.
+        """Return the layouts with the gain estimated by the quick packing, if larger, as far as time allows.
 
         Layouts with few cuts come first.
         """
@@ -229,7 +228,7 @@ class _Cutting:
     def _one_more_cut(
         self, beam: list[FlatPatches], start: float, tick: Callable[[], None]
     ) -> list[tuple[float, FlatPatches]]:
-        """Return the best layouts with one more cut than those of the beam, and their expected gain in joints."""
+        """Return the best layouts with one cut more than a layout of the beam, and their expected gain in joints."""
         rated: dict[bytes, tuple[float, FlatPatches, np.ndarray]] = {}
         for flat in beam:
             points = _border_adjusted(flat, self.spiral)
@@ -242,7 +241,7 @@ class _Cutting:
         for pays, flat, cut in sorted(rated.values(), key=lambda one: -one[0]):
             if len(made) == BEAM or (made and time.monotonic() > self.end):
                 break
-            with suppress(FlexMapsError):  # a cut and its images may cross
+            with suppress(FlexMapsError):  # a cut and its mirror images may cross each other
                 made.append((pays, with_cuts(flat, cut, self.params, self.progress.quiet())))
         return made
 
@@ -262,7 +261,8 @@ class _Cutting:
     ) -> float:
         """Return the number of sheets expected for the patches between these cuts.
 
-        A hull is kept from the first layout with the same quads in one patch: they lie nearly alike in all layouts.
+        The area of a hull is computed once for each set of quads, because a patch has nearly the same shape in all
+        layouts.
         """
         areas = []
         for quads in PatchLayout(flat.layout.mesh, cut).patches:

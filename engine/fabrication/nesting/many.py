@@ -59,8 +59,8 @@ def _sheets(boxes: Float[np.ndarray, "panels 2"], size: Float[np.ndarray, " 2"],
     long, short = boxes.max(axis=1), boxes.min(axis=1)
     lies = long <= width
     across, up = np.where(lies, long, short), np.where(lies, short, long)
-    shelves: list[list[float]] = []  # sheet, height of the shelf, width that is left
-    left: list[float] = []  # height of every sheet
+    shelves: list[list[float]] = []  # index of the sheet, height of the shelf, remaining width
+    left: list[float] = []  # remaining height of every sheet
     for k in np.argsort(-up, kind="stable").tolist():
         shelf = next((one for one in shelves if one[1] >= up[k] and one[2] >= across[k]), None)
         if shelf is None:

@@ -1,8 +1,8 @@
 """Nesting: lay the true shapes of the panels on equal sheets as tightly as a time limit permits, with spyrrow.
 
 spyrrow (the sparrow algorithm of Gardeyn, Vanden Berghe and Wauters 2025) packs a strip of fixed height as short as it
-can. ``search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing provides a first
-result, so that there is one however short the time.
+can. ``search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing is computed first and
+returned if the search finds nothing better in time.
 """
 
 from __future__ import annotations
@@ -106,7 +106,10 @@ def _search_packings(search: Search, rough: Packing) -> Packing:
 
 
 def _compact(search: Search, rough: Packing, tops: list[Packing]) -> Packing:
-    """Compact the emptiest sheet of each packing, that of the best with fine outlines too, and return the best."""
+    """Compact the emptiest sheet of each packing and return the best packing.
+
+    The emptiest sheet of the best packing is compacted again with fine outlines if time is left.
+    """
     shapes, params, made = search.shapes, search.params, list[Packing]()
     last = FINEST * (1.0 - search.spent())
     last = last if last * params.nesting_seconds >= FINE_SECONDS else 0.0

@@ -13,7 +13,7 @@ from ...progress import SILENT, Progress
 from .packing import CELLS, Packing, Sheet, Stamp, lying_box
 from .remnants import Remnant
 
-SLANTS = 3  # angles tried per quarter turn, besides quarter turns of each; more angles placed no more panels
+SLANTS = 3  # angles tried within a quarter turn, each also with quarter turns added; more angles placed no more panels
 
 
 class _Odd:

@@ -33,12 +33,13 @@ def grown(
 
     outline = shapely.Polygon(shape)
     closed = outline.simplify(COARSE)
-    # close the slots first: few points remain, and closing both at once gives the same
+    # close the slots first, which leaves few points; the result is the same as closing everything at once
     for radius in (SLOT * bay, bay):
         closed = _largest(closed.buffer(radius, quad_segs=ARC).buffer(-radius, quad_segs=ARC)).simplify(COARSE)
     # buffers fall short at rounded corners: the union with the outline makes up for it
     largest = _largest(closed.union(outline))
-    # GEOS omits corners that deviate by less than a hundredth of the distance, and chords of an arc lie inside it
+    # Enlarge the distance by 2 %, because GEOS omits small corners of a buffer, and for the chords of an arc, which lie
+    # inside it
     far = (1.02 * distance + STRAY) / math.cos(0.25 * math.pi / ARC)
     around = largest.simplify(0.1 * STRAY).buffer(far + 0.1 * STRAY, quad_segs=ARC).simplify(STRAY)
     return covering(np.asarray(_largest(around).exterior.coords)[:-1], corners)

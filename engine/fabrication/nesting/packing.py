@@ -106,7 +106,7 @@ def pack(
             tries += 1
             open_sheets.append(Sheet(_large_enough(size, sheet, margin, cell, rotation), margin, 0.5 * spacing, cell))
             fresh = open_sheets[-1].place(stamp)
-            assert fresh is not None  # the sheet was made for it
+            assert fresh is not None  # a new sheet is always large enough
             place = len(open_sheets) - 1, fresh
         sheet_of[i], (turned[i], shift[i]) = place
     sizes = [s.size for s in open_sheets]
@@ -158,8 +158,8 @@ def _in_rows(
         laid.append((turn, size) if slanted is None else (slanted, _extent(shape, slanted)))
     count = len(boxed)
     where, shift, sizes = np.zeros(count, dtype=np.int64), np.zeros((count, 2)), []
-    rows: list[list[float]] = []  # sheet, height, lower border, used length
-    used: list[float] = []  # height of every sheet that rows take
+    rows: list[list[float]] = []  # index of the sheet, height, lower edge, used length
+    used: list[float] = []  # used height of every sheet
     for done, i in enumerate(sorted(range(count), key=lambda i: -float(laid[i][1][1]))):
         progress(0.5 + 0.5 * done / count, "packing in rows")
         turn, (wide, high) = laid[i]
@@ -190,7 +190,7 @@ def _in_rows(
 def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[float, Float[np.ndarray, " 2"]]:
     """Return the first angle to try for points on a sheet, and the sides of their bounding box at that angle.
 
-    That of ``least_box``; with rotation "GRAIN" the points lie along the grain already.
+    The angle is 0 with rotation "GRAIN"; otherwise it gives the smallest box (see ``least_box``).
     """
     return (0.0, _extent(points, 0.0)) if rotation == "GRAIN" else least_box(points)
 
@@ -237,7 +237,7 @@ def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index:
 
 
 def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Return the share of the sheets that shapes cover; the emptiest sheet counts by its used length.
+    """Return the share of the sheets that shapes cover; only the used end of the emptiest sheet is counted.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
 
 
 def fill_but_offcuts(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Return the share of the sheets that shapes cover, where every sheet counts by its used length.
+    """Return the share of the sheets that shapes cover; only the used end of every sheet is counted.
 
     The rest of a sheet is an offcut, separated by a single straight cut. Parameters as for ``fill``.
     """

@@ -83,14 +83,14 @@ class Search:
     def going(self) -> bool:
         """Whether time is left to try more sets.
 
-        The rest is reserved for compacting the last sheet: at least one turn of spyrrow, at most half of the time
-        limit.
+        Part of the time limit is reserved for compacting the last sheet: the share ``LAST``, or ``TURN`` seconds if
+        more, but at most half.
         """
         seconds = max(self.params.nesting_seconds, 1e-9)
         return self.spent() < 1.0 - max(LAST, min(TURN / seconds, 0.5))
 
     def needed(self, packing: Packing) -> float:
-        """Return the number of sheets of a packing; the emptiest counts by the length expected after compacting it."""
+        """Return the number of sheets of a packing; the emptiest is counted by its expected length after compacting."""
         long = self.hull / (HULLS * self.free[1])
         least = [
             max(float(long[packing.sheet == k].sum()), float(self.long[packing.sheet == k].max(initial=0.0)))
@@ -126,7 +126,7 @@ class Search:
     def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
         """Return the fullest sheet found with the first of some panels that covers more than ``least`` m2.
 
-        Without one, return the fullest known sheet with the first panel, or that of the quick packing.
+        If none is found, return the sheet of the quick packing that has the first panel.
         """
         best, together = self._best(rest, least), max(self.strips.count, 2)
         limit, failed = np.inf, len(self.known)
@@ -134,7 +134,8 @@ class Search:
             tries: list[frozenset[int]] = []
             for members in self._random_sets(rest, least if best is None else best.area, rng):
                 hulls = float(self.hull[list(members)].sum())
-                # vary the panel beside the first: if two large panels do not fit together, all sets with both fail
+                # Do not try sets with the same two largest panels together: if those two do not fit side by side, all
+                # these sets fail
                 pair = frozenset(sorted(members, key=lambda i: -self.hull[i])[:2])
                 if hulls <= limit and len(tries) < together and not any(pair <= one for one in tries):
                     tries.append(members)
@@ -314,9 +315,9 @@ class Search:
         return self.params.sheet_width, self.params.sheet_height
 
     def shortened(self, packing: Packing, share: float, fine: bool = False) -> Packing:
-        """Compact the panels of the sheet that bears least, so that a larger offcut is left.
+        """Compact the panels of the emptiest sheet, so that a larger offcut is left.
 
-        ``share`` is that of the time limit; ``fine`` selects the fine outlines.
+        ``share`` is the part of the time limit to use; ``fine`` selects the fine outlines.
         """
         k = int(np.argmin(np.bincount(packing.sheet, self.hull, len(packing.sizes))))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())

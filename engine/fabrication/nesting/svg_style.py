@@ -15,7 +15,7 @@ _AFFECTS_DRAWING = re.compile(
 )
 _COMMENT = re.compile(r"/\*.*?\*/|<!--|-->", re.DOTALL)
 _COMBINATOR = re.compile(r"\s*([>+~])\s*(?![^\[]*\])|\s+(?![^\[]*\])")
-# type, id, class, attribute with its relation and value, pseudo-class
+# groups: type, id, class, attribute, its relation, its value, pseudo-class
 _SIMPLE = re.compile(
     r"([\w-]+|\*)|#([\w-]+)|\.([\w-]+)|\[\s*([\w:-]+)\s*(?:([~|^$*]?=)\s*[\"']?([^\"'\]]*?)[\"']?\s*)?\]|:(root|first-child|last-child)"
 )
@@ -27,10 +27,10 @@ _RELATIONS = {
     "$=": lambda has, wants: bool(wants) and has.endswith(wants),
     "*=": lambda has, wants: bool(wants) and wants in has,
 }
-Property = tuple[bool, str, str]  # whether it is important, its name, and its value
+Property = tuple[bool, str, str]  # important or not, name, value
 Weight = tuple[int, int, int]  # specificity of CSS
 OWN_STYLE = (9999, 0, 0)  # weight of an element's own style, above that of any selector
-Selector = list[str | None]  # compounds, and between two of them the combinator: None for a descendant
+Selector = list[str | None]  # compound selectors, alternating with combinators; None stands for a descendant
 
 
 class Styles:

@@ -1,1 +1,1 @@
-"""One panel: its outline after kerf, its labels, and how the cutter runs along it."""
+"""One panel: outline with kerf, labels, and toolpath."""

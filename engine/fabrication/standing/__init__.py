@@ -1,1 +1,1 @@
-"""What a piece stands on: feet that its panels end in, and plates with slots for them."""
+"""Bases: feet at the ends of panels, plates with slots for them, and eyelets."""

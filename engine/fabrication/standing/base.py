@@ -147,7 +147,7 @@ def make_base(
     """
     if supports is None or not len(supports):
         raise FlexMapsError(
-            "A base holds what is supported, and nothing is; name supports, such as the lowest spirals, or choose no base"
+            "The base has no supports to hold; choose supports, such as the lowest spirals, or choose no base"
         )
     refuse_rim(design.params)
     feet = make_feet(design, pose, supports, lowest, params)
@@ -170,7 +170,7 @@ def refuse_rim(params: SpiralParams) -> None:
     """Raise ``FlexMapsError`` if a rim joins the arms at the border, so that they cannot become feet."""
     if params.border == "rim":
         raise FlexMapsError(
-            "Feet begin from arms at the border, which a rim joins; choose Stubs or Left out for the border, or no base: a rim can "
+            "Feet replace arms at the border, but a rim joins these arms; choose Stubs or Left out for the border, or no base: a rim can "
             "be screwed down through its holes"
         )
 
@@ -192,7 +192,7 @@ def _refuse_touching(feet: Sequence[Foot], slots: np.ndarray, wall: float) -> No
     near = np.unique(one[one != two])
     if len(near):
         raise FlexMapsError(
-            f"The base would cut its own slots: {len(near)} of them leave less than {1e3 * wall:g} mm between each other; "
+            f"{len(near)} slots of the base are less than {1e3 * wall:g} mm apart; "
             "make the feet narrower, or support fewer spirals",
             faces=[feet[k].quad for k in near.tolist()],
         )
@@ -241,7 +241,7 @@ def _plate(
     margin = min(margin, 0.48 * float(apart))
     if margin < thickness:
         raise FlexMapsError(
-            "The base is larger than the sheet and cannot be parted between its slots; take a larger sheet, or choose feet",
+            "The base is larger than the sheet and cannot be divided between its slots; take a larger sheet, or choose feet",
             faces=[feet[k].quad for k in rows.tolist()],
         )
     return [plate for half in halves for plate in _plate(feet, slots, half, margin, sheet, thickness)]

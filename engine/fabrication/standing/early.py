@@ -31,7 +31,7 @@ def check_hold(base: BaseParams, simulate: SimulateParams) -> None:
     if base.base == "eyelets" and simulate.clamped:
         raise FlexMapsError(
             "A piece may turn about the eyelets that it hangs by, but the supports are simulated as clamped; hinge the supports "
-            "(simulate.clamped off), or choose another base"
+            "(switch Clamp supports off), or choose another base"
         )
 
 
@@ -54,7 +54,7 @@ def check_early(
     if supports is None or not len(supports):
         hangs = base.base == "eyelets"
         raise FlexMapsError(
-            f"A base holds what is supported, and nothing is; name supports, such as the {'highest' if hangs else 'lowest'} "
+            f"The base has no supports to hold; choose supports, such as the {'highest' if hangs else 'lowest'} "
             "spirals, or choose no base"
         )
     if base.stands:
@@ -62,7 +62,7 @@ def check_early(
 
 
 def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
-    """Check supports of feet on the target with the criteria of ``feet`` and some slack."""
+    """Apply the checks of ``feet`` to the target surface, with tolerance ``SLACK`` on the angles."""
     refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
     corners = mesh.vertices[mesh.quads[supports]]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])

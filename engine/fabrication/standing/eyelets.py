@@ -93,12 +93,12 @@ def make_eyelets(
     """
     if supports is None or not len(supports):
         raise FlexMapsError(
-            "A piece hangs by what is supported, and nothing is; name supports, such as the spirals at its top, or choose no base"
+            "There are no supports to hang the piece by; choose supports, such as the spirals at its top, or choose no base"
         )
     least = max(cut.kerf_holes, cut.mill)
     if diameter <= least:
         raise FlexMapsError(
-            f"Eyelets of {1e3 * diameter:g} mm are no larger than what the cutter takes away, {1e3 * least:g} mm; make them larger"
+            f"Eyelets of {1e3 * diameter:g} mm are no larger than the cutter's width of {1e3 * least:g} mm; make them larger"
         )
     room = hub_circles(design.arms, design.roots)[supports]
     needed = (0.5 + EDGE) * diameter
@@ -107,7 +107,7 @@ def make_eyelets(
         raise FlexMapsError(
             f"The hubs of {counted(int(narrow.sum()), 'supported spiral', 'supported spirals')} are too small for eyelets of {1e3 * diameter:g} mm with as much "
             f"material round them: they have room for {1e3 * room.min() / (0.5 + EDGE):.2g} mm; make the eyelets smaller or the "
-            "largest width larger, and press Spirals again while they are chosen, which makes these spirals as wide as may be",
+            "largest width larger, and press Spirals again while eyelets are chosen, which makes these spirals as wide as possible",
             faces=supports[narrow],
         )
     patch, centre = design.flat.layout.patch_of[supports], design.arms.centre[supports]

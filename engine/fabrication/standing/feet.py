@@ -132,7 +132,7 @@ def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"])
     """Return the side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch, down the slope."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
     refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
-    way = -rotations[:, 2, :2]  # minus z, seen in the plane of the hub
+    way = -rotations[:, 2, :2]  # project -z onto the plane of the hub
     slope = np.linalg.norm(way, axis=1)
     refuse_flat(supports[slope < np.sin(FLATTEST)])
     way /= slope[:, None]

@@ -84,7 +84,7 @@ def _document(sheets: Drawn, index: int, version: str) -> Any:
         document.header["$MEASUREMENT"] = 1
         document.header.custom_vars.append("Program", MARK)
     size = tuple(float(x) * 1e3 for x in sheets.packing.sizes[index])
-    # ezdxf overwrites the header's extents with those of the modelspace unless they begin at the origin
+    # ezdxf replaces the header's extents by those of the modelspace, so set both
     document.header["$EXTMIN"], document.header["$EXTMAX"] = (0.0, 0.0, 0.0), (*size, 0.0)
     document.modelspace().reset_extents((0.0, 0.0, 0.0), (*size, 0.0))
     document.modelspace().reset_limits((0.0, 0.0), size)
