@@ -365,8 +365,7 @@ class _Shooting:
         self.over = np.where(quads[self.pairs][..., None], over[:, None], self.over)
 
     def _frames(self, pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rotations (N, 3, 3) and positions (N, 3), metres, that fit the last recorded panels to a pose
-        best.
+        """Return the rotations (N, 3, 3) and positions (N, 3), metres, that fit the last recorded panels to a pose.
 
         Hubs are compared with their axes, because even hubs in a row define an orientation then.
         """

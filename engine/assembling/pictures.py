@@ -111,7 +111,8 @@ def _numbers(
     open_ = np.zeros(len(mesh.quads), dtype=bool)
     open_[every[seen(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
     middles = drawn[mesh.quads].mean(axis=1)
-    written: dict[tuple[int, int], tuple[float, float]] = {}  # by cells of the paper as large as a number
+    # position of the number in each cell of a grid whose cells are as large as a number
+    written: dict[tuple[int, int], tuple[float, float]] = {}
     for patch, quads in candidates:
         for x, y in middles[quads[open_[quads]]].tolist():
             box = int(x // NUMBER[0]), int(y // NUMBER[1])

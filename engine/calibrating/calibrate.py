@@ -136,8 +136,8 @@ class Measured:
 class Calibration:
     """Results in SI units; None if not measured.
 
-    strip, spirals : Young's modulus by each, Pa
-    youngs, believed : the modulus to use, Pa, and which of them it is and why
+    strip, spirals : Young's modulus measured with each, Pa
+    youngs, believed : Young's modulus to use, and a text that says where it comes from
     warnings : sentences about contradictions
     settings : "section.name" -> value for ``params.changed``, only measured settings
     """

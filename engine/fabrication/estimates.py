@@ -22,9 +22,7 @@ class CutSpeed:
     source: str
 
     def at(self, thickness: float) -> float:
-        """Return the speed in m/s for a thickness in metres, at most ``FASTEST``, which limits machines along small
-        curves.
-        """
+        """Return the speed in m/s for a thickness in metres, at most ``FASTEST``, as machines slow down in curves."""
         return min(self.at_3mm * 0.003 / thickness, FASTEST)
 
 

@@ -25,7 +25,7 @@ COVERED = 0.3  # minimum share of the spirals covered by a scan of the piece
 # maximum RMS distance as a share of the size: 17 pieces bent by up to 4 % have 0.85 % at most, scans of 7 other objects
 # at least 3.1 %
 MAX_RMS = 0.025
-CLUTTER = 0.5  # weight below which points count as part of a table
+CLUTTER = 0.5  # points with a smaller weight are taken to show a table or wall, not the piece
 # maximum ratio of sizes of scan and piece where the unit is guessed; metres and millimetres differ by 1000
 MAX_SIZE_RATIO = 10.0
 

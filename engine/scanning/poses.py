@@ -76,9 +76,7 @@ class Fit:
     weights: Float[np.ndarray, " points"]
 
     def cost(self, poses: Poses, reach: float) -> Float[np.ndarray, " poses"]:
-        """Return the mean cost of each pose (Geman and McClure): 0 if all points are on the surface, 1 if all are far
-        away.
-        """
+        """Return the mean cost of each pose (Geman and McClure): 0 with all points on the surface, 1 with all far away."""
         return np.concatenate([self._cost(poses[k : k + AT_ONCE], reach) for k in range(0, len(poses), AT_ONCE)])
 
     def fitted(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:

@@ -70,7 +70,7 @@ def test_loads_are_added_and_taken_out_by_buttons(piece: Any) -> None:
     assert set(figures(piece)) == {"lamp", "press"}  # nobody knows what a year leaves of this material
     with pytest.raises(RuntimeError, match="give it as NAME: KIND"):
         bpy.ops.flexmaps.add_load(name="two words", kind="weight")
-    with pytest.raises(RuntimeError, match="name it otherwise"):
+    with pytest.raises(RuntimeError, match="rename the group"):
         bpy.ops.flexmaps.add_load(name="a", kind="weight", group="it times 2")
 
 

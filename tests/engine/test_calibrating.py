@@ -151,7 +151,7 @@ def test_a_clearance_that_cannot_be_is_refused_and_one_below_the_error_is_said(l
         (Readings(kerf_gaps=[0.09]), "nothing of the spirals"),
         (Readings(clearance=4e-5), "No rung is engraved 0.04"),
         (Readings(kind="nail"), "no connector"),
-        (Readings(thickness=[0.02]), "no sheet of 2 mm"),
+        (Readings(thickness=[0.02]), "drawn for a sheet of 2 mm"),
         (Readings(strip_sags=[0.09]), "too steeply"),
         (Readings(strip_sags=[1e-9]), "millimetres"),
         (Readings(spiral_sags=[(1e-9, 1e-9)]), "millimetres"),

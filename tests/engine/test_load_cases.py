@@ -203,5 +203,5 @@ def test_a_load_is_written_as_it_is_read(given: tuple[str, str, float, str], lin
 
 @pytest.mark.parametrize("where", ["a; b", "it times 2", "these lasting"])
 def test_groups_that_a_line_cannot_name_are_refused(where: str) -> None:
-    with pytest.raises(FlexMapsError, match="name it otherwise"):
+    with pytest.raises(FlexMapsError, match="rename the group"):
         line_of("a", "snow", 5.0, "-z", where)

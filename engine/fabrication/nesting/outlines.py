@@ -14,7 +14,7 @@ from .covering import covering
 # with 12,500 points each take 0.9 s instead of 9.7 s, and areas differ by 3 in 10,000
 SLOT, COARSE = 0.125, 8e-5
 ARC = 4  # sides per quarter circle
-STRAY = 5e-5  # outward tolerance in metres before corners are counted
+STRAY = 5e-5  # metres by which an outline may grow when it is simplified, before the number of corners is reduced
 
 # Mean and standard deviation of the share of a sheet (without its margin) that convex hulls of panels cover which only
 # just fit: 105 random sets of 2 to 8 panels of three pieces, each packed for 2 s. Hulls predict better than areas, and

@@ -311,7 +311,8 @@ class Stamp:
 
     def shift(self, quarter: int, corner: np.ndarray) -> tuple[float, np.ndarray]:
         """Return angle and shift that bring the lower left corner of the turned raster to ``corner`` (2,)."""
-        # the lower left corner of a raster in quarter turns is that of its box
+        # turning the corners of the box is enough: a raster turned by quarters has the same lower left corner as its
+        # box
         points = np.array([[0.0, 0.0], self.box]) + self.origin
         cos, sin = [(1, 0), (0, 1), (-1, 0), (0, -1)][quarter]
         turned = points @ np.array([[cos, sin], [-sin, cos]], dtype=float)
