@@ -27,7 +27,7 @@ from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace
 SPAN = 0.5  # range of a flat vertex, as a share of an edge
 SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
 MOVING = "Flat shapes"
-# How often at the most the weight of the barriers follows the mismatch, and the share of the mismatch that the steps before must bring
+# How often at the most strains are pressed back anew, and the share of the mismatch that the steps before must bring
 TIMES, ENOUGH = 4, 0.05
 
 

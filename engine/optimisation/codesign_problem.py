@@ -35,8 +35,8 @@ from .work import GEOMETRY, VARIED
 # of the barriers, as a share of the mismatch. With 0.05 quads came so near to their limits in the first steps that the next ones
 # hardly moved them: a surface of 986 quads ended at 0.28 mm instead of 0.26
 WEIGHT = 0.5
-# What of a point changes with the weights in its objective
-WEIGHED = frozenset(("terms", "costs", "value", "gradient"))
+# What of a point changes with the weights in its objective, or asks the point itself for its derivatives
+WEIGHED = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,11 +208,17 @@ class FlatPoint(Point):
     stance: Stance | None
     progress: Progress = SILENT
 
+    def reweighted(self) -> FlatPoint:
+        """Return the same point where the barriers weigh as its mismatch asks for."""
+        flat = replace(self.problem.flat, weight=WEIGHT * self.mismatch.value)
+        return self._derived(replace(self, problem=replace(self.problem, flat=flat)))
+
     def renewed(self) -> FlatPoint:
         """Return the same point where the barriers weigh as its mismatch asks for, and strains push back as they ask for."""
-        flat = replace(self.problem.flat, weight=WEIGHT * self.mismatch.value)
-        point = replace(self, problem=replace(self.problem, flat=flat)).pressed()
-        # what was derived at this equilibrium stays
+        return self._derived(self.reweighted().pressed())
+
+    def _derived(self, point: FlatPoint) -> FlatPoint:
+        """Return the same point in another problem with what was derived at this equilibrium and no weight changes."""
         derived = self.__dict__.keys() - point.__dict__.keys() - WEIGHED
         point.__dict__.update({name: self.__dict__[name] for name in derived})
         return point

@@ -123,7 +123,7 @@ class _Search:
         pass  # every equilibrium on the way asks whether to stop
 
     def expand(self, point: Point) -> Local:
-        within = self.within(point)
+        within, point = self.within(point), point.reweighted()
         point.prepare(within)
         within(0.0)
         self.bending.refine(point.gauss_newton)
