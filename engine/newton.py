@@ -40,6 +40,11 @@ TRIALS = 12  # of a damped step before the search ends: 8 ** 12 times the dampin
 FIRST = 0.3  # of a box of size 1 that a first step along the gradient uses
 # actual over predicted fall: above, less damping; below, more; below, the step is not taken
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
+# Share of the damping that a good step leaves to the next one; less of it until the first step that goes too far, where the fall differs from the
+# predicted one by less than ``EXACT``: first steps are damped a thousand times too much. A surface of 986 quads took 5 steps for 9
+LESS, LEAST_LESS, EXACT = 0.3, 0.1, 0.1
+# Least damping, in energies over the number of variables: less would change no step, and take the longer to grow again
+LEAST_DAMPING = 0.01
 HOPE = 0.25  # share of the predicted fall that counts as still to be had; by eye
 TINY = 1e-9  # of a box of size 1: a step that is none
 
@@ -302,6 +307,7 @@ class Damped:
 
     stop : relative fall below which, twice in a row, the search ends; goal : energy below which nothing is left to gain
     damping : with which an earlier search has ended, or None; the first step takes no more than a step along the gradient needs
+    too_far : whether a step has fallen much short of what was predicted
     """
 
     iterations: int
@@ -310,6 +316,7 @@ class Damped:
     damping: float | None = None
     following: float = 0.0
     small: int = 0
+    too_far: bool = False
 
     def advance(
         self, problem: DampedProblem, state: Any, here: Local, history: list[Iteration]
@@ -345,13 +352,15 @@ class Damped:
                 continue
             trial = problem.tried(here, proposal)
             if trial is None:
-                self.following = max(8.0 * self.following, problem.gentle(here, proposal))
+                self.following, self.too_far = max(8.0 * self.following, problem.gentle(here, proposal)), True
                 continue
             ratio = (here.energy - problem.energy(trial)) / max(proposal.gain, 1e-300)
             if ratio > GOOD:
-                self.damping, self.following = 0.3 * self.damping, 0.3 * self.following
+                less = LESS if self.too_far or abs(ratio - 1.0) > EXACT else LEAST_LESS
+                least = min(self.damping, LEAST_DAMPING * here.energy / here.gradient.size)
+                self.damping, self.following = max(less * self.damping, least), less * self.following
             elif ratio < POOR:
-                self.damping, self.following = 4.0 * self.damping, 8.0 * self.following
+                self.damping, self.following, self.too_far = 4.0 * self.damping, 8.0 * self.following, True
             if ratio > TAKEN:
                 row.decrement, row.step = proposal.gain, 1.0
                 return trial, proposal.gain

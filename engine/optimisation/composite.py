@@ -93,7 +93,7 @@ class CompositeModel:
         pulls = [turning(self.following, here.moves), *(term.gradient for term in here.terms)]
         gradient = sum((cost.gradient for cost in here.costs), point.back(pulls)) + self.damping * here.step
         left = Rooms(rooms.room + rooms.slope @ here.step, rooms.slope)
-        change = bounded_step(at, gradient, product, left, self.most, self.units, rounds=1)
+        change = bounded_step(at, gradient, product, left, self.most, self.units)
         change = problem.inside(np.clip(at + change, 0.0, 1.0), at) - at
         moves, share = point.moves(change), 1.0
         for _ in range(HALVINGS):

@@ -202,6 +202,21 @@ def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> No
     assert (again < first) if share < 1.0 else (again == first)
 
 
+def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
+    noted: list[tuple[float, int]] = []
+
+    class Noting(Residuals):
+        def proposed(self, here: Local, damping: float, following: float) -> Any:
+            noted.append((damping, self.refused))
+            return super().proposed(here, damping, following)
+
+    minimise(Noting(), np.array([-1.2, 1.0]), Damped(300, 0.0, -np.inf))
+    damping, refused = np.array(noted).T
+    falls = damping[1:] / damping[:-1]
+    assert falls[refused[1:] == 0].min() < 0.5 * newton.LESS
+    assert falls[refused[:-1] > 0].min() > 0.9 * newton.LESS
+
+
 # -- derivatives of the elastic models -------------------------------------------------------------------------------------
 
 NAMES = ("first shift", "first turn", "second shift", "second turn")
