@@ -44,9 +44,9 @@ GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # of arms with one width, by the s
 METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 TOLERANCE = 1e-6  # of the equilibria on the way, where the settings ask for a finer one; not measured
 ALIKE = 1e-6  # relative differences of lengths, and radians
-# The share of the objective that steps of the spirals alone must bring before the flat shapes move too. A vault falls by half
-# with every step and is better left to its spirals; what they bring to an end first leaves a surface of 986 quads at 0.28 mm, not 0.25
-FIRST_STOP = 0.15
+# The share of the objective that steps of the spirals alone must bring, else the flat shapes move too. What spirals bring to an end first leaves
+# surfaces farther away after the same work
+FIRST_STOP = 0.45
 # With the flat shapes, until the spirals have a few steps alone, which cost a third and make room again where the limits of the flat
 # shapes are near. A surface of 1296 quads came to 1.0 mm that way, to 1.12 with three times eight steps first
 FLAT_STEPS, FLAT_STOP = 6, 5e-3
@@ -60,8 +60,10 @@ POLISH_STEPS, POLISHES, GAIN = (
 )  # of the spirals alone, between two pushes, and how often in the end, as above
 UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger; not measured
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
-# Largest strain, as a share of its limit, beyond which the last stage may go on, and the share of the time by which it is over then. Two
-# searches of one piece of 472 spirals had ended at 1.00 and 1.02 of the limit: with these both hold
+# Largest strain, as a share of its limit, beyond which a search takes all of its time: monkeys of 472 quads begin at five times the limit
+STRAINED = 1.25
+# Largest strain, as a share of its limit, beyond which the last stage may go on until strains hold, and the share of the time by which it is
+# over then. Two searches of one piece of 472 spirals had ended at 1.00 and 1.02 of the limit: with these both hold
 TIGHT, OVERTIME = 0.9898, 1.25
 # A match of how the surface bends is no use where the whole drifts away: RMS distances that are always allowed, in distances
 # of neighbours and against the given design's.
@@ -177,6 +179,11 @@ class Held:
         return self._largest_strain > 1.0
 
     @property
+    def strained_far(self) -> bool:
+        """Whether an arm is strained so far beyond its limit that a search takes all of its time."""
+        return self._largest_strain > STRAINED
+
+    @property
     def tight(self) -> bool:
         """Whether the largest strain is so near its limit that the changes of a proof may carry it beyond."""
         return self._largest_strain > TIGHT
@@ -221,21 +228,24 @@ class Search:
         first, end = (replace(params, stop=max(params.stop, FIRST_STOP)), 0.3) if codesigned else (params, 0.8)
         tried: list[Held] = []
         for k, start in enumerate(starts):
-            work.share = (ALONE if codesigned else WITH_FLATS) * (k + 1) / len(starts)
+            work.share = work.enough * (ALONE if codesigned else WITH_FLATS) * (k + 1) / len(starts)
             here = self.hold(design, start)
             part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
             other = self.improved(here, first, part)
             tried.append(other if other.value < here.value else here)
         chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LENIENT))
         here, ended = tried[chosen], self.trace.ended
-        work.share = WITH_FLATS
-        if codesigned:
-            here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
-        work.share = 1.0
+        for share in (work.enough, 1.0):
+            work.share = WITH_FLATS * share
+            if codesigned:
+                here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
+            if not here.strained_far:
+                break
+        work.share = share
         here = self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 0.95))
         if work.over and here.tight:
             work.share = OVERTIME
-            self._again(self.polished, here, POLISHES, GAIN, progress.part(0.95, 1.0))
+            self._again(self.polished, here, POLISHES, 1.0, progress.part(0.95, 1.0))
         self.trace.ended = "time" if work.over else "converged" if ended == "time" else ended
         return chosen
 

@@ -25,6 +25,9 @@ ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
 # the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000; a quarter of the search more where strains do not hold yet, and
 # up to six tenths where closed slots are opened by further searches
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
+# The same for a search that is not strained far beyond its limit. 150 spirals are at 0.16 mm after 3 s and at 0.14 after 13, 986 at 0.17 mm and
+# 1296 at 0.020, where 0.21, 0.18 and 0.022 are asked
+ENOUGH = (1.0, 20.0, 70.0)
 # Times that a machine may be slower than the usual one, by this thread's processor time, before that ends the search. Two cores that
 # do other work beside took 2.3 to 2.9 times as long; nearer to that, equal searches ended unlike
 SLOWEST = 8.0
@@ -32,9 +35,12 @@ SLOWEST = 8.0
 
 @dataclass(eq=False)
 class Work:
-    """limit : seconds; None lets it go on; share : of the limit that may be spent by now; done : seconds"""
+    """limit : seconds; None lets it go on; enough : share of the limit for a search that is not strained far beyond its limit
+    share : of the limit that may be spent by now; done : seconds
+    """
 
     limit: float | None = None
+    enough: float = 1.0
     share: float = 1.0
     done: float = 0.0
     began: float = field(default_factory=time.thread_time)
@@ -42,8 +48,8 @@ class Work:
     @classmethod
     def of(cls, size: int, patience: float) -> Work:
         """For so many spirals; ``patience`` times the usual limit, none where it is 0."""
-        usual = float(np.interp(size, SPIRALS, LIMITS)) * max(1.0, size / SPIRALS[-1])
-        return cls(patience * usual if patience else None)
+        usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
+        return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, enough / usual)
 
     def add(self, seconds: float, size: int) -> None:
         """Note work of so many seconds a spiral on so many spirals."""
@@ -54,10 +60,10 @@ class Work:
 
         Most searches end when their time is over; one that ends before makes the rest of it in one leap.
         """
-        limit, report = self.limit, progress.report
-        if limit is None or report is None:
+        report = progress.report
+        if self.limit is None or report is None:
             return progress
-        whole = progress.hi - progress.lo
+        whole, limit = progress.hi - progress.lo, self.enough * self.limit
 
         def told(_: float, text: str) -> None:
             report(progress.lo + whole * min(self.done / limit, 1.0), text)

@@ -106,10 +106,10 @@ def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
     assert not strained(after).strained_by(strained(before)).any()
 
 
-@pytest.mark.parametrize("share, until", [(0.01, OVERTIME), (100.0, 1.0)])
+@pytest.mark.parametrize("share, until", [(0.01, OVERTIME), (100.0, 0.5)])
 def test_a_search_whose_time_is_over_goes_on_where_arms_are_strained_too_much(wound, share, until):
     task, found = wound
-    task = replace(task, work=Work(limit=1.0, done=2.0))
+    task = replace(task, work=Work(limit=1.0, enough=0.5, done=2.0))
     bearing = found.point.problem.bearing
     problem = replace(found.point.problem, work=task.work, bearing=replace(bearing, share=share))
     search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
