@@ -247,10 +247,6 @@ class Point:
             return self
         return replace(self, problem=replace(self.problem, bearing=bearing.pressed(self.strains.values)))
 
-    def reweighted(self) -> Self:
-        """The same point with the weights that its mismatch asks for, of which spirals alone have none."""
-        return self
-
     @cached_property
     def distance(self) -> float:
         """RMS distance of the hubs to the target, in distances of neighbours."""

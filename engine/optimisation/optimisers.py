@@ -17,6 +17,7 @@ from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
 from . import inverse
+from .codesign_problem import FlatPoint
 from .composite import CompositeModel
 from .inverse import Point, Problem
 from .scaling import Bending
@@ -123,7 +124,7 @@ class _Search:
         pass  # every equilibrium on the way asks whether to stop
 
     def expand(self, point: Point) -> Local:
-        within, point = self.within(point), point.reweighted()
+        within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point
         point.prepare(within)
         within(0.0)
         self.bending.refine(point.gauss_newton)
