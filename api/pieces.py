@@ -277,6 +277,15 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
 
 
 def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool = False) -> Piece:
+    """Run the named stages.
+
+    Parameters
+    ----------
+    piece : the piece
+    names : names of stages, in order
+    progress : called with a fraction and a text
+    lenient : let optional stages fail unless they are last; ``Result.undone`` names them
+    """
     return replace(piece, made=job.go_on(piece.result, piece.settings, names, progress_of(progress), lenient=lenient))
 
 

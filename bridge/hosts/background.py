@@ -130,7 +130,13 @@ class Ticks:
 
 
 def run_here(title: str, work: Work) -> Any:
-    """Run the work now, on this thread; Ctrl-C becomes ``Cancelled``."""
+    """Run the work now, on this thread; Ctrl-C becomes ``Cancelled``.
+
+    Parameters
+    ----------
+    title : name of the work, for the console
+    work : function of a ``Progress``; its result is returned
+    """
     try:
         return work(Progress(Ticks(title)))
     except KeyboardInterrupt:

@@ -168,6 +168,15 @@ def write_batch(
 ) -> list[Path]:
     """Write the common sheets of several pieces, one parts list, and with ``guides`` an assembly sheet for every piece.
 
+    Parameters
+    ----------
+    made : the nested pieces
+    base : folder and start of the file names
+    formats : file formats
+    new : gives the path to write a file at, see ``files.replacing_many``
+    guides : also write assembly sheets
+    progress : called with a fraction and a text
+
     Returns
     -------
     The paths of the files.
@@ -195,7 +204,15 @@ def guide_of(base: Path) -> Path:
 
 
 def refuse(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) -> None:
-    """Raise ``FlexMapsError`` where ``write`` would replace a file that ``guard`` protects."""
+    """Raise ``FlexMapsError`` where ``write`` would replace a file that ``guard`` protects.
+
+    Parameters
+    ----------
+    out : the folder
+    guard : the files that must not be replaced
+    formats : file formats of the sheets
+    pictures : whether pictures will be written
+    """
     guard.check(_present(out, formats, pictures), out)
 
 

@@ -64,12 +64,28 @@ def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> d
 
 
 def share(piece: Any, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals."""
+    """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals.
+
+    Parameters
+    ----------
+    piece : a piece or an object
+    path : the .html file
+    guard : the files that must not be replaced
+    progress : called with a fraction and a text
+    """
     return save(_content_of(piece), path, guard, progress)
 
 
 def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
-    """Write the page to share from content that was read before; touches no Blender data."""
+    """Write the page to share from content that was read before; touches no Blender data.
+
+    Parameters
+    ----------
+    content : from ``of_object``
+    path : the .html file
+    guard : the files that must not be replaced
+    progress : called with a fraction and a text
+    """
     if content.shown is None:
         raise content.lost or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(content.described)
@@ -90,6 +106,13 @@ def _content_of(piece: Any) -> Told:
 
 
 def of_object(result: Result, read: held.Reported, progress: Progress = SILENT) -> Told:
-    """Build the content from what was read of an object; touches no Blender data."""
+    """Build the content from what was read of an object; touches no Blender data.
+
+    Parameters
+    ----------
+    result : the object's result
+    read : what was read of the object
+    progress : called with a fraction and a text
+    """
     figures, drawn = held.drawn(result, read, progress)
     return Told(figures, drawn, held.shown(result, read), read.taken.settings, result.lost.get("design"))

@@ -61,7 +61,13 @@ def quads_of(
 
 
 def as_object(quads: PolygonMesh, obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """Make a new object of quads (metres, world axes) in the frame and the collections of another object."""
+    """Make a new object of quads (metres, world axes) in the frame and the collections of another object.
+
+    Parameters
+    ----------
+    quads : the quads, metres and world axes
+    obj, scene : the object whose frame and collections are used, and its scene
+    """
     frame = to_metres(obj, scene)
     corners = quads.corners.reshape(-1, 4)
     if (

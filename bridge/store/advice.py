@@ -24,7 +24,13 @@ def of(mesh: bpy.types.Mesh) -> Amounts:
 
 
 def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
-    """Return why a remedy may not be pressed, as a sentence; None where it is advised."""
+    """Return why a remedy may not be pressed, as a sentence; None where it is advised.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh with the notes
+    remedy : name of the remedy
+    """
     if "reach" not in notes.read(mesh):
         return translate("It is not known yet what limits the match; press Simulate first")
     return None if remedy in of(mesh) else translate("The advice under Optimise is another one")

@@ -90,13 +90,24 @@ def get(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
 
     Widths that an older file stores once a face come once a corner. Return None where the attribute is missing, has a kind
     that FlexMaps never writes, or holds values out of its bounds: any program or script can write there.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh, outside edit mode
+    name : name with prefix
     """
     values = stored(mesh, name)
     return _on_corners(mesh, name, values)
 
 
 def stored(mesh: bpy.types.Mesh, name: str) -> np.ndarray | None:
-    """Return the values as ``get`` does, but leave widths of older files as they are stored, one a face."""
+    """Return the values as ``get`` does, but leave widths of older files as they are stored, one a face.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh, outside edit mode
+    name : name with prefix
+    """
     values = _raw(mesh, name)
     return None if values is None or (_is_ours(name) and not fits(name, values)) else values
 
@@ -139,7 +150,13 @@ def _is_ours(name: str) -> bool:
 
 
 def fits(name: str, values: Shaped[np.ndarray, "elements ..."]) -> bool:
-    """Return whether all values of one of FlexMaps' attributes are finite and within its bounds."""
+    """Return whether all values of one of FlexMaps' attributes are finite and within its bounds.
+
+    Parameters
+    ----------
+    name : name with prefix
+    values : values of all elements
+    """
     return bool(_within(name, values).all())
 
 
@@ -171,7 +188,13 @@ def ours(mesh: bpy.types.Mesh) -> tuple[dict[str, np.ndarray], dict[str, np.ndar
 
 
 def has(obj: bpy.types.Object, name: str) -> bool:
-    """Return whether the object's mesh has an attribute of that name, in edit mode too."""
+    """Return whether the object's mesh has an attribute of that name, in edit mode too.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    name : name with prefix
+    """
     return name in obj.data.attributes
 
 
@@ -242,7 +265,13 @@ def _put_bmesh(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: 
 
 
 def remove(obj: bpy.types.Object, name: str) -> None:
-    """Remove an attribute if it exists, in edit mode too."""
+    """Remove an attribute if it exists, in edit mode too.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    name : name with prefix
+    """
     if name in obj.data.attributes:
         obj.data.attributes.remove(obj.data.attributes[name])
         if obj.data.is_editmode:
@@ -275,7 +304,13 @@ def put_positions(obj: bpy.types.Object, positions: Float[np.ndarray, "vertices 
 
 
 def select(obj: bpy.types.Object, faces: Int[np.ndarray, " faces"], edges: Int[np.ndarray, " edges"]) -> None:
-    """Select exactly these faces and edges of Blender's mesh."""
+    """Select exactly these faces and edges of Blender's mesh.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    faces, edges : their indices in Blender's order
+    """
     mesh = obj.data
     if mesh.is_editmode:
         bm = bmesh.from_edit_mesh(mesh)

@@ -126,7 +126,13 @@ def border(obj: bpy.types.Object) -> list[int]:
 
 
 def hold(obj: bpy.types.Object, vertices: list[int]) -> None:
-    """Hold the piece at these vertices only."""
+    """Hold the piece at these vertices only.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    vertices : indices of Blender's vertices
+    """
     from . import supports  # scipy comes with it
 
     group = obj.vertex_groups.get(supports.GROUP) or obj.vertex_groups.new(name=supports.GROUP)

@@ -217,7 +217,13 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> 
 
 
 def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"] | None) -> None:
-    """Store the largest utilisation of every spiral's arms over all loads; None removes it, where the arm model yields none."""
+    """Store the largest utilisation of every spiral's arms over all loads; None removes it, where the arm model yields none.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    values : share of the limit, (F,), or None
+    """
     if values is None:
         attributes.remove(obj, attributes.PREFIX + UTILISATION)
     else:
@@ -225,5 +231,11 @@ def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]
 
 
 def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
-    """Return whether a stage's stored result belongs to an earlier mesh or earlier settings."""
+    """Return whether a stage's stored result belongs to an earlier mesh or earlier settings.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    stage : block of the notes
+    """
     return states.is_old(obj, scene, stage)

@@ -19,7 +19,13 @@ NAME = "flexmaps_explored"
 
 
 def write(obj: bpy.types.Object, report: Mapping[str, Any]) -> None:
-    """Keep the front of an exploration's report, the best candidate first."""
+    """Keep the front of an exploration's report, the best candidate first.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    report : ``Exploration.report()``
+    """
     numbers = dict.fromkeys([*([] if report["best"] is None else [report["best"]]), *report["front"]])
     rows = [{key: report["candidates"][k][key] for key in ("values", "measures")} for k in numbers]
     obj[NAME] = json.dumps({"note": report["note"], "tried": len(report["candidates"]), "rows": rows})
@@ -69,7 +75,13 @@ def edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def said(name: str, found: Any) -> str:
-    """Return a value with its unit, in the words of its setting."""
+    """Return a value with its unit, in the words of its setting.
+
+    Parameters
+    ----------
+    name : "section.name", "edge" or "height"
+    found : the value, as shown
+    """
     section, _, short = ("remesh.edge" if name == "edge" else name).partition(".")
     block = {f.name: f.default_factory for f in fields(ObjectSettings)}.get(section)
     known = [f for f in fields(block) if f.name == short] if block is not None else []  # type: ignore[arg-type]

@@ -42,7 +42,13 @@ def write(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str, error: Fle
 
 
 def clear(obj: bpy.types.Object, idname: str) -> None:
-    """Forget the failure of an operator that has succeeded since."""
+    """Forget the failure of an operator that has succeeded since.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    idname : the operator
+    """
     failed = notes.get_text(obj.data, NAME)
     if idname in failed:
         notes.put_text(obj.data, NAME, {name: failure for name, failure in failed.items() if name != idname})
@@ -66,7 +72,13 @@ def _input_checksums(obj: bpy.types.Object, scene: bpy.types.Scene, idname: str)
 
 
 def let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> None:
-    """Store that the user dismissed a notice, as long as its sentence stays the same."""
+    """Store that the user dismissed a notice, as long as its sentence stays the same.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    key, sentence : of the notice
+    """
     notes.put_text(mesh, LET_GO, notes.get_text(mesh, LET_GO) | {key: sentence})
 
 
@@ -76,7 +88,13 @@ def is_let_go(mesh: bpy.types.Mesh, key: str, sentence: str) -> bool:
 
 
 def note_tried(mesh: bpy.types.Mesh, call: str) -> None:
-    """Count that *Next* pressed a cure, so that it offers another one if that was not enough."""
+    """Count that *Next* pressed a cure, so that it offers another one if that was not enough.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    call : ``Cure.call``
+    """
     tried = notes.get_text(mesh, TRIED)
     notes.put_text(mesh, TRIED, tried | {call: tried.get(call, 0) + 1})
 
@@ -87,7 +105,12 @@ def tried(mesh: bpy.types.Mesh) -> set[str]:
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
-    """Copy pressed cures and dismissed notices to the mesh that replaces another one."""
+    """Copy pressed cures and dismissed notices to the mesh that replaces another one.
+
+    Parameters
+    ----------
+    old, new : Blender's meshes
+    """
     for name in (TRIED, LET_GO):
         kept = notes.get_text(old, name)
         if kept:

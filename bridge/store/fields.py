@@ -65,7 +65,13 @@ def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, 
 
 
 def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
-    """Return the field of that name, as ``of`` does, of an object that was read earlier."""
+    """Return the field of that name, as ``of`` does, of an object that was read earlier.
+
+    Parameters
+    ----------
+    uid : Blender's id of the object
+    name : name of the group, colour or attribute
+    """
     from . import mesh
 
     obj = objects.find(uid)
@@ -73,7 +79,13 @@ def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
 
 
 def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
-    """Mark exactly these spirals as protected from Optimise; None or an empty array removes the marks."""
+    """Mark exactly these spirals as protected from Optimise; None or an empty array removes the marks.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    quads : indices of the protected quads, or None
+    """
     if quads is None or not len(quads):
         attributes.remove(obj, PROTECT)
         return
@@ -89,7 +101,13 @@ def protected(obj: bpy.types.Object) -> int:
 
 
 def write_stiffness(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]) -> None:
-    """Store the stiffness of every spiral in N mm/rad; any change of the design removes it."""
+    """Store the stiffness of every spiral in N mm/rad; any change of the design removes it.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    values : (F,), N mm/rad
+    """
     attributes.put(obj, attributes.PREFIX + "stiffness", *attributes.OURS["stiffness"][:2], values)
 
 

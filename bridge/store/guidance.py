@@ -65,7 +65,13 @@ class Guidance:
 
 
 def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:
-    """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed."""
+    """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed.
+
+    Parameters
+    ----------
+    obj, scene : a mesh object and its scene
+    known : states of its stages, or None
+    """
     known = states.of(obj, scene) if known is None else known
     all_notices = notices.of(obj, scene, known)
     act = next_button.act(obj, scene, known, all_notices)

@@ -16,7 +16,13 @@ LEAST = 0.5  # weight from which a new vertex belongs to a group; larger shrinks
 
 
 def hand_down(old: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Transfer the decisions from an object to the one that replaces it; both coincide, and the new one is not scaled yet."""
+    """Transfer the decisions from an object to the one that replaces it; both coincide, and the new one is not scaled yet.
+
+    Parameters
+    ----------
+    old : the object that is replaced
+    made : the new object of quads
+    """
     if not len(old.data.polygons) or not len(made.data.polygons):
         return
     vertices = [vertex.co for vertex in old.data.vertices]

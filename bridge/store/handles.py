@@ -41,7 +41,13 @@ def wishes(surface: Surface) -> Float[np.ndarray, "quads 3"]:
 
 
 def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
-    """Return the values of an attribute of ``NAMES`` as they are stored; zeros where there are none."""
+    """Return the values of an attribute of ``NAMES`` as they are stored; zeros where there are none.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    name : ``HELD``, ``PULL`` or ``WISH``
+    """
     with attributes.readable(obj) as mesh:
         values, count = attributes.get(mesh, attributes.PREFIX + name), len(mesh.polygons)
     shape = (count,) if name == HELD else (count, 3)
@@ -49,7 +55,14 @@ def read(obj: bpy.types.Object, name: str) -> Float[np.ndarray, "quads ..."]:
 
 
 def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ..."]) -> None:
-    """Store the values of an attribute of ``NAMES``; all zeros remove it."""
+    """Store the values of an attribute of ``NAMES``; all zeros remove it.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    name : ``HELD``, ``PULL`` or ``WISH``
+    values : (F,) for ``HELD``, else (F, 3)
+    """
     if not values.any():
         attributes.remove(obj, attributes.PREFIX + name)
     else:
@@ -60,5 +73,12 @@ def write(obj: bpy.types.Object, name: str, values: Float[np.ndarray, "quads ...
 def from_metres(
     obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], offsets: Float[np.ndarray, "quads 3"]
 ) -> None:
-    """Store drag targets whose offsets are in metres and world axes."""
+    """Store drag targets whose offsets are in metres and world axes.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    to_metres : matrix from the object's frame to metres
+    offsets : (F, 3), metres in world axes
+    """
     write(obj, WISH, offsets @ np.linalg.inv(to_metres[:3, :3]).T)

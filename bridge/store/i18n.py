@@ -11,7 +11,13 @@ CONTEXT = "FlexMaps"
 
 
 def translate(text: str, *values: Any) -> str:
-    """Translate a line in the language for reports, and insert the values at ``{}``."""
+    """Translate a line in the language for reports, and insert the values at ``{}``.
+
+    Parameters
+    ----------
+    text : English text
+    values : values for its places ``{}``
+    """
     translated: str = bpy.app.translations.pgettext_rpt(text)
     return translated.format(*values) if values else translated
 
@@ -22,12 +28,24 @@ def button_name(label: str) -> str:
 
 
 def span(low: str, high: str, unit: str = "") -> str:
-    """Return a range such as "2 to 3 mm"; one figure where both are equal."""
+    """Return a range such as "2 to 3 mm"; one figure where both are equal.
+
+    Parameters
+    ----------
+    low, high : formatted numbers
+    unit : appended as it is
+    """
     return f"{high if low == high else interface('{} to {}', low, high)}{unit}"
 
 
 def interface(text: str, *values: Any) -> str:
-    """Translate words of the sidebar in the language of the interface, and insert the values at ``{}``."""
+    """Translate words of the sidebar in the language of the interface, and insert the values at ``{}``.
+
+    Parameters
+    ----------
+    text : English text
+    values : values for its places ``{}``
+    """
     translated: str = bpy.app.translations.pgettext_iface(text, CONTEXT)
     return translated.format(*values) if values else translated
 

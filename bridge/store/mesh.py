@@ -347,7 +347,15 @@ def write_start(
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
 ) -> None:
-    """Store widths in metres and twists in radians as a start for the spirals of new patches."""
+    """Store widths in metres and twists in radians as a start for the spirals of new patches.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : the surface as it was read
+    width : (F, 4), metres
+    twist : (F,), radians
+    """
     _put_spirals(obj, surface, LAST_NAMES, width, twist)
 
 
@@ -372,7 +380,13 @@ def shelve_design(obj: bpy.types.Object) -> None:
 
 
 def forget(obj: bpy.types.Object, names: tuple[str, ...]) -> None:
-    """Remove attributes that an earlier stage made out of date, and the simulation."""
+    """Remove attributes that an earlier stage made out of date, and the simulation.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    names : names without prefix
+    """
     for name in names:
         attributes.remove(obj, attributes.PREFIX + name)
     equilibrium.forget(obj)

@@ -96,7 +96,13 @@ def read(mesh: bpy.types.Mesh) -> dict[str, Any]:
 
 
 def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
-    """Return why a member of the engine's ``Result`` is missing, as a sentence; None where its stage has run."""
+    """Return why a member of the engine's ``Result`` is missing, as a sentence; None where its stage has run.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    member : name of a member of ``Result``
+    """
     return None if stages.blocks_of((member,)) & read(mesh).keys() else stages.MISSING[member]
 
 
@@ -126,7 +132,14 @@ def made_with(mesh: bpy.types.Mesh) -> str:
 
 
 def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
-    """Store the block of a stage, and drop the blocks of later stages, which are now out of date."""
+    """Store the block of a stage, and drop the blocks of later stages, which are now out of date.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    stage : name of the block
+    block : plain values, which become JSON
+    """
     _begin(mesh)
     gone = stages.blocks_after(stage)
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
@@ -134,13 +147,25 @@ def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
 
 
 def write_all(mesh: bpy.types.Mesh, blocks: dict[str, dict[str, Any]]) -> None:
-    """Store the blocks of several stages, in the order of the stages."""
+    """Store the blocks of several stages, in the order of the stages.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    blocks : name -> block, in the order of the stages
+    """
     for stage, block in blocks.items():
         write(mesh, stage, block)
 
 
 def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
-    """Drop the block of a stage and of all later ones."""
+    """Drop the block of a stage and of all later ones.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    stage : name of the block
+    """
     _begin(mesh)
     gone = stages.blocks_after(stage) | {stage}
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
@@ -150,6 +175,11 @@ def write_checks(mesh: bpy.types.Mesh, findings: Sequence[Finding]) -> None:
     """Store the findings of the check with their edges; no stage becomes out of date.
 
     Findings of the remesh stay while the number of quads is the same, because a check of the quads cannot find them.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh
+    findings : findings of the check
     """
     count = len(mesh.polygons)
     blocks = [

@@ -92,7 +92,7 @@ def files_read() -> tuple[Path, ...]:
 
 
 def find(uid: int) -> bpy.types.Object:
-    """Return the object that was read earlier, even if it was renamed; raise ``FlexMapsError`` where it was deleted."""
+    """Return the object with this id of Blender's, even if it was renamed; raise ``FlexMapsError`` where it was deleted."""
     for obj in bpy.data.objects:
         if obj.session_uid == uid and obj.users:
             return obj

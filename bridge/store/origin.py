@@ -17,7 +17,13 @@ MADE = "flexmaps_made"  # on its mesh: a checksum of the quads as they were made
 
 
 def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
-    """Store which object the quads were made from."""
+    """Store which object the quads were made from.
+
+    Parameters
+    ----------
+    made : the object of quads
+    source : the object that was remeshed
+    """
     made[SOURCE], made.data[MADE] = source, _checksum(made.data)
 
 

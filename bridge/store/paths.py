@@ -49,7 +49,13 @@ def _plain(name: str) -> str:
 
 
 def picture_file(text: str, film: bool = False) -> Path:
-    """Return the PNG file, or with ``film`` also an MP4 file, that a setting names; raise ``FlexMapsError`` without a name."""
+    """Return the PNG file, or with ``film`` also an MP4 file, that a setting names; raise ``FlexMapsError`` without a name.
+
+    Parameters
+    ----------
+    text : the setting
+    film : also accept a name that ends in .mp4
+    """
     if unsaved(text):
         raise FlexMapsError("Save the .blend file first, or choose a file that does not begin with //")
     if not text.strip():

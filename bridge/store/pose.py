@@ -32,7 +32,13 @@ def write(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"], pose: Pose
 
 
 def read(obj: bpy.types.Object, to_metres: Float[np.ndarray, "4 4"]) -> Pose | None:
-    """Return the stored pose in metres and world axes at the object's present place; None if missing or damaged."""
+    """Return the stored pose in metres and world axes at the object's present place; None if missing or damaged.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    to_metres : matrix from the object's frame to metres
+    """
     from ...engine.mechanics.assembly import Pose
 
     with attributes.readable(obj) as mesh:

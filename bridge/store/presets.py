@@ -59,7 +59,13 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
 
 
 def note(obj: bpy.types.Object, path: Path) -> None:
-    """Store which preset an object took, and the values that the preset set."""
+    """Store which preset an object took, and the values that the preset set.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    path : file of the preset
+    """
     names = re.findall(r"^settings\.(\S+) *=", path.read_text(encoding="utf-8"), re.MULTILINE)
     values = {name: _value(obj, name) for name in dict.fromkeys(names)}
     obj[TAKEN] = json.dumps({"file": str(path), "values": {k: v for k, v in values.items() if v is not None}})

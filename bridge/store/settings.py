@@ -84,7 +84,13 @@ def _exact(value: float) -> float:
 
 
 def read(properties: Any, cls: type[T]) -> T:
-    """Return the engine's settings from a property group made by ``group(cls)``; raise ``FlexMapsError`` out of bounds."""
+    """Return the engine's settings from a property group made by ``group(cls)``; raise ``FlexMapsError`` out of bounds.
+
+    Parameters
+    ----------
+    properties : a property group
+    cls : dataclass of settings
+    """
     hints = _hints(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
     for f in fields(cls):  # type: ignore[arg-type]
@@ -102,7 +108,13 @@ def read(properties: Any, cls: type[T]) -> T:
 
 
 def write(properties: Any, settings: Any) -> None:
-    """Store the engine's settings in a property group made by ``group(type(settings))``."""
+    """Store the engine's settings in a property group made by ``group(type(settings))``.
+
+    Parameters
+    ----------
+    properties : a property group
+    settings : instance of a dataclass of settings
+    """
     for f in fields(settings):
         value = getattr(settings, f.name)
         if is_dataclass(value):

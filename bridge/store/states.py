@@ -151,7 +151,13 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
 
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
-    """Return whether a stage has a result whose inputs changed since; earlier stages are not considered."""
+    """Return whether a stage has a result whose inputs changed since; earlier stages are not considered.
+
+    Parameters
+    ----------
+    obj, scene : the mesh object and its scene
+    stage : block of the notes
+    """
     return stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
 
 

@@ -84,6 +84,12 @@ def is_group(uid: int, name: str) -> bool:
 def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
     """Return the quads held by the group and by single marks; None where none are held.
 
+    Parameters
+    ----------
+    obj : the mesh object
+    surface : its surface
+    params : settings of the loads
+
     Raises
     ------
     FlexMapsError where the group is missing or holds no quad.

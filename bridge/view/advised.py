@@ -70,7 +70,13 @@ def write(
 
 
 def alike(surface: Surface, mesh: QuadMesh) -> bool:
-    """Return whether the object's corners lie where the engine's quads have theirs, one by one."""
+    """Return whether the object's corners lie where the engine's quads have theirs, one by one.
+
+    Parameters
+    ----------
+    surface : the object's surface
+    mesh : the engine's mesh
+    """
     corners = surface.polygons.corners
     if len(corners) != mesh.quads.size:
         return False

@@ -32,7 +32,13 @@ def pictures(layouts: Sequence[FlatPatches]) -> Float[np.ndarray, "rows columns 
 
 
 def keep(obj: bpy.types.Object, strip: Float[np.ndarray, "rows columns 4"]) -> None:
-    """Store the pictures in the file, under the name of the object's mesh."""
+    """Store the pictures in the file, under the name of the object's mesh.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    strip : sRGB with alpha, from ``pictures``
+    """
     kept = images.image(_name(obj), strip.astype(np.float32))
     kept.use_fake_user = True  # Blender drops data without users when it saves
     _kept.pop(_name(obj), None)
@@ -43,7 +49,13 @@ def _name(obj: bpy.types.Object) -> str:
 
 
 def icons(obj: bpy.types.Object, count: int) -> list[int]:
-    """Return the icon numbers of the layouts; 0 for layouts without a picture, and without a window."""
+    """Return the icon numbers of the layouts; 0 for layouts without a picture, and without a window.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    count : number of layouts
+    """
     name = _name(obj)
     if name not in _kept:
         _kept[name] = _make_icons(name, count)

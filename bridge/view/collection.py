@@ -60,7 +60,13 @@ def remove(own: bpy.types.Collection) -> None:
 
 
 def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "seams", "outlines")) -> None:
-    """Remove objects of the given kinds from the object's collection."""
+    """Remove objects of the given kinds from the object's collection.
+
+    Parameters
+    ----------
+    obj : the model
+    kinds : values of ``flexmaps_kind``
+    """
     own = existing(obj)
     if own is None:
         return
@@ -73,7 +79,13 @@ def clear(obj: bpy.types.Object, kinds: tuple[str, ...] = ("panels", "backs", "s
 
 
 def origin(obj: bpy.types.Object, scene: bpy.types.Scene, gap: float) -> Float[np.ndarray, " 3"]:
-    """Return in metres the upper left corner for the flat layout: right of the model, at its lowest height."""
+    """Return in metres the upper left corner for the flat layout: right of the model, at its lowest height.
+
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    gap : distance from the model, metres
+    """
     box = np.array([obj.matrix_world @ v for v in map(vector, obj.bound_box)]) * scene.unit_settings.scale_length
     low, high = box.min(axis=0), box.max(axis=0)
     return np.array([high[0] + gap, high[1], low[2]])

@@ -176,7 +176,14 @@ class PanelDrawing:
     def write(
         self, obj: bpy.types.Object, surface: Surface, spirals: dict[str, Any], layout: dict[str, Any] | None
     ) -> None:
-        """Write the spirals and their note into the object; with ``layout``, the layout's block, also moved flat points."""
+        """Write the spirals and their note into the object.
+
+        Parameters
+        ----------
+        obj, surface : the object and its surface
+        spirals : the note
+        layout : figures to update in the layout's note, if flat points have moved, else None
+        """
         from ..store import mesh
 
         if layout is not None:

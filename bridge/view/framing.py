@@ -28,7 +28,13 @@ def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> 
 
 
 def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
-    """Turn every 3D view to the selection and to further objects, as Blender's *Frame Selected* does."""
+    """Turn every 3D view to the selection and to further objects, as Blender's *Frame Selected* does.
+
+    Parameters
+    ----------
+    context : Blender's context
+    others : further objects to show
+    """
     beside = [other for other in others if not other.select_get() and other.visible_get()]
     for other in beside:
         other.select_set(True)
@@ -41,7 +47,14 @@ def frame(context: bpy.types.Context, *others: bpy.types.Object) -> None:
 
 
 def select_alone(context: bpy.types.Context, obj: bpy.types.Object, layer: bpy.types.ViewLayer) -> None:
-    """Select exactly one object of a view layer, and turn the views to it."""
+    """Select exactly one object of a view layer, and turn the views to it.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object
+    layer : the view layer
+    """
     for other in layer.objects:
         other.select_set(other == obj, view_layer=layer)
     layer.objects.active = obj
@@ -61,6 +74,12 @@ def reveal(
     """Select faces and edges, given in the engine's numbers, where the user sees them.
 
     With a window this enters edit mode: face mode, or edge mode for edges alone.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj, surface : the object and its surface
+    faces, edges : their indices in the engine's order
     """
     import numpy as np
 
@@ -75,7 +94,13 @@ def reveal(
 
 
 def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -> None:
-    """Select faces and edges of the active object, given in the engine's numbers, and turn the views to them."""
+    """Select faces and edges of the active object, given in the engine's numbers, and turn the views to them.
+
+    Parameters
+    ----------
+    context : Blender's context
+    faces, edges : their indices in the engine's order
+    """
     from ..store import mesh
 
     surface = mesh.read_surface(context.object, context.scene)
@@ -86,7 +111,13 @@ def show_place(context: bpy.types.Context, faces: list[int], edges: list[int]) -
 
 
 def in_scene(context: bpy.types.Context, uid: int) -> AbstractContextManager[Any]:
-    """Return the context of the scene that the work began in, even if another scene is open now."""
+    """Return the context of the scene that the work began in, even if another scene is open now.
+
+    Parameters
+    ----------
+    context : Blender's context
+    uid : Blender's id of the scene
+    """
     scene = next((scene for scene in context.blend_data.scenes if scene.session_uid == uid), context.scene)
     if scene == context.scene:
         return nullcontext()

@@ -54,7 +54,13 @@ def _set(text: str) -> np.ndarray:
 
 
 def image(name: str, pixels: Float[np.ndarray, "rows columns 4"]) -> bpy.types.Image:
-    """Store pixels, top row first, as an image of that name in the file; overwrite an existing one."""
+    """Store pixels, top row first, as an image of that name in the file; overwrite an existing one.
+
+    Parameters
+    ----------
+    name : name of the image
+    pixels : (rows, columns, 4), from 0 to 1
+    """
     height, width = pixels.shape[:2]
     made = bpy.data.images.get(name)
     if made is None or made.source not in {"GENERATED", "FILE"}:

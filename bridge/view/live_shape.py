@@ -128,7 +128,14 @@ def middle_edge(corners: Float[np.ndarray, "quads 4 3"]) -> float:
 
 
 def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Result:
-    """Simulate the result, and show the shape while it moves."""
+    """Simulate the result, and show the shape while it moves.
+
+    Parameters
+    ----------
+    result : a result with spirals
+    settings : all settings
+    progress : called with a fraction and a text
+    """
     from ...engine.runs import job
 
     moving = progress.showing(lambda vertices: LiveShape(vertices, result.mesh.quads))

@@ -23,6 +23,13 @@ def polygons(
     """Make a mesh of polygons, whose corners are listed face after face.
 
     Values are set as attributes, which copies whole arrays; vertices and loops would take them one by one.
+
+    Parameters
+    ----------
+    name : name of the mesh
+    points : (V, 3)
+    corners : vertex of every corner
+    sizes : number of corners of every face
     """
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(points))
@@ -48,7 +55,7 @@ def paint(mesh: bpy.types.Mesh, rgb: Float[np.ndarray, "corners 3"]) -> None:
 
 
 def put(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
-    """Add an attribute whose type follows from its values; pairs on corners make a UV map.
+    """Add an attribute to a mesh; the type follows from the values, and pairs on corners make a UV map.
 
     Parameters
     ----------

@@ -35,6 +35,11 @@ def renew(obj: bpy.types.Object, made: str = "") -> None:
     """Recolour the object after a stage: in the kind ``made`` by the stage, or in the kind that is shown.
 
     A kind that the user chose stays while it is available; if the user chose no colours, none appear.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    made : kind of colours that the stage has made values for, or ""
     """
     manager = bpy.context.window_manager
     shown, chosen = manager.flexmaps_overlay, manager.flexmaps_chosen

@@ -15,7 +15,13 @@ from ..store import seen as seeing
 def seen(
     obj: bpy.types.Object, shape: Any = None
 ) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "quads 4"]]:
-    """Return vertices in the scene's units and world axes, and quads; ``shape`` may be the live shape of the object."""
+    """Return vertices in the scene's units and world axes, and quads; ``shape`` may be the live shape of the object.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    shape : the live shape, or None
+    """
     if shape is not None and shape.vertices is not None and len(shape.quads) == len(obj.data.polygons):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
@@ -42,7 +48,13 @@ def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) ->
 def quad_at(
     points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Any, way: Any
 ) -> int | None:
-    """Return the first quad that a ray hits; None if it misses."""
+    """Return the first quad that a ray hits; None if it misses.
+
+    Parameters
+    ----------
+    points, quads : the surface
+    origin, way : start and direction of the ray
+    """
     from mathutils.bvhtree import BVHTree
 
     tree = BVHTree.FromPolygons(points.tolist(), quads.tolist())

@@ -82,7 +82,14 @@ def tips_of(design: SpiralDesign, settings: ObjectSettings, progress: Progress =
 def base_of(
     design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " supports"] | None, settings: ObjectSettings
 ) -> Base | None:
-    """Return the base of a piece; None without one, or where it cannot have one, for a reason that Export reports."""
+    """Return the base of a piece; None if the settings ask for none or it cannot be made, a case that Export explains.
+
+    Parameters
+    ----------
+    design, pose : the spirals and their hubs
+    supports : quads that are held
+    settings : all settings
+    """
     if settings.base.base == "none":
         return None
     from ...engine.runs.steps import standing
@@ -156,7 +163,15 @@ def note_of(obj: bpy.types.Object) -> dict[str, Any]:
 def show(
     obj: bpy.types.Object, scene: bpy.types.Scene, built: Built, params: PreviewParams, simulated: bool
 ) -> bpy.types.Object:
-    """Put the assembled piece beside its model, replacing an earlier one; raise ``FlexMapsError`` without its colours."""
+    """Put the assembled piece beside its model, replacing an earlier one; raise ``FlexMapsError`` without its colours.
+
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    built : from ``build``
+    params : settings of the preview
+    simulated : whether the pose is a simulation's
+    """
     began = time.perf_counter()
     rgb = None if params.colour == "MATERIAL" else quad_colours(obj, params.colour)
     points = built.vertices.reshape(-1, 3)
@@ -194,7 +209,13 @@ def show(
 def shift(
     obj: bpy.types.Object, scene: bpy.types.Scene, low: Float[np.ndarray, " 3"], high: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, " 3"]:
-    """Return the shift in metres that puts a box with these corners to the left of its model, on the same ground."""
+    """Return the shift in metres that puts a box with these corners to the left of its model, on the same ground.
+
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    low, high : lowest and highest corner of the piece, metres
+    """
     box = (
         np.array([obj.matrix_world @ v for v in map(collection.vector, obj.bound_box)])
         * scene.unit_settings.scale_length
@@ -223,7 +244,13 @@ def _put_object(
 
 
 def quad_colours(obj: bpy.types.Object, kind: str) -> Float[np.ndarray, "quads 3"]:
-    """Return the overlay's linear colours of a kind; raise ``FlexMapsError`` where its stage has not run."""
+    """Return the overlay's linear colours of a kind; raise ``FlexMapsError`` where its stage has not run.
+
+    Parameters
+    ----------
+    obj : the model
+    kind : a key of ``colouring.KINDS``
+    """
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, colouring.KINDS[kind].attribute)
     if values is None:

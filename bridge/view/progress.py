@@ -34,7 +34,13 @@ class Pace:
 
 
 def show(context: bpy.types.Context, running: Any) -> None:
-    """Show a ``background.Job``'s progress in status bar, cursor and sidebar; redraw the 3D views if it shows a shape."""
+    """Show a ``background.Job``'s progress in status bar, cursor and sidebar; redraw the 3D views if it shows a shape.
+
+    Parameters
+    ----------
+    context : Blender's context
+    running : the ``background.Job``
+    """
     context.window_manager.progress_update(int(100 * running.fraction))
     if context.workspace is not None:
         context.workspace.status_text_set(progress_line(running) + "    " + translate("ESC: stop"))
@@ -49,7 +55,13 @@ def progress_line(running: Any) -> str:
 
 
 def redraw(context: bpy.types.Context, kind: str = "") -> None:
-    """Redraw every 3D view, or only its regions of one kind."""
+    """Redraw every 3D view, or only its regions of one kind.
+
+    Parameters
+    ----------
+    context : Blender's context
+    kind : type of region, or "" for all
+    """
     for window in context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":

@@ -15,7 +15,14 @@ if TYPE_CHECKING:
 
 
 def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types.Object) -> None:
-    """Let the new object replace the old one, with its settings."""
+    """Let the new object replace the old one, with its settings.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object that is replaced
+    made : the new object
+    """
     from ..store import handing_down  # scipy comes with it
 
     leave_edit_mode(context)
@@ -34,21 +41,41 @@ def take_over(context: bpy.types.Context, obj: bpy.types.Object, made: bpy.types
 
 
 def resize(context: bpy.types.Context, obj: bpy.types.Object, millimetres: float) -> None:
-    """Scale an object about its origin until its longest side has a length; the views follow."""
+    """Scale an object about its origin until its longest side has a length; the views follow.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object
+    millimetres : length of the longest side
+    """
     context.view_layer.update()
     factor = millimetres * 1e-3 / (max(obj.dimensions) * context.scene.unit_settings.scale_length)
     scale(context, obj, factor)
 
 
 def scale(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
-    """Scale an object about its origin; the views follow."""
+    """Scale an object about its origin; the views follow.
+
+    Parameters
+    ----------
+    context : Blender's context
+    obj : the object
+    factor : scale factor
+    """
     obj.scale = [s * factor for s in obj.scale]
     framing.follow(context, obj, factor)
     context.view_layer.update()
 
 
 def begin_anew(obj: bpy.types.Object, findings: list[Finding]) -> None:
-    """Drop all results of an object whose quads have changed, and store the findings of the check."""
+    """Drop all results of an object whose quads have changed, and store the findings of the check.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    findings : findings of the check of the new quads
+    """
     from ..store import mesh
 
     mesh.forget(obj, mesh.NAMES)

@@ -119,7 +119,13 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
 
 
 def shown(result: Result, found: Reported) -> Shown | None:
-    """Return the content of the page's 3D view of a result that was taken from an object; None without spirals."""
+    """Return the content of the page's 3D view of a result that was taken from an object; None without spirals.
+
+    Parameters
+    ----------
+    result : the result
+    found : what was read of the object
+    """
     if result.design is None:
         return None
     return Shown(result.design, _measured_values(result, found), found.pose)

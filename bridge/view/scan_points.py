@@ -14,7 +14,13 @@ if TYPE_CHECKING:
 
 
 def show(obj: bpy.types.Object, scene: bpy.types.Scene, found: Comparison) -> bpy.types.Object:
-    """Lay the scan's points over the model; the attribute ``shows_piece`` is 0 for points beside the piece."""
+    """Lay the scan's points over the model; the attribute ``shows_piece`` is 0 for points beside the piece.
+
+    Parameters
+    ----------
+    obj, scene : the model and its scene
+    found : the comparison
+    """
     mesh = bpy.data.meshes.new(f"{obj.name} scan")
     mesh.vertices.add(len(found.points))
     mesh.attributes["position"].data.foreach_set("vector", found.points.astype(np.float32).ravel())

@@ -184,7 +184,14 @@ def _outlines(result: Result) -> list[tuple[Any, ...]]:
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:
-    """Add the surface as a mesh object, selected and active, in the scene's units."""
+    """Add the surface as a mesh object, selected and active, in the scene's units.
+
+    Parameters
+    ----------
+    scene : the scene
+    quads : the surface, metres
+    name : name of the object
+    """
     data = meshes.quads(name, quads.vertices / scene.unit_settings.scale_length, quads.quads)
     data.materials.append(materials.material("FlexMaps panel", None))
     obj = bpy.data.objects.new(name, data)
@@ -209,6 +216,13 @@ def save(path: str | Path) -> None:
 
 def save_alone(path: str | Path, result: Result, name: str, used: Settings | None = None) -> None:
     """Save a file that holds a finished job and nothing of the open file, which stays as it is.
+
+    Parameters
+    ----------
+    path : the .blend file
+    result : the job
+    name : name of the model
+    used : settings of the job
 
     Raises
     ------

@@ -13,7 +13,14 @@ FRAMES, UNKNOWN = 66, 291
 
 
 def lines(text: str, width: float, most: int) -> list[str]:
-    """Break a sentence into at most ``most`` lines of a width in pixels; split words longer than a line, such as paths."""
+    """Break a sentence into at most ``most`` lines of a width in pixels; split words longer than a line, such as paths.
+
+    Parameters
+    ----------
+    text : the sentence
+    width : pixels at an interface scale of 1
+    most : number of lines at most
+    """
     broken: list[str] = []
     for word in text.split():
         if broken and wide(f"{broken[-1]} {word}") <= width:
