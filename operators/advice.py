@@ -132,9 +132,8 @@ class MakeLarger(Advised, bpy.types.Operator):
             raise FlexMapsError(
                 f"Something else sets the scale of '{obj.name}', a constraint or a driver; scale it there"
             )
-        self._made_from |= {
-            "down": states.settings_now(obj, context.scene)["down"]
-        }  # the checksum changed, though nothing turned
+        # scaling changes the checksum of "down" too, but does not turn the object
+        self._made_from |= {"down": states.settings_now(obj, context.scene)["down"]}
         notes.write_checks(obj.data, result.after.findings)
         return self.written(context, obj, now, result, 1.0, self._amount)
 

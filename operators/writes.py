@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Writes:
-    """Base of operators that write files, listed before a stage's own base; they call ``guard`` before the work begins."""
+    """Base of operators that write files; list it first among the bases. They call ``guard`` before the work begins."""
 
     overwrite: bpy.props.BoolProperty(  # type: ignore[valid-type]
         name="Overwrite",

@@ -112,7 +112,7 @@ RANGES = ("width_mm", "Arm width", (".2f", " mm")), ("twist_deg", "Twist", (".0f
 
 
 def _span(block: dict[str, Any], key: str, form: tuple[str, str]) -> str:
-    """Return the range from the smallest to the largest of [smallest, mean, largest]."""
+    """Format the range of a block's entry [smallest, mean, largest]."""
     digits, unit = form
     return span(f"{block[key][0]:{digits}}", f"{block[key][-1]:{digits}}", unit)
 

@@ -23,6 +23,11 @@ def seen(obj: bpy.types.Object, context: bpy.types.Context) -> PolygonMesh:
 
     If the object holds unchanged quads of a remesh, return the source of the remesh, moved to where the quads are.
 
+    Parameters
+    ----------
+    obj : the object
+    context : Blender's context
+
     Raises
     ------
     FlexMapsError where there are no polygons, or a scale is 0.

@@ -1,4 +1,4 @@
-"""Texts in the user's language, by Blender's own translations."""
+"""Translate texts into the user's language, with Blender's own system of translations."""
 
 from __future__ import annotations
 

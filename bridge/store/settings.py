@@ -128,6 +128,9 @@ def write(properties: Any, settings: Any) -> None:
 def changed(properties: Any, but: tuple[str, ...] = ()) -> str:
     """Return the settings of a group that differ from their defaults, as a text to compare; quick enough for a panel.
 
+    Parameters
+    ----------
+    properties : a property group
     but : names to leave out
     """
     texts = []

@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from .easel import Easel
 
 SPACING = 0.25  # distance of two dabs on the pointer's path, in radii; smaller paints more evenly and takes longer
-FLOW = (
-    0.4  # share of the strength per dab: the four dabs that a passing brush sets on one place reach nine tenths; by eye
-)
+# share of the strength per dab: the four dabs that a passing brush sets on one place reach nine tenths; by eye
+FLOW = 0.4
 
 
 class BrushPath:

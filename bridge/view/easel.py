@@ -34,9 +34,8 @@ TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
 PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
 LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals; by eye
-STEPS = (
-    64  # states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
-)
+# states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
+STEPS = 64
 
 _easels: list[Easel] = []
 

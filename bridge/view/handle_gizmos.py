@@ -58,7 +58,7 @@ class Handles:
         self.refresh(context)
         if not self._existing:
             return
-        # scale the frame to one quad edge, because it scales the arrow's head
+        # one quad edge as the frame's scale, which sets the size of the arrow's head
         edge = picking.edge_of(context.object)
         for one, (kind, _, place, way) in zip(self.gizmos, _handles(context, self.shape_of), strict=False):
             one.matrix_basis = _frame(place, way, 1.0 if kind == "held" else edge)

@@ -58,7 +58,13 @@ def open_blend(path: str | Path) -> bpy.types.Object:
 
 
 def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Object | None:
-    """Make a mesh object beside a text, curve, surface or metaball, which is hidden; None where it has no faces."""
+    """Make a mesh object beside a text, curve, surface or metaball, which is hidden; None where it has no faces.
+
+    Parameters
+    ----------
+    obj : the object to convert
+    context : Blender's context
+    """
     data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
     if not len(data.polygons):
         bpy.data.meshes.remove(data)
