@@ -226,8 +226,8 @@ def test_a_map_of_too_many_pairs_is_refused_before_they_are_all_found(monkeypatc
     box = t.cube()
     thin = Triangles(box.vertices * [1.0, 1.0, 0.08], box.corners)
     looked = []
-    look = separation._Search.look_round
-    monkeypatch.setattr(separation._Search, "look_round", lambda *args: looked.append(args[1]) or look(*args))
+    look = separation._NeighbourWalk.look_round
+    monkeypatch.setattr(separation._NeighbourWalk, "look_round", lambda *args: looked.append(args[1]) or look(*args))
     quads_of(thin, 0.4, SHARP)
     all_of_them = len(looked)
     monkeypatch.setattr(separation, "MANY", 0)
