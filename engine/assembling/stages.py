@@ -131,7 +131,7 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
 
 
 class _Search:
-    """Disassembly of the piece."""
+    """State of the piece while it is taken apart."""
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params

@@ -31,8 +31,8 @@ from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 # own error
 READING = 0.02
 RULER = 2e-5  # error of a caliper reading, metres
-# Error of the formulas as a share of the modulus, against solids (``bench workshop``): added to the errors before strip
-# and spirals count as contradictory
+# Error of the formulas as a share of the modulus, measured against solids (``bench workshop``). Strip and spirals
+# contradict each other only if they differ by more than this and their measurement errors together
 MODEL = 0.02
 SURE = 3.0  # combined standard errors beyond which two values contradict each other
 DIGITS = 3  # minimum significant digits of a number in a preset

@@ -183,7 +183,10 @@ def connect(
 
 @dataclass(frozen=True, eq=False)
 class _Choice:
-    """A feasible attempt at a joint, its tips, and their polygons ``placed`` (2, 2) from ``FreeSpace.judged``."""
+    """An attempt at a joint that has room, with its tips.
+
+    placed : (2, 2) polygons of the tips, see ``FreeSpace.judged``
+    """
 
     attempt: Attempt
     tips: tuple[Tip, Tip]

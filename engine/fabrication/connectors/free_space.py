@@ -88,7 +88,7 @@ class Openings:
     width: Float[np.ndarray, " places"]
 
     def asides(self, s: Size, shifts: Float[np.ndarray, " shifts"], overhanging: bool) -> list[tuple[float, float]]:
-        """Return the ``shifts`` at which a connector of this size has room, each with its distance to the left.
+        """Return where a connector of this size has room: pairs of a shift and the distance to the left of the arm.
 
         Its neck stays on the arm unless ``overhanging``; then only the widened end holds it.
         """

@@ -208,7 +208,7 @@ class Throughs:
         return made[0], -made[1] / np.abs(made[1])
 
     def beyond(self, tau: np.ndarray, side: np.ndarray, wide: Widening, tolerance: float) -> list[Curve]:
-        """Return the edges ``side`` (n,) from the joints to tau (n,) < 0 as curves of arcs, walking outwards."""
+        """Return the edges ``side`` (n,) beyond the joints, from tau 0 to ``tau`` (n,) < 0, as curves of arcs."""
         scale = self.scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

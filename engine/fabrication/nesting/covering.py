@@ -99,7 +99,7 @@ class _Ring:
                 far = ((x1 - x) * (y1 - y2) - (y1 - y) * (x1 - x2)) / bend
                 to = x + far * (x - x0), y + far * (y - y0)
                 twice = abs((x1 - x) * (to[1] - y) - (y1 - y) * (to[0] - x))
-                # a sharp corner obstructs other shapes although its area is small, so the square of its height counts
+                # weigh a sharp new corner by the square of its height: its area is small, but it obstructs other shapes
                 square = twice**2 / ((x1 - x) ** 2 + (y1 - y) ** 2)
                 self._push(max(0.5 * twice, square), corner, to)
 

@@ -16,9 +16,9 @@ SLOT, COARSE = 0.125, 8e-5
 ARC = 4  # sides per quarter circle
 STRAY = 5e-5  # metres by which an outline may grow when it is simplified, before the number of corners is reduced
 
-# Mean and standard deviation of the share of a sheet (without its margin) that convex hulls of panels cover which only
-# just fit: 105 random sets of 2 to 8 panels of three pieces, each packed for 2 s. Hulls predict better than areas, and
-# as well as both together
+# Share of a sheet (without its margin) covered by the convex hulls of panels that just fit on it: mean and standard
+# deviation of 105 random sets of 2 to 8 panels of three pieces, each packed for 2 s. Hulls predict better than areas,
+# and as well as both together
 HULLS, SPREAD = 0.82, 0.035
 
 

@@ -225,9 +225,9 @@ class Search:
         return self._packing(sets)
 
     def _move_one(self, sets: list[_Set]) -> list[_Set] | None:
-        """Return the sets with one panel of the first set moved to another set, exchanged for smaller ones if needed.
+        """Return the sets after moving one panel of the first set to another set; None without such a move.
 
-        None without such a move.
+        Up to two smaller panels may come back in exchange.
         """
         left = self._exchanges(sets)[:EXCHANGES]
         fuller = [(frozenset(sets[k].places) | {i}) - back for _, i, k, back in left]

@@ -32,7 +32,9 @@ TURN = 1  # seconds for one set of panels in the first pass
 GRACE = 1.0  # seconds that spyrrow may exceed its limit before it is stopped with its best strip so far
 # Try fine outlines if the strip is at most ``NEAR_FIT`` times as long as the sheet, for 1 / ``FINE`` of the time limit
 NEAR_FIT, FINE = 1.03, 12.0
-FINE_SECONDS = 1  # minimum seconds for fine outlines of all panels of a sheet; not measured, it bounds the time
+# minimum time in seconds for compacting a whole sheet with fine outlines; with less time left it is skipped; not
+# measured
+FINE_SECONDS = 1
 # Give up a set whose strip is this many times as long as the sheet after half of its time: of 14 sets of 2 to 6 panels
 # none shrank by as much after the first half second
 HOPELESS = 1.12
@@ -116,7 +118,7 @@ class Strips:
         return angles[(wide <= self.room[0]) & (high <= self.room[1])].tolist()
 
     def alone(self, i: int) -> tuple[float, float]:
-        """Return the angle in degrees at which a panel takes least of a sheet's width, and that width in metres."""
+        """Return the angle in degrees at which a panel is narrowest along a strip, and its width there in metres."""
         wide = self._sizes(self.simple[i], np.array(self.turns[i]))[0]
         best = int(wide.argmin())
         return self.turns[i][best], float(wide[best]) - self.separation

@@ -155,9 +155,9 @@ class _Tour:
 def in_order(
     cuts: Sequence[Cut], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:
-    """Return the curves of some cuts in a short order, and the complex end point.
+    """Return the curves of some cuts in an order with short travel, and where the last one ends (x + iy, metres).
 
-    begin : x + iy in metres where the cutter starts
+    begin : where the cutter starts, x + iy, metres
     """
     if not cuts:
         return (), begin
