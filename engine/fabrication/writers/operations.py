@@ -44,7 +44,7 @@ OPERATIONS = (
 )
 # LightBurn's first tool layer, which is shown and never cut; in DXF a layer that is not plotted
 FRAME = Operation("sheet", "#f36926", 30)
-ORIGIN = 0.005  # length of the mark at the sheet's origin, and twice the height of its label's letters, metres
+ORIGIN = 0.005  # extent in x and y of the mark at the origin of a sheet, metres; twice the usual height of letters
 WRITING = "writing the sheets"  # text of the progress
 
 
