@@ -62,6 +62,7 @@ UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger;
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # Largest strain, as a share of its limit, beyond which a search takes all of its time: monkeys of 472 quads begin at five times the limit
 STRAINED = 1.25
+CLOSE = 0.005  # RMS distance from the target beyond which it does too, as a share of the size: half of the match that is wanted by default
 # Largest strain, as a share of its limit, beyond which the last stage may go on until strains hold, and the share of the time by which it is
 # over then. Two searches of one piece of 472 spirals had ended at 1.00 and 1.02 of the limit: with these both hold
 TIGHT, OVERTIME = 0.9898, 1.25
@@ -179,9 +180,11 @@ class Held:
         return self._largest_strain > 1.0
 
     @property
-    def strained_far(self) -> bool:
-        """Whether an arm is strained so far beyond its limit that a search takes all of its time."""
-        return self._largest_strain > STRAINED
+    def needs_time(self) -> bool:
+        """Whether an arm is strained so far beyond its limit, or the piece so far from its target, that a search takes all of its time."""
+        away = self.point.problem.target.unit * self.point.distance
+        size = float(np.linalg.norm(np.ptp(self.design.flat.layout.mesh.vertices, axis=0)))
+        return self._largest_strain > STRAINED or away > CLOSE * size
 
     @property
     def tight(self) -> bool:
@@ -239,7 +242,7 @@ class Search:
             work.share = WITH_FLATS * share
             if codesigned:
                 here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
-            if not here.strained_far:
+            if not here.needs_time:
                 break
         work.share = share
         here = self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 0.95))

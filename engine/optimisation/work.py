@@ -25,7 +25,7 @@ ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
 # the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000; a quarter of the search more where strains do not hold yet, and
 # up to six tenths where closed slots are opened by further searches
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
-# The same for a search that is not strained far beyond its limit. 150 spirals are at 0.16 mm after 3 s and at 0.14 after 13, 986 at 0.17 mm and
+# The same for a search that is not strained far beyond its limit, and near its target. 150 spirals are at 0.16 mm after 3 s and at 0.14 after 13, 986 at 0.17 mm and
 # 1296 at 0.020, where 0.21, 0.18 and 0.022 are asked
 ENOUGH = (1.0, 20.0, 70.0)
 # Times that a machine may be slower than the usual one, by this thread's processor time, before that ends the search. Two cores that
@@ -35,7 +35,7 @@ SLOWEST = 8.0
 
 @dataclass(eq=False)
 class Work:
-    """limit : seconds; None lets it go on; enough : share of the limit for a search that is not strained far beyond its limit
+    """limit : seconds; None lets it go on; enough : share of the limit for a search of what is near its target and not strained far
     share : of the limit that may be spent by now; done : seconds
     """
 
