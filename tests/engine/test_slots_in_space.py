@@ -9,7 +9,7 @@ import pytest
 import shapely
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.bent import BentArms, bent
-from flexmaps.engine.mechanics.arms.slots_in_space import DEEPEST, SpaceSlots, slots_in_space
+from flexmaps.engine.mechanics.arms.slots_in_space import DEEPEST, SpaceSlots, _near_stations, slots_in_space
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -141,3 +141,16 @@ def test_arms_of_different_bodies_are_no_slot(flat_grid):
     assert (slots_in_space(made, through).arms // 4 == [0, 1]).all(axis=1).any()
     made.flat.layout.mesh.__dict__["body_of"] = np.array([0, 1])
     assert not (slots_in_space(made, through).arms // 4 == [0, 1]).all(axis=1).any()
+
+
+def test_stations_within_the_longer_reach_of_their_arms_are_pairs() -> None:
+    """Beside the pairs found one by one, with reaches that differ by a hundred times; small arms are not joined over a large one's reach."""
+    rng = np.random.default_rng(7)
+    place = rng.normal(size=(40, 1, 3)) + 0.02 * rng.normal(size=(40, 6, 3))
+    reach = np.geomspace(0.01, 1.0, 40)
+    point, size = place.reshape(-1, 3), np.repeat(reach, 6)
+    apart = np.linalg.norm(point[:, None] - point, axis=2)
+    one, two = np.nonzero(np.triu(apart <= np.maximum.outer(size, size), 1))
+    found = {tuple(pair) for pair in _near_stations(place, reach).tolist()}
+    assert {*zip(one.tolist(), two.tolist(), strict=True)} <= found
+    assert all(apart[a, b] <= 2.0 * max(size[a], size[b]) for a, b in found)

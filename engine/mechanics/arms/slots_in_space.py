@@ -111,10 +111,9 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
     """
     bent = bent.first(4 * len(design.width))
     count, stations = bent.place.shape[:2]
-    widest = float(max(design.arms.width.max(), design.arms.joint_width.max()))
-    piece = float(np.linalg.norm(np.diff(bent.place, axis=1), axis=2).max())
-    tree = cKDTree(bent.place.reshape(-1, 3))
-    pair = tree.query_pairs((1.0 + REACH) * widest + 0.5 * piece, output_type="ndarray")
+    widest = np.maximum(design.arms.width, design.arms.joint_width).ravel()
+    piece = np.linalg.norm(np.diff(bent.place, axis=1), axis=2).max(axis=1)
+    pair = _near_stations(bent.place, (1.0 + REACH) * widest + 0.5 * piece)
     arm = pair // stations
     mate = np.arange(count)
     mesh = design.flat.layout.mesh
@@ -136,6 +135,26 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
     about = t[:, :1] + step[:, None] * np.linspace(-1.0, 1.0, ROUND_ABOUT)
     within = np.clip(about, 0.0, bent.hub[arm[:, :1]])
     return arm[:, 0], arm[:, 1], within, np.broadcast_to(t[:, 1:], within.shape)
+
+
+def _near_stations(
+    place: Float[np.ndarray, "arms stations 3"], reach: Float[np.ndarray, " arms"]
+) -> Int[np.ndarray, "pairs 2"]:
+    """Return the pairs of stations that are nearer to each other than the longer reach of their arms, metres, and some beyond.
+
+    Arms whose reach is within a factor of two are looked up together: at the tip of a cone, whose quads are far smaller than the others, the longest
+    reach of all would join every arm to every other.
+    """
+    point, size = place.reshape(-1, 3), np.repeat(reach, place.shape[1])
+    level = np.floor(np.log2(size / size.min()))
+    pairs = []
+    for k in np.unique(level):
+        alike, smaller = np.flatnonzero(level == k), np.flatnonzero(level < k)
+        tree, radius = cKDTree(point[alike]), float(size[alike].max())
+        pairs.append(alike[tree.query_pairs(radius, output_type="ndarray")])
+        near = tree.sparse_distance_matrix(cKDTree(point[smaller]), radius, output_type="ndarray")
+        pairs.append(np.stack([alike[near["i"]], smaller[near["j"]]], axis=1))
+    return np.sort(np.concatenate(pairs), axis=1)
 
 
 def _narrowest(
