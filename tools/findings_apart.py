@@ -27,7 +27,7 @@ TOLD = {
     "panel": {"layout/remarks"},
     "folds": {"checks/sharp-folds"},
     "crossings": {"checks/cuts-itself"},
-    "missed": {"checks/surface-missed", "checks/bodies-left-out"},
+    "missed": {"checks/surface-missed", "checks/bodies-left-out", "checks/bodies-joined"},
 }
 
 

@@ -62,9 +62,7 @@ UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger;
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
 # Largest strain, as a share of its limit, beyond which a search takes all of its time: monkeys of 472 quads begin at five times the limit
 STRAINED = 1.25
-# RMS distance from the target beyond which it does too, as a share of the size. The last stages bring a quarter of it: 472 spirals that are
-# between 1 and 1.25 % away there end at 0.9
-CLOSE = 0.0125
+CLOSE = 0.01  # RMS distance from the target beyond which it does too, as a share of the size: the match that is wanted by default
 # Largest strain, as a share of its limit, beyond which the last stage may go on until strains hold, and the share of the time by which it is
 # over then. Two searches of one piece of 472 spirals had ended at 1.00 and 1.02 of the limit: with these both hold
 TIGHT, OVERTIME = 0.9898, 1.25
@@ -244,10 +242,10 @@ class Search:
             work.share = WITH_FLATS * share
             if codesigned:
                 here = self._again(self.together, here, CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
+            work.share = share
+            here = self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 0.95))
             if not here.needs_time:
                 break
-        work.share = share
-        here = self._again(self.polished, here, POLISHES, GAIN, progress.part(0.8, 0.95))
         if work.over and here.tight:
             work.share = OVERTIME
             self._again(self.polished, here, POLISHES, 1.0, progress.part(0.95, 1.0))
