@@ -126,7 +126,7 @@ def test_at_its_stages_it_shows_them(dome, film):
         away = shown(found, time)[there] - wanted
         lift = away[:, 2].mean()
         assert lift > -0.01 * edge
-        assert np.linalg.norm(away - [0.0, 0.0, lift], axis=1).max() < 2.0 * assembly_film.SAME * edge
+        assert np.linalg.norm(away - [0.0, 0.0, lift], axis=1).max() < 2.0 * assembly_film.SHAPE_TOLERANCE * edge
 
 
 def test_what_is_joined_stays_joined(film):
