@@ -202,10 +202,10 @@ def held_up(what):
         finally:
             what[name] = max(what.get(name, 0.0), time.thread_time() - begun)
 
-    modal, written, batches = stroke.modal, stroke._written, drawing.batches
+    modal, written, batches = stroke.modal, stroke._finish_stroke, drawing.batches
     # Blender looks how many arguments there are
     stroke.modal = lambda self, context, event: timed("an event", modal, self, context, event)
-    stroke._written = lambda self, context, event: timed("writing a stroke", written, self, context, event)
+    stroke._finish_stroke = lambda self, context, event: timed("writing a stroke", written, self, context, event)
     drawing.batches = lambda self, unit: timed("drawing, without the card's own", batches, self, unit)
 
 
