@@ -40,10 +40,10 @@ TRIALS = 12  # of a damped step before the search ends: 8 ** 12 times the dampin
 FIRST = 0.3  # of a box of size 1 that a first step along the gradient uses
 # actual over predicted fall: above, less damping; below, more; below, the step is not taken
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
-# Share of the damping that a good step leaves to the next one; less of it until the first step that goes too far, where the fall differs from the
-# predicted one by less than ``EXACT``: first steps are damped a thousand times too much. A surface of 986 quads took 5 steps for 9
-LESS, LEAST_LESS, EXACT = 0.3, 0.1, 0.1
-# Least damping, in energies over the number of variables: less would change no step, and take the longer to grow again
+# Factor of the damping after a good step, and the smaller one while no step has gone too far and the fall is predicted within the share ``EXACT``.
+# First steps are damped a thousand times too much: with the smaller factor a surface of 986 quads took 5 steps, not 9
+CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
+# Least damping, in energies over the number of variables: below it no step changes, and the damping takes longer to grow again
 LEAST_DAMPING = 0.01
 HOPE = 0.25  # share of the predicted fall that counts as still to be had; by eye
 TINY = 1e-9  # of a box of size 1: a step that is none
@@ -356,9 +356,9 @@ class Damped:
                 continue
             ratio = (here.energy - problem.energy(trial)) / max(proposal.gain, 1e-300)
             if ratio > GOOD:
-                less = LESS if self.too_far or abs(ratio - 1.0) > EXACT else LEAST_LESS
+                factor = CUT if self.too_far or abs(ratio - 1.0) > EXACT else DEEP_CUT
                 least = min(self.damping, LEAST_DAMPING * here.energy / here.gradient.size)
-                self.damping, self.following = max(less * self.damping, least), less * self.following
+                self.damping, self.following = max(factor * self.damping, least), factor * self.following
             elif ratio < POOR:
                 self.damping, self.following, self.too_far = 4.0 * self.damping, 8.0 * self.following, True
             if ratio > TAKEN:

@@ -60,8 +60,9 @@ SLOWER = 4.0
 # Times the distance asked for within which a search goes on: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
 CLOSE = 1.3
 SMALL = 500  # quads up to which as many searches go on at once as are wanted, else one: a minute has room for those
-BEGUN = 0.05  # of the progress for the given layout, and, of the rest, up to where layouts are laid flat, judged, changed, and filled in:
-# shares of seconds, measured on 512 and 986 quads, with all the long searches that there may be, so that the time left hardly rises
+BEGUN = 0.05  # share of the progress for the given layout; not measured
+# Shares of the rest by which layouts are laid flat, judged, changed, and filled in; the rest are long searches. Seconds on 512 and 986 quads
+# with as many long searches as there may be, so that the time left hardly rises
 SHARES_OF_TIME = 0.22, 0.3, 0.38, 0.42
 FILLED = 2  # layouts between two proposals that are looked for
 
@@ -147,18 +148,16 @@ def _begin(search: Search, first: Laid, progress: Progress) -> None:
     """
     piece, reached = search.piece, search.proved.get(key(first))
     if reached is not None:
-        search.known[key(first)] = reached
         progress(0.0, search.said)
     if not search.params.near and piece.settings.simulate.model != "rod":
         with suppress(FlexMapsError):  # a short search fails too, and is told
             search.start = Start.from_layout(piece, first.flat, progress.quiet())
             search.expected = 1.0
     began = time.monotonic()
-    if search.start is not None:
-        search.known.pop(key(first), None)
-    search.judge([first], progress)
+    if reached is None or search.start is not None:
+        search.judge([first], progress)
     if reached is not None:
-        search.known[key(first)] = search.known[key(first)] or reached
+        search.known[key(first)] = search.known.get(key(first)) or reached
         search.learn(reached)
     slowness = (time.monotonic() - began) / search.one
     search.pace = SLOWER * slowness * LONG * (Work.of(len(piece.mesh.quads), 1.0).limit or 0.0)

@@ -116,7 +116,7 @@ def _shrunk(design: SpiralDesign, point: FlatPoint) -> float:
     pose, moves = point.equilibrium.pose, point.moves(_step(point))
     linear = replace(pose, centres=pose.centres + moves[: len(pose.centres), :3])
     before, after = _distance(point, pose), _distance(point, linear)
-    size = float(np.linalg.norm(np.ptp(design.flat.layout.mesh.vertices, axis=0)))
+    size = design.flat.layout.mesh.diagonal
     return min(before, after) * min(1.0, after / max(before, 1e-9 * size)) / size
 
 

@@ -61,8 +61,8 @@ class Search:
     @property
     def judged(self) -> list[Judged]:
         """Everything that takes a shape, as it was judged last, the best first."""
-        found = {key: self.proved.get(key, one) for key, one in self.known.items()}
-        return sorted((one for one in found.values() if one is not None), key=self.key)
+        latest = self.known | self.proved
+        return sorted((one for one in latest.values() if one is not None), key=self.key)
 
     def distance(self, one: Judged) -> float:
         """The RMS distance that a long search left, or may well leave, with strains that are borne; in the end, what was found."""

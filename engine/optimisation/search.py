@@ -35,6 +35,7 @@ from .inverse import Point, Problem
 from .objective import Target
 from .open_slots import Opening
 from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
+from .remedies import WANTED
 from .terms import LENIENT, STRICT, Bearing
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
@@ -60,9 +61,8 @@ POLISH_STEPS, POLISHES, GAIN = (
 )  # of the spirals alone, between two pushes, and how often in the end, as above
 UNSTABLE = 3  # steps refused as unstable, beyond which the barrier is stronger; not measured
 ALONE, WITH_FLATS = 0.4, 0.85  # shares of the time by which these stages are over
-# Largest strain, as a share of its limit, beyond which a search takes all of its time: monkeys of 472 quads begin at five times the limit
+# Largest strain, as a share of its limit, beyond which a search takes all of its time; not measured: monkeys of 472 quads begin at five times
 STRAINED = 1.25
-CLOSE = 0.01  # RMS distance from the target beyond which it does too, as a share of the size: the match that is wanted by default
 # Largest strain, as a share of its limit, beyond which the last stage may go on until strains hold, and the share of the time by which it is
 # over then. Two searches of one piece of 472 spirals had ended at 1.00 and 1.02 of the limit: with these both hold
 TIGHT, OVERTIME = 0.9898, 1.25
@@ -181,10 +181,9 @@ class Held:
 
     @property
     def needs_time(self) -> bool:
-        """Whether an arm is strained so far beyond its limit, or the piece so far from its target, that a search takes all of its time."""
+        """Whether a search takes all of its time: an arm is strained far beyond its limit, or the piece farther from its target than is wanted."""
         away = self.point.problem.target.unit * self.point.distance
-        size = float(np.linalg.norm(np.ptp(self.design.flat.layout.mesh.vertices, axis=0)))
-        return self._largest_strain > STRAINED or away > CLOSE * size
+        return self._largest_strain > STRAINED or away > 0.01 * WANTED * self.design.flat.layout.mesh.diagonal
 
     @property
     def tight(self) -> bool:

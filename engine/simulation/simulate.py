@@ -203,7 +203,7 @@ class Simulation:
     @property
     def size(self) -> float:
         """Metres, the diagonal of the target's bounding box: what percentages refer to."""
-        return float(np.linalg.norm(np.ptp(self.target.vertices, axis=0)))
+        return self.target.diagonal
 
     @cached_property
     def match(self) -> dict[str, float]:

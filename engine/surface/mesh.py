@@ -186,6 +186,11 @@ class QuadMesh:
         return np.linalg.norm(self.vertices[self.edges[:, 1]] - self.vertices[self.edges[:, 0]], axis=1)
 
     @cached_property
+    def diagonal(self) -> float:
+        """Diagonal of the box round all vertices, metres: what percentages of a match refer to."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @cached_property
     def median_edge(self) -> float:
         """Median edge length, metres."""
         return float(np.median(self.edge_lengths))

@@ -213,8 +213,8 @@ def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
     minimise(Noting(), np.array([-1.2, 1.0]), Damped(300, 0.0, -np.inf))
     damping, refused = np.array(noted).T
     falls = damping[1:] / damping[:-1]
-    assert falls[refused[1:] == 0].min() < 0.5 * newton.LESS
-    assert falls[refused[:-1] > 0].min() > 0.9 * newton.LESS
+    assert falls[refused[1:] == 0].min() < 0.5 * newton.CUT
+    assert falls[refused[:-1] > 0].min() > 0.9 * newton.CUT
 
 
 # -- derivatives of the elastic models -------------------------------------------------------------------------------------
