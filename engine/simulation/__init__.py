@@ -1,1 +1,1 @@
-"""From a design to the shape that its assembled object takes, and what a maker wants to know about it."""
+"""Simulate the shape that an assembled design takes, and find what a maker should know about it."""

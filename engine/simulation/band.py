@@ -1,4 +1,4 @@
-"""How far real sheets take a piece from its predicted shape, from best to worst."""
+"""Distance between a piece and its target when the sheets differ from their nominal values."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What one tolerance does to a piece.
+    """Distances from the target at both ends of one tolerance.
 
-    name : "thickness", "width" or "stiffness"; less, more : metres, RMS distances from the target at its ends, None without an equilibrium
-    words : what differs, as a phrase
+    name : "thickness", "width" or "stiffness"
+    less, more : RMS distance in metres at the lower and at the upper end; None where no equilibrium was found
+    words : phrase that names the tolerance, for example "with a sheet 5 % thicker or thinner"
     """
 
     name: str
@@ -21,29 +22,33 @@ class Tolerance:
 
     @property
     def text(self) -> str:
-        """The phrase for people: from best to worst."""
+        """Phrase for people, with the distances from best to worst."""
         known = sorted(one for one in (self.less, self.more) if one is not None)
         if len(known) < 2:
-            return f"no rest found {self.words}"
+            return f"no equilibrium found {self.words}"
         return f"{1e3 * known[0]:.2g} to {1e3 * known[1]:.2g} mm {self.words}"
 
 
 @dataclass(frozen=True)
 class Band:
-    """What real sheets do to a piece; rms : metres, its predicted distance from the target."""
+    """Distances of a piece from its target, with nominal sheets and at the ends of every tolerance.
+
+    rms : predicted RMS distance with nominal sheets, metres
+    tolerances : distances at the ends of each tolerance
+    """
 
     rms: float
     tolerances: tuple[Tolerance, ...]
 
     @property
     def text(self) -> str:
-        """A sentence for people."""
+        """Sentence for people."""
         return f"RMS {1e3 * self.rms:.2g} mm from the target; {', '.join(one.text for one in self.tolerances)}."
 
     def report(self) -> dict[str, Any]:
-        """For the ``equilibrium`` block of report.json, RMS distances in mm."""
+        """Return the entry for the ``equilibrium`` block of report.json, with RMS distances in mm."""
 
-        def shown(value: float | None) -> float | None:
+        def to_mm(value: float | None) -> float | None:
             return None if value is None else 1e3 * value
 
-        return {"text": self.text} | {one.name: [shown(one.less), shown(one.more)] for one in self.tolerances}
+        return {"text": self.text} | {one.name: [to_mm(one.less), to_mm(one.more)] for one in self.tolerances}

@@ -1,4 +1,7 @@
-"""What real sheets do to a piece: one equilibrium for each end of each tolerance, alike on the whole sheet."""
+"""Measure how tolerances of real sheets change a piece: one equilibrium for each end of each tolerance.
+
+A tolerance changes the whole sheet evenly.
+"""
 
 from __future__ import annotations
 
@@ -16,47 +19,54 @@ from ..progress import SILENT, Progress
 from .band import Band, Tolerance
 from .simulate import Simulation, build_model
 
-# Shares by which the thickness of sheets differs from its nominal value, of plywood and of all others
-WOOD, THICKNESS = 0.10, 0.05
-WIDTH = 5e-5  # metres by which arms are wider or narrower than drawn, as the kerf changes
-STIFFNESS = 0.03  # share between bending and stretching, of which the elastic model is not surer
-MOST = 3000  # spirals up to which the band is found without being asked for: with more, six equilibria take long
+# tolerance of the sheet's thickness, as a share of the nominal thickness: of plywood, of all other materials
+PLYWOOD_THICKNESS, THICKNESS = 0.10, 0.05
+WIDTH = 5e-5  # tolerance of the arms' width, metres: the kerf changes this much
+STIFFNESS = 0.03  # uncertainty of the elastic model's ratio of bending to stretching stiffness, as a share
+MOST = 3000  # most spirals for which the band is computed unasked; with more, six equilibria take too long
 
 
 def real_sheets(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Band:
-    """Return the band of a piece at rest."""
+    """Solve for the equilibrium at both ends of every tolerance.
+
+    Parameters
+    ----------
+    simulation : a converged simulation with nominal sheets
+    params : settings of the equilibria
+    progress : called with the fraction done; may cancel
+    """
     wood = simulation.material.orthotropy is not None
-    share = WOOD if wood else THICKNESS
+    share = PLYWOOD_THICKNESS if wood else THICKNESS
     ends = [
         ("thickness", share, f"with a sheet {100.0 * share:.0f} % thicker or thinner"),
         ("width", WIDTH, f"with arms {1e3 * WIDTH:g} mm wider or narrower"),
     ]
     if isinstance(simulation.model, ArmModel):
         ends.append(("stiffness", STIFFNESS, f"with {100.0 * STIFFNESS:.0f} % more or less stiffness in bending"))
-    found = []
+    tolerances = []
     for k, (name, step, words) in enumerate(ends):
         part = progress.part(k / len(ends), (k + 1) / len(ends))
         less, more = (
-            _distance(simulation, name, sign * step, params, part.part(0.5 * i, 0.5 * (i + 1)))
+            _rms_distance(simulation, name, sign * step, params, part.part(0.5 * i, 0.5 * (i + 1)))
             for i, sign in enumerate((-1.0, 1.0))
         )
-        found.append(Tolerance(name, less, more, words))
-    return Band(1e-3 * simulation.match["rms_mm"], tuple(found))
+        tolerances.append(Tolerance(name, less, more, words))
+    return Band(1e-3 * simulation.match["rms_mm"], tuple(tolerances))
 
 
-def _distance(
+def _rms_distance(
     simulation: Simulation, name: str, step: float, params: SimulateParams, progress: Progress
 ) -> float | None:
-    """Return the RMS distance from the target in metres where one quantity differs; None where no equilibrium is found."""
+    """Return the RMS distance from the target, in metres, after changing one quantity; None if no equilibrium is found."""
     progress(0.0, "Real sheets")
     assembly, loads = simulation.assembly, simulation.loads
     if name == "thickness":
         if params.gravity:
             heavier = step * simulation.design.area * assembly.thickness * simulation.material.density
             loads = Loads(loads.fixed, loads.force - GRAVITY * np.outer(heavier, [0.0, 0.0, 1.0]))
-        model = _rebuilt(simulation, replace(assembly, thickness=(1.0 + step) * assembly.thickness))
+        model = _rebuild_model(simulation, replace(assembly, thickness=(1.0 + step) * assembly.thickness))
     elif name == "width":
-        model = _rebuilt(simulation, assembly.redesigned(assembly.width + step, assembly.twist))
+        model = _rebuild_model(simulation, assembly.redesigned(assembly.width + step, assembly.twist))
     else:
         assert isinstance(simulation.model, ArmModel)
         model = simulation.model.with_bending(1.0 + step)
@@ -68,8 +78,8 @@ def _distance(
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
-def _rebuilt(simulation: Simulation, assembly: Assembly) -> ElasticModel:
-    """Return the model of an assembly that differs a little; the strains' second order stays."""
+def _rebuild_model(simulation: Simulation, assembly: Assembly) -> ElasticModel:
+    """Build the model of a slightly changed assembly, but keep the second order of the strains, which takes longest."""
     old = simulation.model
     model = build_model(assembly, simulation.material, old.name, quick=True, slopes=False)
     if isinstance(model, ArmModel) and isinstance(old, ArmModel):

@@ -1,4 +1,4 @@
-"""What there is to say about the stability of a piece at rest: whether it is about to snap, and whether it may rest lower."""
+"""Findings about the stability of a piece at rest: it may be about to snap, or have another stable shape."""
 
 from __future__ import annotations
 
@@ -11,12 +11,20 @@ from ..mechanics.equilibrium import Equilibrium
 from ..surface.checking.finding import Finding, counted
 from ..surface.mesh import QuadMesh
 
-Softest = Callable[[], tuple[np.ndarray, float]]  # the hubs' softest motion (n, 6), and its share of stiffness
-SNAPPING = 0.02  # share of its stiffness that the softest motion has left, below which a piece is about to snap
-MOVING = 0.5  # of the largest turn in that motion, from which on spirals are named; by eye
-AS_NEAR = 1.25  # times the shown distance from the target, up to which another rest matches as well; by eye: .72 and .79 % look alike
-RESTS = ("other-rest", "rest-as-near")  # codes of what is said of another rest: a fault, or information
-LOWER = 1e-3  # share of the elastic energy by which another rest has to be lower to be named: rounding is far below
+# function that returns the softest motion of the hubs (n, 6) and its stiffness as a share of the convex part
+Softest = Callable[[], tuple[np.ndarray, float]]
+# remaining stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger
+# values warn earlier
+SNAPPING = 0.02
+# least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
+MOVING = 0.5
+# largest RMS distance of another stable shape from the target, in RMS distances of the simulated shape, at which it
+# counts as equally good; by eye: .72 and .79 % look alike
+AS_NEAR = 1.25
+RESTS = ("other-rest", "rest-as-near")  # finding codes for another stable shape: a worse match, an equal match
+# energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors
+# are far smaller
+LOWER = 1e-3
 
 
 def rest_findings(
@@ -27,48 +35,65 @@ def rest_findings(
     target: QuadMesh,
     size: float,
 ) -> list[Finding]:
-    """Return the findings of a piece at rest.
+    """Return the findings about stability; none if the equilibrium did not converge.
 
-    others : other shapes in which it can rest; assembled : the one of them that the target's pose leads to, if any
-    size : metres, what percentages refer to
+    Parameters
+    ----------
+    found : the simulated equilibrium
+    others : other equilibria of the piece
+    assembled : member of ``others`` that a search from the target's pose reaches, or None
+    softest : function that returns the softest motion
+    target : mesh that the piece should match
+    size : length in metres that percentages in messages refer to
     """
-    told: list[Finding] = []
+    findings: list[Finding] = []
     if not found.converged:
-        return told
+        return findings
     moving, share = snapping(found, softest)
     if len(moving):
         text = (
             f"The piece is about to snap into another shape: {100.0 * share:.1f} % of its stiffness is left against the motion of "
             f"{counted(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
-        told.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
+        findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
     other = lower_rest(found, others) or assembled
     if other is not None:
-        told.append(_other_rest(found, other, lower=_is_lower(other, found), target=target, size=size))
-    return told
+        findings.append(_other_rest(found, other, lower=_is_lower(other, found), target=target, size=size))
+    return findings
 
 
 def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
-    """Return what there is to say about another rest; one that is about as near to the target has a code of its own."""
+    """Return the finding about another stable shape; its code says whether that shape matches the target as well."""
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other)
     )
     where = f"another shape, {100.0 * there / size:.2g} % of its size from the target"
     if lower:
-        text = f"The piece can also rest in {where}, with less energy than in the one that is shown. "
+        text = f"The piece can also rest in {where}, with less energy than in the shape shown. "
         cure = "Press Optimise again to improve it from there, or hold it with supports."
     else:
-        text = f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the one that is shown. "
+        text = f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the shape shown. "
         cure = "Push it over from there, or hold it with supports."
     far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
     if there <= AS_NEAR * here:
-        return Finding("rest-as-near", "warning", text + "There it is about as near to the target.", moved)
+        return Finding("rest-as-near", "warning", text + "That shape is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)
 
 
 def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
-    """Return the spirals that move most where a piece is about to snap, and its softest motion's share of stiffness; none elsewhere."""
+    """Return the spirals that would move most if the piece is about to snap, else no spirals.
+
+    Parameters
+    ----------
+    found : the simulated equilibrium
+    softest : function that returns the softest motion; called only if ``found.spare`` is small
+
+    Returns
+    -------
+    spirals : (k,) indices
+    share : remaining stiffness of the softest motion, as a share of the convex part; a lower bound if there are no spirals
+    """
     none = np.zeros(0, dtype=int)
     if found.spare >= SNAPPING:
         return none, found.spare
@@ -78,10 +103,11 @@ def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " so
 
 
 def lower_rest(found: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
-    """Return the known rest of least energy if that is lower than the simulated one."""
+    """Return the equilibrium of least energy among ``others`` if its energy is less than that of ``found``."""
     best = min(others, key=lambda one: one.energy, default=None)
     return best if best is not None and _is_lower(best, found) else None
 
 
 def _is_lower(other: Equilibrium, found: Equilibrium) -> bool:
+    """Whether the energy of ``other`` is less than that of ``found`` by more than rounding errors."""
     return bool(other.energy < found.energy - LOWER * found.per_joint.sum())

@@ -1,9 +1,9 @@
-"""Whether a shape is no success: pieces that stay flat, or come to rest far from their target, and what would help them.
+"""Find bodies that stay flat or come to rest far from their target, and what would help them.
 
-The relief of a surface is the root mean square distance of its middles from their best plane. Two kinds are far apart:
-over 62 simulations of domes, saddles, hypars, barrels, tubes and waves of three heights, free or standing on their
-lowest quads, and 100 surfaces of the zoo, a sheet that stays flat keeps at most 12 % of its target's relief, nearly
-always none, and every other piece at least 45 %.
+The relief of a surface is the root mean square distance of its quad centres from their best plane. Bodies that stay flat
+and all others differ clearly: over 62 simulations of domes, saddles, hypars, barrels, tubes and waves of three heights, free
+or standing on their lowest quads, and 100 other test surfaces, a body that stays flat keeps at most 12 % of its target's
+relief, nearly always none, and every other body at least 45 %.
 """
 
 from __future__ import annotations
@@ -18,20 +18,25 @@ from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
 from .visible import FAR
 
-MISSED = 0.5  # RMS distance as a share of the target's relief: more than half of what should stand up does not
-FLAT = 0.25  # share of the target's relief below which a piece has stayed flat
-LOW = 0.005  # relief as a share of the diagonal below which the target itself is as good as flat
-# radians of total Gaussian curvature within patches: domes and saddles of less stayed flat with seams, too
+# RMS distance from the target, as a share of the target's relief, above which a body is far from its target
+FAR_BY_RELIEF = 0.5
+FLAT = 0.25  # relief as a share of the target's relief below which a body has stayed flat
+LOW_RELIEF = 0.005  # relief as a share of the diagonal below which the target itself counts as flat
+# total Gaussian curvature of a patch, in radians, above which a cut is proposed; domes and saddles with less stayed flat
+# even with seams
 CURVED = 0.6
 
 
 @dataclass(frozen=True, eq=False)
 class Shortfall:
-    """One piece that is far from its target.
+    """One body that is far from its target.
 
-    quads : (k,) int; rms : distance from the target as a share of the piece's diagonal; flat : whether it has stayed flat
-    held : whether supports hold it; open : whether it has a border
-    line : (c,) int, the edges of a cut that would let it curve, where one would
+    quads : (k,) indices of its quads
+    rms : RMS distance from the target, as a share of the body's diagonal
+    flat : whether it has stayed flat
+    held : whether supports hold it
+    open : whether it has a border
+    line : (c,) indices of edges, a cut that would let it curve; empty if no cut would
     """
 
     quads: Int[np.ndarray, " some"]
@@ -43,13 +48,13 @@ class Shortfall:
 
     @property
     def wrong(self) -> str:
-        """A sentence on what is wrong."""
+        """Sentence that says what is wrong."""
         kind = "The piece stays flat" if self.flat else "The shape is far from its target"
         return f"{kind}: RMS distance {100.0 * self.rms:.1f} % of its size."
 
     @property
     def help(self) -> str:
-        """A sentence on what helps, with a blank before it; nothing where neither supports nor a cut would."""
+        """Sentence with the remedies, after a blank; empty if neither supports nor a cut would help."""
         ways = []
         if self.open:
             ways.append("hold it at more places" if self.held else "name supports, best at opposite borders")
@@ -63,30 +68,35 @@ class Shortfall:
 def shortfalls(
     layout: PatchLayout, target: QuadMesh, centres: Float[np.ndarray, "spirals 3"], held: Bool[np.ndarray, " spirals"]
 ) -> list[Shortfall]:
-    """The pieces that are far from their target, the worst first.
+    """Return the bodies that are far from their target, the worst first.
 
-    centres : (n, 3) metres of the hubs at rest; held : (n,) bool, the supports
+    Parameters
+    ----------
+    layout : mesh and cuts
+    target : mesh that the piece should match
+    centres : (n, 3) hub centres at rest, metres
+    held : (n,) whether a support holds the hub's position
     """
-    mesh, found = target, []
+    mesh, far = target, []
     for k in range(int(mesh.body_of.max()) + 1):
         quads = np.flatnonzero(mesh.body_of == k)
         size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.quads[quads]].reshape(-1, 3), axis=0)))
         wanted, own = mesh.centroids[quads], centres[quads]
-        rms, asked = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), relief(wanted)
-        flat = asked > LOW * size and relief(own) < FLAT * asked
-        if flat or rms > FAR * size or (asked > LOW * size and rms > MISSED * asked):
+        rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), relief(wanted)
+        flat = height > LOW_RELIEF * size and relief(own) < FLAT * height
+        if flat or rms > FAR * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
             border = bool(mesh.border[mesh.quad_edges[quads]].any())
-            found.append(Shortfall(quads, rms / size, flat, bool(held[quads].any()), border, _line(layout, quads)))
-    return sorted(found, key=lambda s: -s.rms)
+            far.append(Shortfall(quads, rms / size, flat, bool(held[quads].any()), border, _middle_cut(layout, quads)))
+    return sorted(far, key=lambda s: -s.rms)
 
 
 def relief(points: Float[np.ndarray, "spirals 3"]) -> float:
-    """Root mean square distance of points (n, 3) from their best plane."""
+    """Return the root mean square distance of points (n, 3) from their best plane."""
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
-def _line(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
-    """(c,) int: the edges of the line that halves the most curved patch among these quads; none where no patch is curved."""
+def _middle_cut(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
+    """Return the edges (c,) of the line that halves the most curved patch of a body; empty if no patch is curved."""
     curved = curvature_within(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)
@@ -95,10 +105,10 @@ def _line(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
 
 
 def curvature_within(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
-    """(F,) radians: the total of absolute Gaussian curvature that no seam of the layout lets out, shared among the quads.
+    """Return the absolute Gaussian curvature (F,) of every quad, in radians; vertices on seams and borders count nothing.
 
-    By the theorem of Gauss and Bonnet for corners: a vertex has what its angles lack of a full turn, a skew quad what its
-    angles lack of one.
+    The curvature is the angle defect (discrete Gauss-Bonnet): at a vertex 2 pi less the sum of the angles around it, shared
+    equally among its quads; in a quad 2 pi less the sum of its own angles, which is 0 if the quad is planar.
     """
     mesh = layout.mesh
     points = mesh.vertices[mesh.quads]

@@ -1,4 +1,4 @@
-"""From a design to the shape that its assembled object takes, with what a maker wants to know about it."""
+"""Simulate the shape that an assembled design takes, and find what a maker should know about it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,13 @@ from .shortfall import Shortfall, shortfalls
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """The equilibrium of a design, laid over its target.
+    """The equilibrium of a design, aligned with its target.
 
-    equilibrium : its pose is aligned with the target as far as the supports leave it free
-    others : other shapes in which it can rest, if they were looked for
-    assembled : the one of these that the target's pose leads to, where the simulated one was sought from another pose
-    band : what tolerances of real sheets do to it, if that was asked for
+    equilibrium : the simulated shape; its pose is aligned with the target as far as supports allow
+    others : other equilibria, if they were searched for
+    assembled : member of ``others`` that a search from the target's pose reaches; None if ``equilibrium`` started there
+    band : effect of the tolerances of real sheets, if requested
+    seen, soft : caches of ``slots`` and ``softest``, with one member at most
     """
 
     design: SpiralDesign
@@ -60,40 +61,39 @@ class Simulation:
 
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
-        """(V, 3) metres: the target's vertices, carried by the hubs."""
+        """(V, 3) vertices of the simulated shape, metres: the target's vertices, moved with the hubs."""
         return carried(self.design, self.equilibrium.pose, self.target)
 
     @cached_property
     def distance(self) -> Float[np.ndarray, " quads"]:
-        """(F,) metres from every spiral's centre to the middle of its quad in the target."""
+        """(F,) distance from every spiral's centre to the centre of its quad in the target, metres."""
         return np.linalg.norm(self.equilibrium.pose.centres - self.target.centroids, axis=1)
 
     @cached_property
     def energy(self) -> Float[np.ndarray, " quads"]:
-        """(F,) joules of every spiral: half of each of its joints."""
+        """(F,) elastic energy of every spiral, joules: half the energy of each of its joints."""
         halves, owners = np.repeat(0.5 * self.equilibrium.per_joint, 2), self.model.assembly.owners
         return np.bincount(owners.ravel(), weights=halves, minlength=self.assembly.size)
 
     @cached_property
     def joint_strain(self) -> Float[np.ndarray, "joints 2"] | None:
-        """(m, 2) the largest strain on the surface of both arms of every joint, fillets left out; None for the rod model."""
+        """(m, 2) largest surface strain of both arms of every joint, without fillets; None for the rod model."""
         if not isinstance(self.model, ArmModel):
             return None
         return self.model.strains(self.model.start(self.equilibrium.pose), self.material)
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) the largest strain on the surface of every spiral's arms, fillets left out, as a share of what the material bears; None
-        for the rod model.
+        """(F,) largest surface strain of every spiral's arms, without fillets, in strain limits; None for the rod model.
 
-        At a joint that of the arm which is strained more counts for both; see ``peak_strain``.
+        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.largest``).
         """
         if self.joint_strain is None:
             return None
         return largest(self.model.assembly, self.joint_strain) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
-        """The slots between the arms in this shape, measured at the first call; None where it is no equilibrium."""
+        """Measure the slots between the bent arms, at the first call only; None without an equilibrium."""
         if not self.seen and self.equilibrium.converged:
             pose = self.equilibrium.pose
             arms = bent(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
@@ -101,7 +101,13 @@ class Simulation:
         return self.seen[0] if self.seen else None
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
-        """(F, 6) the hubs' motion that costs least energy, and how much it costs as a share of its convex part; sought at the first call."""
+        """Find the softest motion of the hubs, at the first call only.
+
+        Returns
+        -------
+        motion : (F, 6) shifts and turns of the hubs
+        share : its stiffness as a share of the convex part; negative at a saddle
+        """
         if self.soft:
             return self.soft[0]
         pose, pairs = self.equilibrium.pose, self.model.pairs
@@ -118,7 +124,7 @@ class Simulation:
 
     @cached_property
     def shortfalls(self) -> list[Shortfall]:
-        """The pieces that come to rest far from their target, or stay flat."""
+        """The bodies that come to rest far from their target, or stay flat."""
         if not self.equilibrium.converged:
             return []
         held = self.loads.fixed[:, :3].any(axis=1)
@@ -126,7 +132,7 @@ class Simulation:
 
     @cached_property
     def findings(self) -> list[Finding]:
-        """Why the shape is no success, or less sure than others: no equilibrium, far from the target, outside of the model."""
+        """Warnings about the shape: no equilibrium, far from the target, outside the model's range, overstrained, unstable."""
         found = []
         if not self.equilibrium.converged or self.equilibrium.locked:
             found.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
@@ -136,15 +142,15 @@ class Simulation:
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
             far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
-        found += joined_alike(far)  # both eyes of a head stay flat
+        found += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
-            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad: such quads bend nothing; remove them or join them"
+            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing; remove them or join them"
             found.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
-                f"{counted(len(part.spirals), 'spiral lies', 'spirals lie')} outside of what the elastic model knows ({part}): the nearest "
-                "that it knows stand in, so the shape is less sure there; change width, twist or quad size to be sure"
+                f"{counted(len(part.spirals), 'spiral lies', 'spirals lie')} outside the range of the elastic model ({part}): it computes "
+                "with the limit of its range, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
         strain = np.zeros(0) if self.strain is None else self.strain
@@ -152,7 +158,7 @@ class Simulation:
         if len(strained):
             text = (
                 f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
-                f"{self._meant}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
+                f"{self._strain_note}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
             )
             found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
         found += self._kinked()
@@ -160,8 +166,8 @@ class Simulation:
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
             text = (
-                f"{counted(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {counted(len(beside), 'spiral', 'spirals')} would run through each other by up "
-                f"to {-1e3 * slots.width.min():.2g} mm, which the model allows and the piece does not; wind these spirals less, "
+                f"{counted(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {counted(len(beside), 'spiral', 'spirals')} would touch (the "
+                f"model lets them overlap, here by up to {-1e3 * slots.width.min():.2g} mm); twist these spirals less, "
                 "make their arms narrower, or optimise again"
             )
             found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
@@ -170,7 +176,7 @@ class Simulation:
         )
 
     def _kinked(self) -> list[Finding]:
-        """The joints at kinks whose arms may be strained beyond what the material bears, though they are told not to be."""
+        """Find the joints at kinks whose strains may exceed the limit, though the model computes less."""
         if self.joint_strain is None:
             return []
         known = self.model.assembly
@@ -181,14 +187,14 @@ class Simulation:
             return []
         spirals = np.unique(known.pairs[doubtful])
         text = (
-            f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: up to {100.0 * share[doubtful].max():.0f} % "
-            f"of {self.material.bears} are told, up to {KINKED_STRAIN:g} times as much was measured; make neighbours more alike to be sure"
+            f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
+            f"of {self.material.bears}, the true one can be {KINKED_STRAIN:g} times as large; make neighbours more alike to be sure"
         )
         return [Finding("kinked", "warning", text, tuple(spirals[spirals < known.spirals].tolist()))]
 
     @property
-    def _meant(self) -> str:
-        """Which strain is meant, for people."""
+    def _strain_note(self) -> str:
+        """Remark in brackets for people: where the strain occurs, and how exact it is."""
         if self.strain is None or not self.material.breaks:
             return " (on their surface, give or take 15 %)"
         at_fillets = 100.0 * FILLET_STRAIN * self.strain.max()
@@ -196,18 +202,18 @@ class Simulation:
 
     @cached_property
     def reactions(self) -> Float[np.ndarray, "quads 3"]:
-        """(F, 3) newtons with which the supports hold the spirals; 0 where nothing is held."""
+        """(F, 3) forces of the supports on the spirals, newtons; 0 where no support holds."""
         gradient = self.model.expand(self.model.start(self.equilibrium.pose)).gradient
         return np.where(self.loads.fixed[:, :3], gradient[:, :3] - self.loads.force, 0.0)
 
     @property
     def size(self) -> float:
-        """Metres, the diagonal of the target's bounding box: what percentages refer to."""
+        """Diagonal of the target's bounding box, metres: percentages refer to it."""
         return self.target.diagonal
 
     @cached_property
     def match(self) -> dict[str, float]:
-        """How near the shape is to the target, by the keys of the ``equilibrium`` block of report.json."""
+        """Distances from the target, by the keys of the ``equilibrium`` block of report.json."""
         rms, far = float(np.sqrt((self.distance**2).mean())), float(self.distance.max())
         bends = laplacian_rmse(self.assembly.pairs, self.equilibrium.pose.centres, self.target.centroids)
         return {
@@ -219,7 +225,7 @@ class Simulation:
         }
 
     def report(self, progress: Progress = SILENT) -> dict[str, Any]:
-        """The ``equilibrium`` block of report.json."""
+        """Return the ``equilibrium`` block of report.json."""
         e, slots = self.equilibrium, self.slots(progress)
         block: dict[str, Any] = {
             "model": self.model.name,
@@ -259,14 +265,25 @@ def build_model(
     slopes: bool = True,
     progress: Progress = SILENT,
 ) -> ElasticModel:
-    """The elastic model called "arm" or "rod"; ``quick`` leaves out what matters under strong forces only.
+    """Build the elastic model of an assembly.
 
-    slopes : find the arms' derivatives by the design at once, which searches for a design need
+    Parameters
+    ----------
+    assembly : spirals and joints
+    material : elastic constants
+    name : "arm" or "rod"
+    quick : leave out the second order of the strains, which matters under strong forces only
+    slopes : compute the arms' derivatives with respect to the design at once, which design searches need
+    progress : called with the fraction done; may cancel
+
+    Raises
+    ------
+    FlexMapsError if the rod model is requested for an assembly with a rim.
     """
     if name == "rod":
         if assembly.rim is not None:
             raise FlexMapsError(
-                "The rod model knows no rim; take the arm model, or choose Stubs or Left out for the border"
+                "The rod model cannot simulate a rim; take the arm model, or choose Stubs or Left out for the border"
             )
         return RodModel.of(assembly, material)
     return ArmModel.of(assembly, material, curving=not quick, slopes=slopes, progress=progress)
@@ -285,12 +302,23 @@ def simulate(
     quick: bool = False,
     progress: Progress = SILENT,
 ) -> Simulation:
-    """The shape that a design takes when it is assembled, sought from a pose, else from the target's shape.
+    """Solve for the shape that a design takes when it is assembled.
 
-    ``quick`` takes the elastic model that optimising works with, which leaves out what matters under strong forces only.
+    Parameters
+    ----------
+    design : spirals on flat patches
+    target : mesh that the piece should match
+    material : elastic constants and density
+    params : settings of the simulation
+    supports : (k,) quads that are held at their places in the target; None to hold none
+    force : (F, 3) forces on the spirals, newtons; None for none
+    start : pose to start from; None to start from the target's pose
+    quick : leave out the second order of the strains, as the optimiser does
+    progress : called with the fraction done and the vertices (V, 3) reached; may cancel
 
-    supports : (k,) int, quads that are held where they lie in the target; force : (F, 3) newtons on the spirals.
-    Shows the target's vertices (V, 3), as they move, on the way. Raises FlexMapsError where weight or forces meet no support.
+    Raises
+    ------
+    FlexMapsError if the loads would carry an unsupported body away, or ``supports`` names spirals that do not exist.
     """
     assembly = of_design(design)
     within = progress.at(0.0, "Stiffness of the arms")
@@ -313,12 +341,22 @@ def simulate(
 
 
 def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
-    """(V, 3) metres: where hubs in a pose carry the vertices of their quads; the mean where quads disagree."""
+    """Move the vertices of a mesh with the hubs of their quads; a vertex goes to the mean of its places in all its quads.
+
+    Parameters
+    ----------
+    design : gives every quad's flat shape, which moves rigidly with its hub
+    pose : of the hubs
+    mesh : quads and vertices; vertices without a quad stay
+
+    Returns
+    -------
+    (V, 3) vertices, metres
+    """
     local = np.zeros((*mesh.quads.shape, 3))
     corners = design.flat.corners
     local[..., :2] = corners - corners.mean(axis=1, keepdims=True)
     points = pose.centres[:, None] + np.einsum("fij,fkj->fki", pose.rotations, local)
     count = np.bincount(mesh.quads.ravel(), minlength=len(mesh.vertices))
     total = [np.bincount(mesh.quads.ravel(), points[..., k].ravel(), len(mesh.vertices)) for k in range(3)]
-    # vertices of no quad stay
     return np.where(count[:, None] > 0, np.stack(total, axis=1) / np.maximum(count, 1)[:, None], mesh.vertices)
