@@ -168,13 +168,8 @@ def strained(block: dict[str, Any]) -> bool:
     return block.get("strain_share_max", 0.0) > STRAINED
 
 
-def warnings(block: dict[str, Any]) -> list[str]:
-    """Return what speaks against making a simulated piece; nothing for a piece without a simulation."""
-    return ([] if not block or sound(block) else [block["status"]]) + remarks(block)
-
-
 def remarks(block: dict[str, Any]) -> list[str]:
-    """Return the other warnings of a simulation; a missing equilibrium is in its ``status``."""
+    """Return the warnings of a simulation; a missing equilibrium is in its ``status``."""
     return [sentence(finding, block) for finding in block.get("findings", ()) if finding["code"] != "no-equilibrium"]
 
 

@@ -45,6 +45,7 @@ WORDS = {
     "left-out": ("Left out", INFORMATION),
     "remeshed": ("Remeshed", INFORMATION),
     "no-equilibrium": ("No equilibrium", BREAKS),
+    "knotted": ("Twisted: {}", BREAKS),
     "stays-flat": ("Stays flat", BREAKS),
     "far-from-target": ("Far from target", WORSE),
     "joined-to-nothing": ("{} joined to none", WORSE),

@@ -40,7 +40,7 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-AGAIN = {"about-to-snap", "other-rest"}  # findings for which another optimisation helps, even after one
+AGAIN = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}  # findings for which another optimisation helps, even after one
 # keys of notices about a poor match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 # keys of notices that only predict the result, from the mesh or the layout
@@ -282,7 +282,7 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     """Report a match worse than wanted, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
     percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    covering = {"far-from-target", "no-equilibrium", *(("stays-flat",) if _is_far(block) else ())}
+    covering = {"far-from-target", "no-equilibrium", "knotted", *(("stays-flat",) if _is_far(block) else ())}
     choose = obj.flexmaps.choose
     if percent is None or percent <= remedies.wanted(choose) or codes & covering:
         return []

@@ -178,7 +178,7 @@ def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
     """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
     model, rest = simulation.model, simulation.equilibrium
-    if not isinstance(model, ArmModel) or not rest.converged or rest.locked:
+    if not isinstance(model, ArmModel) or not rest.converged or simulation.locked:
         return None
     mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
     wrench = np.zeros((len(mesh.edges), 6))

@@ -39,7 +39,6 @@ from .newton_system import NewtonSystem
 
 TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
 NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye
-LOCKED = 1.0  # radians of torsion in a joint beyond which the frames may have locked in a false minimum; by eye
 # strain whose forces the residual is measured against where nothing is stressed: far below any that counts
 UNSTRESSED = 1e-5
 STATUS = {
@@ -81,11 +80,6 @@ class Equilibrium:
     def placed(self, pose: Pose) -> Equilibrium:
         """The same equilibrium, moved as a whole to a pose."""
         return replace(self, pose=pose)
-
-    @property
-    def locked(self) -> bool:
-        """Whether the torsion of some joint is so large that the state is probably a false minimum."""
-        return self.torsion_max > LOCKED
 
 
 @one_thread
@@ -222,11 +216,6 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
         sentence += f" {counted(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
-    elif torsion > LOCKED:
-        sentence = (
-            f"Converged, but two neighbours are twisted by {np.degrees(torsion):.0f} degrees against each other: "
-            "probably not the shape that the object would take."
-        )
     energy, residual = float(history[-1, 0]), float(history[-1, 1])
     joints = run.here.own.per_joint
     return Equilibrium(

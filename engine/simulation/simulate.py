@@ -35,6 +35,10 @@ from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
 
+# radians that neighbours may be twisted further than in the target: beyond it the search has probably tied a knot; by eye
+KNOTTED = 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """The equilibrium of a design, aligned with its target.
@@ -131,11 +135,31 @@ class Simulation:
         return shortfalls(self.design.flat.layout, self.target, self.equilibrium.pose.centres, held)
 
     @cached_property
+    def twisted(self) -> Float[np.ndarray, " joints"]:
+        """(m,) radians by which the hubs of every joint are twisted against each other further than in the target."""
+        aim = Stance(self.loads, self.target, self.design.flat.corners).aim
+        here, there = (self.model.torsion(self.model.start(pose)) for pose in (self.equilibrium.pose, aim))
+        return np.abs(np.angle(np.exp(1j * (here - there))))
+
+    @property
+    def locked(self) -> bool:
+        """Whether some joint is twisted so much further than in the target that the shape is probably a false minimum."""
+        return bool(self.twisted.max(initial=0.0) > KNOTTED)
+
+    @cached_property
     def findings(self) -> list[Finding]:
         """Warnings about the shape: no equilibrium, far from the target, outside the model's range, overstrained, unstable."""
         found = []
-        if not self.equilibrium.converged or self.equilibrium.locked:
+        if not self.equilibrium.converged:
             found.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
+        elif self.locked:
+            worst = int(np.argmax(self.twisted))
+            quads = self.model.pairs[worst]
+            text = (
+                f"Two neighbours are twisted against each other by {np.degrees(self.twisted[worst]):.0f} degrees more than in the target: "
+                "probably not the shape that the object would take; optimise again, or make their spirals more alike"
+            )
+            found.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
         far = []
         for piece in self.shortfalls:
             beside = np.unique(self.target.edge_quads[piece.line])
@@ -232,7 +256,7 @@ class Simulation:
             "material": self.material.name,
             "lasts": "years" if self.material.for_years else "days",
             "converged": e.converged,
-            "locked": e.locked,
+            "locked": self.locked,
             "status": e.status,
             "iterations": e.iterations,
             "residual": e.residual,

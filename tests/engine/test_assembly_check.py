@@ -114,11 +114,9 @@ def test_necks_are_those_of_the_connectors(flat_grid, kind):
 
 def test_what_cannot_be_believed_is_not_told(flat_grid):
     made, found = hung(flat_grid, 0.8)
-    for equilibrium in (
-        SimpleNamespace(pose=found.equilibrium.pose, converged=False, locked=False),
-        SimpleNamespace(pose=found.equilibrium.pose, converged=True, locked=True),
-    ):
-        doubtful = SimpleNamespace(model=found.model, material=POM, equilibrium=equilibrium)
+    for converged, locked in ((False, False), (True, True)):
+        equilibrium = SimpleNamespace(pose=found.equilibrium.pose, converged=converged)
+        doubtful = SimpleNamespace(model=found.model, material=POM, equilibrium=equilibrium, locked=locked)
         assert assembly_check.check_assembly(made, None, doubtful).seams[0].force is None
 
 
@@ -128,6 +126,7 @@ def test_hard_seams_are_named(flat_grid):
         model=found.model,
         equilibrium=found.equilibrium,
         material=SimpleNamespace(strength=1e-6 * POM.youngs),
+        locked=False,
     )
     checked = assembly_check.check_assembly(made, None, weak)
     assert checked.seams[0].hard == ("load",)

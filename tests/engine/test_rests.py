@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
@@ -14,6 +15,7 @@ from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +37,20 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
     assert found.others[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
     told = [one for one in found.findings if one.code in rests.RESTS]
     assert len(told) == 1 and told[0].faces and "less energy" in told[0].message
+
+
+def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target(saddle: Simulation) -> None:
+    assert not saddle.locked
+    one, two = saddle.model.pairs[len(saddle.model.pairs) // 2]
+    centres, turns = saddle.equilibrium.pose.centres, saddle.equilibrium.pose.rotations.copy()
+    across = (centres[two] - centres[one]) / np.linalg.norm(centres[two] - centres[one])
+    turns[two] = Rotation.from_rotvec(np.radians(75.0) * across).as_matrix() @ turns[two]
+    turned = dataclasses.replace(saddle.equilibrium, pose=Pose(centres, turns))
+    knotted = dataclasses.replace(saddle, equilibrium=turned)
+    told = [finding for finding in knotted.findings if finding.code == "knotted"]
+    assert knotted.locked and len(told) == 1 and two in told[0].faces and "degrees more than in the target" in told[0].message
+    lost = dataclasses.replace(saddle, equilibrium=dataclasses.replace(turned, converged=False))
+    assert not any(finding.code == "knotted" for finding in lost.findings)
 
 
 def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
