@@ -40,7 +40,12 @@ HELPED = {
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }
-AGAIN = {"no-equilibrium", "knotted", "about-to-snap", "other-rest"}  # findings for which another optimisation helps, even after one
+AGAIN = {
+    "no-equilibrium",
+    "knotted",
+    "about-to-snap",
+    "other-rest",
+}  # findings for which another optimisation helps, even after one
 # keys of notices about a poor match
 FAR_FROM_TARGET = ("equilibrium/match", "equilibrium/far-from-target")
 # keys of notices that only predict the result, from the mesh or the layout

@@ -34,7 +34,6 @@ from .band import Band
 from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
-
 # radians that neighbours may be twisted further than in the target: beyond it the search has probably tied a knot; by eye
 KNOTTED = 1.0
 
