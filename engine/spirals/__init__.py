@@ -1,1 +1,1 @@
-"""The microstructure: outlines of spirals, how far they may wind, and the design of a whole surface."""
+"""The microstructure: shape and outlines of spirals, their clearances, and the design of a whole surface."""

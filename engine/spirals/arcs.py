@@ -1,4 +1,4 @@
-"""Curves made of circular arcs: fitting smooth curves by biarcs, and what a curve of arcs knows about itself.
+"""Curves made of circular arcs: length, area and points of such curves, and fits of smooth curves by biarcs.
 
 A curve is a polyline with a bulge per segment, the tangent of a quarter of the arc's angle, positive when the arc turns
 left and 0 for a straight segment. DXF takes such curves as they are.
@@ -20,8 +20,8 @@ class Curve:
     """One curve of arcs.
 
     points : metres
-    bulge : of the segment from point i to point i + 1; the last one closes a closed curve and is unused in an open one
-    closed : whether it returns to its first point
+    bulge : of the segment from point i to point i + 1; the last bulge belongs to the closing segment, unused if open
+    closed : whether the curve returns to its first point
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -29,14 +29,14 @@ class Curve:
     closed: bool = True
 
     def _segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Start, end (S, 2) and bulge (S,) of every segment."""
+        """Return start (S, 2), end (S, 2) and bulge (S,) of every segment."""
         if self.closed:
             return self.points, np.roll(self.points, -1, axis=0), self.bulge
         return self.points[:-1], self.points[1:], self.bulge[:-1]
 
     @property
     def length(self) -> float:
-        """Metres along the arcs."""
+        """Length along the arcs, metres."""
         a, b, bulge = self._segments()
         chord, quarter = np.linalg.norm(b - a, axis=1), np.arctan(np.abs(bulge))
         # arc = chord * half-angle / sin(half-angle)
@@ -45,7 +45,7 @@ class Curve:
 
     @property
     def area(self) -> float:
-        """Signed area in square metres, positive for a counter-clockwise curve."""
+        """Enclosed area, square metres; positive for a counter-clockwise curve."""
         a, b, bulge = self._segments()
         polygon = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
         chord2, angle = ((b - a) ** 2).sum(axis=1), 4.0 * np.arctan(bulge)
@@ -55,17 +55,23 @@ class Curve:
         return float(polygon + (chord2 * share).sum())
 
     def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Curve:
-        """Turned by ``rotation`` radians about the origin, then shifted, in metres."""
+        """Rotate the curve about the origin, then shift it.
+
+        Parameters
+        ----------
+        rotation : radians, counter-clockwise
+        shift : metres
+        """
         cos, sin = np.cos(rotation), np.sin(rotation)
         return Curve(self.points @ np.array([[cos, sin], [-sin, cos]]) + shift, self.bulge, self.closed)
 
     def reversed(self) -> Curve:
-        """The same curve walked the other way."""
+        """Return the curve with its points in reverse order."""
         bulge = -self.bulge[::-1]
         return Curve(self.points[::-1], np.roll(bulge, -1), self.closed)
 
     def sampled(self, tolerance: float = 1e-5) -> Float[np.ndarray, "m 2"]:
-        """Metres: points on the curve whose chords stray from the arcs by at most ``tolerance``."""
+        """Return points on the curve whose chords deviate from the arcs by at most ``tolerance``; all in metres."""
         points = along_arcs(*self._segments(), tolerance)[0]
         return points if self.closed else np.concatenate([points, self.points[-1:]])
 
@@ -73,7 +79,19 @@ class Curve:
 def along_arcs(
     a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"], bulge: Float[np.ndarray, " n"], tolerance: float
 ) -> tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, " n"]]:
-    """Points on the arcs from ``a`` on to ``b``, without ``b``, and how many every arc has."""
+    """Sample arcs so that the chords between points deviate from the arcs by at most ``tolerance``.
+
+    Parameters
+    ----------
+    a, b : (N, 2) start and end of every arc, metres
+    bulge : (N,) as in ``Curve``
+    tolerance : metres
+
+    Returns
+    -------
+    points : (P, 2) metres, arc after arc, without the ends ``b``
+    count : (N,) number of points on every arc
+    """
     chord, angle = np.linalg.norm(b - a, axis=1), 4.0 * np.arctan(bulge)
     radius = 0.5 * chord / np.maximum(np.abs(np.sin(0.5 * angle)), 1e-12)
     step = 2.0 * np.arccos(np.clip(1.0 - tolerance / np.maximum(radius, 1e-12), 0.0, 1.0))
@@ -87,7 +105,18 @@ def along_arcs(
 def arc_points(
     a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "n 2"], bulge: Float[np.ndarray, " n"], share: np.ndarray
 ) -> Float[np.ndarray, "n m 2"]:
-    """Points on the arcs from ``a`` to ``b`` at the shares (n, m) of their angle."""
+    """Evaluate arcs at given shares of their angle.
+
+    Parameters
+    ----------
+    a, b : (N, 2) start and end of every arc, metres
+    bulge : (N,) as in ``Curve``
+    share : (N, M) 0 at the start, 1 at the end
+
+    Returns
+    -------
+    (N, M, 2) points, metres
+    """
     half = 2.0 * np.arctan(bulge)[:, None]
     flat = np.abs(half) < 1e-9
     safe = np.where(flat, 1.0, half)
@@ -101,10 +130,19 @@ def arc_points(
 
 
 def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Interpolate points (C, K+1, 2) and tangents of C curves by two arcs per span, with a common tangent everywhere.
+    """Interpolate points and tangents of C curves by two arcs per span; consecutive arcs share their tangent.
 
-    Returns the nodes (C, 2K, 2), without every curve's last point, and the bulges (C, 2K). The joint inside a span is
-    that of the biarc with equal tangent lengths (Bolton 1975).
+    The two arcs of a span meet where both tangent lengths are equal (Bolton 1975).
+
+    Parameters
+    ----------
+    points : (C, K+1, 2)
+    tangents : (C, K+1, 2) of any length
+
+    Returns
+    -------
+    nodes : (C, 2K, 2) ends of the arcs, without every curve's last point
+    bulges : (C, 2K)
     """
     tangents = tangents / np.sqrt(dot(tangents, tangents))[..., None]
     p0, p1, t0, t1 = points[:, :-1], points[:, 1:], tangents[:, :-1], tangents[:, 1:]
@@ -120,18 +158,18 @@ def biarcs(points: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Bulge of the arc whose chord and tangent enclose the angle from ``a`` to ``b``: half of the arc's angle."""
+    """Return the bulge of an arc whose tangent and chord have the directions ``a`` and ``b``, or the other way round."""
     angle = np.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], dot(a, b))
     return np.tan(0.5 * angle)
 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Many open curves of arcs in one heap; the last point of a curve is left out, for the next curve begins there.
+    """Many open curves of arcs in joint arrays; the last point of every curve is left out.
 
     points : metres
     bulge : as in ``Curve``
-    start : where every curve begins, and where the last one ends
+    start : index of every curve's first point, and the number of points
     """
 
     points: Float[np.ndarray, "n 2"]
@@ -139,7 +177,7 @@ class Fitted:
     start: Int[np.ndarray, " starts"]
 
     def replaced(self, which: Int[np.ndarray, " k"], other: Fitted) -> Fitted:
-        """The same with the curves ``which`` in the place of which those of ``other`` stand."""
+        """Replace the curves ``which`` by the curves of ``other``."""
         sizes = np.diff(self.start)
         rest = np.setdiff1d(np.arange(len(sizes)), which)
         sizes[which] = np.diff(other.start)
@@ -154,27 +192,31 @@ class Fitted:
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs that are tried for a curve
+SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs to try for a curve
 
 
-TOGETHER = 1500  # curves that are fitted at once: a quarter of a second of work, and 40 MB
+BATCH = 1500  # curves to fit at once, a quarter of a second of work; larger batches need more than 40 MB
 
 
 def fit(
     evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
 ) -> Fitted:
-    """Fit C curves by as few biarcs as stay within ``tolerance`` (metres) of them.
+    """Fit C curves by as few biarcs as possible; spans are chosen so that all deviate equally.
 
-    ``evaluate(which, t)`` gives points and derivatives (C', M, 2) of the curves ``which`` at the parameters (C', M);
-    ``ends`` are the parameters of their first and last points. Spans are spread so that every one strays equally.
+    Parameters
+    ----------
+    evaluate : function of curve indices (C',) and parameters (C', M); returns points and derivatives, each (C', M, 2)
+    ends : (C, 2) parameters of the first and last point of every curve
+    tolerance : largest distance of the arcs from the curves, metres; exceeded if the largest number of ``SPANS`` does not suffice
+    progress : called with the fraction done; may cancel
     """
     parts = []
-    for part in progress.batches(max(len(ends), 1), TOGETHER, "fitting arcs"):
+    for part in progress.batches(max(len(ends), 1), BATCH, "fitting arcs"):
 
-        def some(which: np.ndarray, t: np.ndarray, first: int = part.start) -> tuple[np.ndarray, np.ndarray]:
+        def evaluate_batch(which: np.ndarray, t: np.ndarray, first: int = part.start) -> tuple[np.ndarray, np.ndarray]:
             return evaluate(first + which, t)
 
-        parts.append(_fitted(some, ends[part], tolerance))
+        parts.append(_fit_batch(evaluate_batch, ends[part], tolerance))
     start = np.cumsum([0, *(len(p.points) for p in parts)])
     return Fitted(
         np.concatenate([p.points for p in parts]),
@@ -183,44 +225,46 @@ def fit(
     )
 
 
-def _fitted(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted:
+def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted:
+    """Fit curves with rising numbers of spans, until every curve is within the tolerance."""
     count = len(ends)
     even = np.linspace(0.0, 1.0, 49)
     sizes = np.zeros(count, dtype=np.int64)
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    everyone = np.arange(count)
+    fits: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    every = np.arange(count)
     t = ends[:, :1] + even * (ends[:, 1:] - ends[:, :1])
-    samples, tangents = evaluate(everyone, t)
-    weight, need = _spread(samples, tangents * np.sign(ends[:, 1] - ends[:, 0])[:, None, None], tolerance)
-    open_ = everyone
+    samples, tangents = evaluate(every, t)
+    weight, need = _fitting_effort(samples, tangents * np.sign(ends[:, 1] - ends[:, 0])[:, None, None], tolerance)
+    open_ = every
     for spans in SPANS:
         now = open_ if spans == SPANS[-1] else open_[need[open_] <= spans]
         if not len(now):
             continue
-        # the true curve at every sixth point, where spans meet, and in between, where the arcs are compared with it
+        # spans meet at every sixth point; at the points between, the arcs are compared with the curve
         marks = _inverse(weight[now], np.linspace(0.0, 1.0, 6 * spans + 1))
         p, d = evaluate(now, ends[now, :1] + marks * (ends[now, 1:] - ends[now, :1]))
         d = d[:, ::6] * np.sign(ends[now, 1] - ends[now, 0])[:, None, None]
         nodes, bulge = biarcs(p[:, ::6], d)
-        stray = _stray(nodes, p[:, -1], bulge, p, spans)
-        good = (stray <= tolerance) | (spans == SPANS[-1])
-        found.append((now[good], nodes[good], bulge[good]))
+        deviation = _largest_deviation(nodes, p[:, -1], bulge, p, spans)
+        good = (deviation <= tolerance) | (spans == SPANS[-1])
+        fits.append((now[good], nodes[good], bulge[good]))
         sizes[now[good]] = 2 * spans
-        # what strays falls with the third power of the spans: numbers that would leave it ten times too much are not tried
-        need[now[~good]] = spans * np.cbrt(stray[~good] / (10.0 * tolerance))
+        # the deviation falls with the third power of the spans; skip numbers that would leave ten times the tolerance
+        need[now[~good]] = spans * np.cbrt(deviation[~good] / (10.0 * tolerance))
         open_ = np.setdiff1d(open_, now[good], assume_unique=True)
     start = np.concatenate([[0], np.cumsum(sizes)])
     points, bulges = np.empty((start[-1], 2)), np.empty(start[-1])
-    for which, nodes, bulge in found:
+    for which, nodes, bulge in fits:
         place = start[which][:, None] + np.arange(nodes.shape[1])
         points[place], bulges[place] = nodes, bulge
     return Fitted(points, bulges, start)
 
 
-def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """How much fitting effort lies before every sample (C, M), 0..1, and a guess (C,) of the spans that are needed.
+def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the cumulative fitting effort up to every sample (C, M), from 0 to 1, and a guess (C,) of the spans needed.
 
-    A biarc strays from a curve by about |d curvature / ds| length^3 / 324, so spans follow the cube root of that.
+    A biarc deviates from a curve by about |d curvature / ds| length^3 / 324, so the density of spans is the cube root of
+    |d curvature / ds|.
     """
     move = np.diff(samples, axis=1)
     step = np.sqrt(dot(move, move))
@@ -241,9 +285,9 @@ def _spread(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tupl
 def _inverse(
     weight: Float[np.ndarray, "curves m"], levels: Float[np.ndarray, " loops"]
 ) -> Float[np.ndarray, "curves loops"]:
-    """Where the ascending rows of ``weight``, given on an even grid of [0, 1], reach the ``levels``."""
+    """Return where every ascending row of ``weight``, sampled evenly over [0, 1], reaches the ``levels``."""
     count, cells = len(weight), weight.shape[1] - 1
-    # one row after the other, so that all are searched as one
+    # offsets make all rows one ascending sequence, so that a single search suffices
     row = 2.0 * np.arange(count)[:, None]
     place = np.searchsorted((weight + row).ravel(), (levels + row).ravel()).reshape(count, -1)
     cell = np.clip(place - 1 - np.arange(count)[:, None] * weight.shape[1], 0, cells - 1)
@@ -251,10 +295,10 @@ def _inverse(
     return np.clip((cell + (levels - lo) / np.maximum(hi - lo, 1e-15)) / cells, 0.0, 1.0)
 
 
-def _stray(
+def _largest_deviation(
     nodes: np.ndarray, last: np.ndarray, bulge: np.ndarray, true: np.ndarray, spans: int
 ) -> Float[np.ndarray, " curves"]:
-    """Metres: largest distance of the true points (C, 6 spans + 1, 2) from the arcs."""
+    """Return the largest distance (C,) of the true points (C, 6 spans + 1, 2) from the arcs, metres."""
     ends = np.concatenate([nodes, last[:, None]], axis=1)
     shape = (len(nodes), spans, 2, 1)
     # points of a span are compared with both of its arcs; the nearer one counts
@@ -269,7 +313,7 @@ def _stray(
 
 
 def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.ndarray) -> np.ndarray:
-    """Distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is the straight line."""
+    """Return the distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is a straight line."""
     # power of the point over 2r: |power| / (r + distance to the centre), multiplied through by 2 sag
     double, rest = 2.0 * sag, half * half - sag * sag
     power = (x * x + y * y - half * half) * double - 2.0 * y * rest
@@ -279,5 +323,5 @@ def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.nda
 
 
 def dot(a: Float[np.ndarray, "... 2"], b: Float[np.ndarray, "... 2"]) -> np.ndarray:
-    """Scalar products of vectors."""
+    """Return the scalar products of vectors in the plane."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -1,14 +1,16 @@
-"""The blended ends of the arms: how both arms of a joint turn to one direction and one width, in closed form.
+"""Blends: near their joint, both arms turn to one direction and one width, in closed form.
 
 In the complex plane an arm's centre line leaves its joint with the slope -R e^(iA) (1 - i phi), where R is its radius, A
-the angle of its middle spoke and phi its signed winding. Seen from the shared edge, with the outward normal as the real
-axis, its outward tangent per unit of radius is z = (1 - i phi) e^(i beta), where beta is the angle from the outward
-normal to the spoke. The common direction c of both arms is that of z + z of the mate, each in the frame of its own side:
-so the mean of the twists counts, and the strongly wound arm is hardly bent. What turns the arm to it is
+the angle of its spoke (the line from the quad's centre to the joint) and phi its signed twist. Seen from the shared edge,
+with the outward normal as the real axis, its outward tangent per unit of radius is z = (1 - i phi) e^(i beta), where beta,
+the lean, is the angle from the outward normal to the spoke. Both arms turn to the direction c of the sum of both z, each in
+the frame of its own side. So the mean of the twists counts, and the strongly wound arm hardly bends. To turn an arm to c,
+the blend adds to its slope
 
     slope = R e^(iA) ((1 - i phi) - |1 - i phi| e^(-i beta) c).
 
-Everything is twice continuously differentiable by every number of both arms.
+All results are twice continuously differentiable with respect to all parameters of both arms. The mate of an arm is the
+arm across its joint.
 """
 
 from __future__ import annotations
@@ -19,34 +21,34 @@ import numpy as np
 
 from ..arrays import Complex, Float
 
-# The numbers of a joint by which there are derivatives, in this order. A mate's radius has no part in an arm's end.
+# Columns of the derivatives with respect to a joint's parameters. The mate's radius does not affect an arm's blend.
 OWN_WIDTH, MATE_WIDTH, OWN_WIND, MATE_WIND, RADIUS, ANGLE, OWN_LEAN, MATE_LEAN = range(8)
-NUMBERS = 8  # how many these are
+NUMBERS = 8  # number of these columns
 
-# the steepest that an arm may lean along the edge that it crosses: sine of the smallest angle between the two
+# sine of the smallest angle between an arm and the edge that it crosses; larger values bend wound arms more
 _CROSSING_MIN = 0.1
-# over which the crossing passes from free to steepest: 0.1 + this, 0.15, is a twist of 6.6 between alike squares
+# half width, as a sine, of the smooth transition to _CROSSING_MIN; at 0.1 + 0.05, equal squares have a twist of 6.6
 _CROSSING_SOFT = 0.05
-# What the blend alone leaves of the radius of curvature of an arm's inner edge, as a share of that of its centre line. With
-# the arm's own curvature, 0.6 is left in 9 of 10 random arms of 19 surfaces, and 0.43 in 99 of 100, as with blends that
-# were lengthened step by step.
+# radius of curvature of the inner edge over that of the centre line that the blend alone leaves; larger values lengthen
+# blends. With the arm's own curvature, 0.6 is left in 9 of 10 random arms of 19 surfaces, and 0.43 in 99 of 100, as with
+# blends that were lengthened step by step.
 _INNER_RADIUS = 0.7
-_BLEND_MAX = 0.7  # largest share of an arm over which it is blended: the rest stays a spiral
-_BLEND_SOFT = 0.3  # share of the shortest blend round which it becomes longer
-_TOP_SOFT = 0.1  # below and above the largest share over which a longer blend comes to its end
-# Largest curvature of the blending quintic, times 1 - h, per square root of h, the squared sine of half of the angle that
-# it turns by. 7.88 for small angles, 7.6 for a right one.
+_BLEND_MAX = 0.7  # longest blend, as a share of the arm; the rest stays a spiral
+_BLEND_SOFT = 0.3  # half width of the smooth transition from the shortest to longer blends, in shortest blends
+_TOP_SOFT = 0.1  # half width of the smooth transition to the longest blend, as a share of the arm
+# largest curvature of the blending quintic, times 1 - h, per square root of h, where h is the squared sine of half the
+# turning angle: 7.88 for small angles, 7.6 for a right angle
 _BEND = 7.88
 
 
 @dataclass(frozen=True, eq=False)
 class Blends:
-    """The blended ends of N arms.
+    """Blends of N arms, with derivatives.
 
-    slope : metres, what the blend adds to the derivative of the centre line by t at the joint, as complex numbers
-    width : metres, of the joint
-    share : of t, over which arm and joint are blended
-    slope_by, width_by, share_by : their derivatives by the numbers above
+    slope : added to the derivative of the centre line with respect to t at the joint, metres, complex
+    width : at the joint, metres
+    share : length of the blend, in t
+    slope_by, width_by, share_by : derivatives with respect to the joint's parameters, in the columns above
     """
 
     slope: Complex[np.ndarray, "*n"]
@@ -58,7 +60,17 @@ class Blends:
 
 
 def leans(corners: Float[np.ndarray, "quads 4 2"], angle: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, "quads 4"]:
-    """Radians from the outward normals of the sides to the spokes, whose directions are ``angle``."""
+    """Return the angles from the outward normals of the sides to the spokes.
+
+    Parameters
+    ----------
+    corners : flat quads, metres
+    angle : directions of the spokes, radians
+
+    Returns
+    -------
+    (F, 4) radians
+    """
     along = np.roll(corners, -1, axis=1) - corners
     return np.angle(np.exp(1j * angle) / (along[..., 1] - 1j * along[..., 0]))
 
@@ -71,11 +83,16 @@ def blends(
     angle: Float[np.ndarray, "*n"],
     shortest: float,
 ) -> Blends:
-    """The blended ends of arms, from numbers of their own and of their mates (last axis), with derivatives.
+    """Compute the blends of arms from their own parameters and those of their mates.
 
-    width : metres; wind : radians, twist with the sign of the sense of rotation; lean : radians, see ``leans``;
-    radius : metres; angle : radians; shortest : share of t over which an arm is blended that hardly turns.
-    An arm at the border is its own mate.
+    Parameters
+    ----------
+    width : metres, of the arm and of its mate (last axis); an arm at the border is its own mate
+    wind : radians, twist with the sign of the sense of rotation, of the arm and of its mate
+    lean : radians, see ``leans``, of the arm and of its mate
+    radius : metres, from the quad's centre to the joint
+    angle : radians, direction of the spoke
+    shortest : length of the blend of an arm that hardly turns, in t
     """
     pure = 1.0 - 1j * wind
     length = np.abs(pure)
@@ -86,16 +103,16 @@ def blends(
     total_by = np.concatenate([-1j * turned, 1j * both], axis=-1)
     length_by = wind / length
     scale_by = np.concatenate([length_by, np.zeros_like(length_by)], axis=-1)
-    # the common direction crosses the edge
-    seen = total / scale
-    seen_by = (total_by - seen[..., None] * scale_by) / scale[..., None]
-    over, slope = ramp(seen.real - _CROSSING_MIN, _CROSSING_SOFT)
-    steep = _CROSSING_MIN + over + 1j * seen.imag
-    steep_by = slope[..., None] * seen_by.real + 1j * seen_by.imag
+    # keep the common direction away from the edge's own direction
+    mean = total / scale
+    mean_by = (total_by - mean[..., None] * scale_by) / scale[..., None]
+    over, slope = ramp(mean.real - _CROSSING_MIN, _CROSSING_SOFT)
+    steep = _CROSSING_MIN + over + 1j * mean.imag
+    steep_by = slope[..., None] * mean_by.real + 1j * mean_by.imag
     size = np.abs(steep)
     common = steep / size
     common_by = 1j * common[..., None] * ((steep_by * np.conj(common)[..., None]).imag / size[..., None])
-    # what turns the own arm to it, per unit of radius
+    # slope that turns the arm to the common direction, per unit of radius
     back = length[..., 0] / turned[..., 0]
     turn = pure[..., 0] - back * common
     turn_by = -back[..., None] * common_by
@@ -108,15 +125,15 @@ def blends(
     joint = 0.5 * width.sum(-1)
     joint_by = np.zeros((*radius.shape, NUMBERS))
     joint_by[..., [OWN_WIDTH, MATE_WIDTH]] = 0.5
-    share, share_by = _shares(turn, turn_by, length[..., 0], length_by[..., 0], joint, radius, shortest)
+    share, share_by = _blend_shares(turn, turn_by, length[..., 0], length_by[..., 0], joint, radius, shortest)
     return Blends(spoke * turn, joint, share, by, joint_by, share_by)
 
 
-def _shares(
+def _blend_shares(
     turn: np.ndarray, turn_by: np.ndarray, length: np.ndarray, length_by: np.ndarray, joint: np.ndarray,
     radius: np.ndarray, shortest: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Over which share of t the inner edge keeps its radius while the arm turns, and its derivatives."""
+    """Return the lengths of the blends, in t, that keep the inner edges' radius of curvature, and their derivatives."""
     h = 0.25 * np.abs(turn) ** 2 / length**2
     h_by = 0.5 * (turn_by * np.conj(turn)[..., None]).real / (length**2)[..., None]
     h_by[..., 0] -= 2.0 * h * length_by / length
@@ -137,6 +154,12 @@ def _shares(
 
 
 def ramp(x: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
-    """The larger of x and 0, smooth to the second derivative within ``half`` of 0; and its derivative."""
+    """Return max(x, 0), smoothed to the second derivative, and its derivative.
+
+    Parameters
+    ----------
+    x : any shape
+    half : half width of the smooth transition around 0
+    """
     s = np.clip(0.5 * (x / half + 1.0), 0.0, 1.0)
     return 2.0 * half * s**3 * (1.0 - 0.5 * s) + np.maximum(x - half, 0.0), s * s * (3.0 - 2.0 * s)

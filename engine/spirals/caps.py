@@ -1,8 +1,8 @@
-"""How arms end that are not cut in full length: left out at an open border, down to a round end on their hub.
+"""Caps: the ends of arms that are left out at an open border, and of arms that end in a foot.
 
-The hub keeps the corners that its other arms have for a root, so that they are as stiff as beside a whole arm: an arm
-at the border carries nothing, for it has no joint. The round end lies within the arm that would be there, so that it is nowhere
-nearer to another arm.
+An arm at the border has no joint and carries nothing. If it is left out, a round end on the hub remains. The hub keeps its
+corners beside that end, so that the other arms are as stiff as beside a whole arm. The round end lies within the arm's own
+outline, so that no clearance becomes smaller.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ from .arcs import Curve
 from .contours import Hubs
 from .spiral import LEFT, RIGHT, Arms, edge
 
-# Share of the way from an arm's middle of the side to its hub at which a left out arm ends: a fifth of a millimetre of 10 remains,
-# so that there is an edge on both of its sides
+# t at which an arm that is left out ends, as a share of the t of its root: 0.2 mm of 10 mm remain, so that both of its edges
+# exist; larger values shorten the stump
 STUMP = 0.98
-DRAWN = 2e-6  # metres: how far a cap's polygon may stray from its arcs
+POLYGON_TOLERANCE = 2e-6  # largest deviation of a cap's polygon from its arcs, metres; larger values are faster
 
 
 @dataclass(frozen=True, eq=False)
 class Cap:
-    """What an arm ends in that has no joint and is not cut plainly.
+    """End of an arm without a joint: a round end or a foot.
 
-    arm : 4 quad + side; patch : its patch; over : t where the arm begins
-    across : the curve from the right to the left edge there, in the patch's frame, metres
+    arm : 4 quad + side
+    patch : index of its patch
+    over : t where the plain arm begins
+    across : curve from the arm's right edge to its left edge there, in the patch's frame, metres
     """
 
     arm: int
@@ -41,26 +43,34 @@ class Cap:
 
     @cached_property
     def polygon(self) -> Any:
-        """Shapely's, in the patch's frame."""
+        """The cap as a shapely polygon, in the patch's frame, metres."""
         import shapely
 
-        return shapely.Polygon(self.across.sampled(DRAWN))
+        return shapely.Polygon(self.across.sampled(POLYGON_TOLERANCE))
 
 
 def left_out(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"]:
-    """Which arms are not cut: those at an open border, if the settings say so."""
+    """Return a mask of the arms that are left out: the arms at an open border, if the settings say so."""
     return mesh.border[mesh.quad_edges] & (params.border == "left_out")
 
 
 def stumps(root: Hubs) -> Float[np.ndarray, "quads 4"]:
-    """The t where arms begin if they are left out."""
+    """Return the t (F, 4) where arms end that are left out."""
     return STUMP * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
 
 def caps(
     arms: Arms, begin: Float[np.ndarray, "quads 4"], absent: Bool[np.ndarray, "quads 4"], patch_of: np.ndarray
 ) -> tuple[Cap, ...]:
-    """Half a circle over the end of every arm that is left out."""
+    """Put a half circle over the end of every arm that is left out.
+
+    Parameters
+    ----------
+    arms : of all quads
+    begin : t where every arm begins
+    absent : arms that are left out
+    patch_of : (F,) patch of every quad
+    """
     quad, side = np.nonzero(absent)
     some, t = arms.one_by_one(quad, side), begin[quad, side][:, None, None]
     right, left = (edge(some, t, way)[0][:, 0, 0] for way in (RIGHT, LEFT))

@@ -1,4 +1,4 @@
-"""What some spirals must be, whatever would suit the shape best: those under feet, under eyelets, and those that are protected."""
+"""Constraints on single spirals: above feet, below eyelets, and protected by the user."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import numpy as np
 from ..arrays import Int
 
 
-def _none() -> Int[np.ndarray, " 0"]:
+def _no_quads() -> Int[np.ndarray, " 0"]:
     return np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Quads whose spirals are not free; by default all are.
+    """Indices of quads whose spirals are not free; empty by default.
 
-    straight : these are not wound, and their arms at the border are as wide as may be to begin with, for feet begin there
-    wide : all arms of these are as wide as may be, for an eyelet is cut into their hub
-    kept : these stay exactly as they are, the flat shapes of their quads too; only a search that changes a design asks for them
+    straight : quads with twist 0; their arms at the border start at the largest width, because feet begin there
+    wide : quads whose arms all have the largest width, because an eyelet is cut into their hub
+    kept : quads whose spirals and flat shapes a search must not change; making a first design ignores them
     """
 
-    straight: Int[np.ndarray, " straight"] = field(default_factory=_none)
-    wide: Int[np.ndarray, " wide"] = field(default_factory=_none)
-    kept: Int[np.ndarray, " kept"] = field(default_factory=_none)
+    straight: Int[np.ndarray, " straight"] = field(default_factory=_no_quads)
+    wide: Int[np.ndarray, " wide"] = field(default_factory=_no_quads)
+    kept: Int[np.ndarray, " kept"] = field(default_factory=_no_quads)
 
 
 FREE = Constraints()

@@ -1,4 +1,4 @@
-"""Where a brush touches a surface: a weight for every quad round a place."""
+"""Weights of quads under a brush."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from ..arrays import Float, Int
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A surface as it is seen, to be painted on; metres.
+    """The visible surface that a brush paints on.
 
-    centres, normals : (F, 3) of the quads, normals of length 1; reach : (F,) from a quad's middle to its sides, in the mean
+    centres : (F, 3) quad centres, metres
+    normals : (F, 3) unit normals of the quads
+    reach : (F,) mean distance from a quad's centre to the middles of its sides, metres
     """
 
     centres: Float[np.ndarray, "quads 3"]
@@ -22,6 +24,7 @@ class Ground:
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> Ground:
+        """Make the ground from vertices (metres) and quads (vertex indices)."""
         corners = vertices[quads]
         centres = corners.mean(axis=1)
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
@@ -30,10 +33,17 @@ class Ground:
         return cls(centres, normals, np.linalg.norm(sides, axis=2).mean(axis=1))
 
     def weight(self, place: np.ndarray, facing: np.ndarray, radius: float) -> Float[np.ndarray, " quads"]:
-        """(F,) from 0 to 1 of a dab at a place (3,) of a surface that faces (3,) there; radius in metres.
+        """Return the weight of a dab on every quad, from 0 to 1.
 
-        Falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's own *Smooth*), from a quad's sides on, so that the quad
-        under a small brush is painted wholly. What faces the other way, such as the far side of a thin wall, is not.
+        The weight falls off smoothly to 0 at the radius (3 s^2 - 2 s^3, Blender's *Smooth* falloff). Distances count from a
+        quad's sides, so that a small brush paints the whole quad under it. Quads that face away, such as the far side of a
+        thin wall, have weight 0.
+
+        Parameters
+        ----------
+        place : (3,) centre of the dab, metres
+        facing : (3,) normal of the surface there
+        radius : metres
         """
         away = np.maximum(np.linalg.norm(self.centres - place, axis=1) - self.reach, 0.0)
         share = np.clip(1.0 - away / max(radius, 1e-12), 0.0, 1.0)
@@ -41,7 +51,7 @@ class Ground:
 
 
 def together(weights: list[Float[np.ndarray, " quads"]]) -> Float[np.ndarray, " quads"]:
-    """The weight of dabs one after the other, as long as what they lead to is the same."""
+    """Combine the weights of consecutive dabs into one weight; exact if all dabs have the same goal."""
     left = np.ones_like(weights[0])
     for weight in weights:
         left *= 1.0 - weight

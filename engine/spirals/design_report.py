@@ -1,4 +1,4 @@
-"""What is told of a design in report.json and in a .blend file."""
+"""The block about the spirals in report.json and in .blend files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from .spiral import anisotropy
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:
-    """The ``spirals`` block of report.json; without its narrowest slot, which takes a while, if it is not to be ``measured``."""
+    """Return the ``spirals`` block of report.json.
+
+    Parameters
+    ----------
+    design : the design
+    progress : called with the fraction done; may cancel
+    measured : include the width of the narrowest slot, which takes a while to measure
+    """
 
     def spread(x: np.ndarray) -> list[float]:
         return [round(float(v), 4) for v in (x.min(), x.mean(), x.max())]

@@ -1,4 +1,4 @@
-"""How far spirals may be wound for the stiffness table to know them, which bounds every design beside the room of its slots."""
+"""Range of the stiffness table: it bounds the twist of every design, as the slots do."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 
 from ..arrays import Float
 
-SCALE_RANGE = (5.0, 50.0)  # s/w of the table's nodes
-SLOT_SHARE = 0.14  # slot over width at the largest twist of the nodes
-TWIST_CAP = math.radians(600.0)  # largest twist of the nodes
-CAP_POWER = 8  # how sharply the limit bends into the cap; by eye
+SCALE_RANGE = (5.0, 50.0)  # range of s/w (spiral diameter over arm width) in the table
+SLOT_SHARE = 0.14  # slot width over arm width at the largest twist in the table
+TWIST_CAP = math.radians(600.0)  # largest twist in the table at any s/w, radians
+CAP_POWER = 8  # sharpness of the transition to the cap; larger is sharper; by eye
 
 
 def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
-    """Largest twist (radians) that the table holds at s/w = ``ratio``: the slot is 0.14 arm widths there.
+    """Return the largest twist (radians) in the table at s/w = ``ratio``, smoothly capped near 600 degrees.
 
-    Smoothly capped near 600 degrees. The condition on the slot is (pi/4) s / sqrt(1 + twist^2) - w.
+    At the limit the slot, (pi/4) s / sqrt(1 + twist^2) - w, is 0.14 arm widths wide.
     """
-    # beyond that no twist is bounded by anything but the cap
+    # at larger ratios only the cap matters
     return limit_and_slope(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
 
 
 def limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The limit, and its derivative by ln(ratio)."""
+    """Return ``twist_limit`` and its derivative with respect to ln(ratio)."""
     spread = (0.25 * math.pi / (1.0 + SLOT_SHARE) * ratio) ** 2
     cut = np.sqrt(spread - 1.0)
     limit = (cut**-CAP_POWER + TWIST_CAP**-CAP_POWER) ** (-1.0 / CAP_POWER)
@@ -34,9 +34,16 @@ def limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def spare_twist(
     radius: Float[np.ndarray, " arms"], width: Float[np.ndarray, " arms"], twist: Float[np.ndarray, " arms"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(A,) radians by which arms are wound less than the table holds, and its derivatives by radius and width.
+    """Return how far arms stay below ``twist_limit``, and its derivatives with respect to radius and width.
 
-    radius, width : metres; twist : radians
+    Parameters
+    ----------
+    radius, width : (A,) of the arms, metres
+    twist : (A,) radians
+
+    Returns
+    -------
+    (A,) radians, negative beyond the limit; and two derivatives (A,), radians per metre
     """
     ratio = 2.0 * radius / width
     limit, slope = limit_and_slope(np.clip(ratio, *SCALE_RANGE))

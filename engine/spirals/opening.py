@@ -1,4 +1,4 @@
-"""Spirals whose rooms overlap, unwound and made thinner until nothing is in another's way."""
+"""Repair designs with closed gaps: unwind spirals and thin their arms until every clearance is met."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from ..arrays import Bool
 from ..progress import SILENT, Progress
 from .room import Room
 
-# Rounds in which rooms ask for changes, of 19 surfaces' random designs mostly under 10, and all with those in which spirals are just
-# unwound and made thinner
-ASKED, ROUNDS = 25, 90
-SPARE_ROOM = 0.02  # rooms that a closed one asks for, so that few rounds close it again
-IDLE = 0.02  # rooms per radian; where all twists together widen a gap by less, arms become thinner
-# What one round takes at most: radians of the twist, share of the width
-UNWOUND, THINNER = 0.4, 0.1
+# most rounds that change spirals by the slopes of the closed gaps (random designs of 19 surfaces mostly need under 10), and
+# most rounds in total; the later ones change all spirals at closed gaps by a fixed share
+SLOPE_ROUNDS, ROUNDS = 25, 90
+SPARE_ROOM = 0.02  # target clearance, as in ``Terms.value``; larger values need fewer rounds but unwind more
+# slope of a gap with respect to all twists, in units of ``Terms.value`` per radian, below which arms become thinner instead
+IDLE = 0.02
+# largest change in one round: twist in radians, width as a share; larger values need fewer rounds but overshoot
+MAX_UNWIND, MAX_THIN = 0.4, 0.1
 
 
 def opened(
@@ -26,48 +27,59 @@ def opened(
     free: Bool[np.ndarray, " quads"],
     progress: Progress = SILENT,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Widths and twists near those given whose rooms are all open; those given where they are.
+    """Return widths and twists near the input for which all gaps are open; the input if they are open already.
 
-    Every closed room asks for the smallest unwinding that opens it, or for thinner arms where nothing is left to unwind, and every
-    spiral does what is asked most of it, all four arms alike. What that has not opened in some rounds is unwound and made thinner
-    until it is.
+    Every closed gap requests the smallest unwinding that opens it, or thinner arms if unwinding does not help. Every spiral
+    follows its largest request, all four arms by the same share. Gaps that remain closed after ``SLOPE_ROUNDS`` are opened
+    by unwinding and thinning all their spirals.
+
+    Parameters
+    ----------
+    room : clearance model of the flat patches
+    low : (F,) smallest widths, metres
+    width, twist : (F, 4) metres and (F,) radians, the design to start from
+    free : spirals that may change
+    progress : called with the fraction done; may cancel
     """
     least, quads = np.minimum(low[:, None], width), np.ones(len(twist), dtype=bool)
-    for turn in range(ASKED):
+    for turn in range(SLOPE_ROUNDS):
         progress(turn / ROUNDS, "room between the arms")
         terms = room.terms(width, twist, below=0.0, quads=quads)
         if not len(terms.value):
             return width, twist
         short = SPARE_ROOM - terms.value
-        wound = _falling(terms.by_design[:, width.size :], free & (twist > 0.0))
-        idle = wound.power(2).sum(axis=1) < IDLE**2
-        unwound = _asked(wound, np.where(idle, 0.0, short))
-        thinner = _asked(
-            _falling(terms.by_design[:, : width.size], (free[:, None] & (width > least)).ravel()),
+        by_twist = _opening_slopes(terms.by_design[:, width.size :], free & (twist > 0.0))
+        idle = by_twist.power(2).sum(axis=1) < IDLE**2
+        unwind = _largest_request(by_twist, np.where(idle, 0.0, short))
+        thin = _largest_request(
+            _opening_slopes(terms.by_design[:, : width.size], (free[:, None] & (width > least)).ravel()),
             np.where(idle, short, 0.0),
         )
-        share = (thinner.reshape(-1, 4) / width).min(axis=1, keepdims=True)
-        width = np.maximum((1.0 + np.maximum(share, -THINNER)) * width, least)
-        twist = np.maximum(twist + np.maximum(unwound, -UNWOUND), 0.0)
+        share = (thin.reshape(-1, 4) / width).min(axis=1, keepdims=True)
+        width = np.maximum((1.0 + np.maximum(share, -MAX_THIN)) * width, least)
+        twist = np.maximum(twist + np.maximum(unwind, -MAX_UNWIND), 0.0)
         quads = np.zeros(len(twist), dtype=bool)
         quads[terms.arms // 4] = True
-    for turn in range(ASKED, ROUNDS):
+    for turn in range(SLOPE_ROUNDS, ROUNDS):
         progress(turn / ROUNDS, "room between the arms")
         quads = room.closed(width, twist, quads) & free
-        thin = quads & (twist == 0.0)
-        width = np.where(thin[:, None], np.maximum((1.0 - THINNER) * width, least), width)
+        straight = quads & (twist == 0.0)
+        width = np.where(straight[:, None], np.maximum((1.0 - MAX_THIN) * width, least), width)
         twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)
         if not quads.any():
             break
     return width, twist
 
 
-def _falling(slopes: csr_array, free: np.ndarray) -> csr_array:
-    """Slopes of rooms by what is free to fall and widens them by that."""
+def _opening_slopes(slopes: csr_array, free: np.ndarray) -> csr_array:
+    """Keep only slopes where reducing a free parameter widens the gap."""
     return csr_array(slopes.minimum(0.0).multiply(free))
 
 
-def _asked(slopes: csr_array, short: np.ndarray) -> np.ndarray:
-    """By how much every parameter has to fall at most, if each room widens by what it is ``short`` of with the smallest change."""
+def _largest_request(slopes: csr_array, short: np.ndarray) -> np.ndarray:
+    """Return the largest reduction of every parameter that any gap requests; each gap needs to widen by ``short``.
+
+    A gap requests the least-norm change that widens it enough, to first order.
+    """
     size = slopes.power(2).sum(axis=1)
     return csr_array(slopes.multiply((short / np.maximum(size, 1e-12))[:, None])).min(axis=0).toarray().ravel()

@@ -1,4 +1,4 @@
-"""Whether outlines touch themselves or each other, judged by shapely."""
+"""Find places where outlines touch themselves or each other, with shapely."""
 
 from __future__ import annotations
 
@@ -10,7 +10,17 @@ from .contours import Outline
 
 
 def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
-    """Patch, x and y (metres) of the places where an outline crosses or touches itself or another of its panel."""
+    """Find the places where the curves of a panel's outline cross or touch themselves or each other.
+
+    Parameters
+    ----------
+    drawn : one outline per patch
+    progress : called with the fraction done; may cancel
+
+    Returns
+    -------
+    (N, 3) patch, x and y of every place; metres in the patch's frame
+    """
     import shapely
 
     found = []
@@ -23,14 +33,14 @@ def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndar
         one, two = shapely.STRtree(rings).query(rings, predicate="intersects")
         both = [rings[a].intersection(rings[b]) for a, b in zip(one[one < two], two[one < two], strict=True)]
         at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
-        if not len(at):  # a hole outside the panel, say: no single place
+        if not len(at):  # for example a hole outside the panel, which has no single place
             at = shapely.get_coordinates(rings[0])[:1]
         found.append(np.column_stack([np.full(len(at), patch), at]))
     return np.concatenate(found) if found else np.empty((0, 3))
 
 
 def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
-    """A place where a closed line crosses or touches itself."""
+    """Return a place where a closed line crosses or touches itself."""
     import shapely
 
     return shapely.Point(

@@ -1,4 +1,4 @@
-"""Flat points moved to where quads without room for a spiral get some; outlines of patches, and so seams, stay as they are."""
+"""Move flat points inside patches so that quads too small for a spiral grow; outlines and seams stay."""
 
 from __future__ import annotations
 
@@ -9,17 +9,15 @@ from ..patches.flattening.flatten import FlatPatches, measured
 from ..progress import SILENT, Progress
 from ..surface.remeshing.regularise import best_squares
 
-RINGS = (
-    2  # of quads round such a quad whose inner corners move; more of them spread what is lacking over more neighbours
-)
-MOVES = 60  # of every corner; with more of them, corners come nearer to where their quads want them
-SMALL = 0.7  # of the median side: smaller quads want to grow to it
+RINGS = 2  # rings of neighbours around a small quad whose corners move too; more rings spread the change wider
+MOVES = 60  # smoothing iterations; more come closer to convergence and take longer
+SMALL = 0.7  # target side of small quads, in median sides; larger values leave less room to their neighbours
 
 
 def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
-    """The flat patches with the inner corners near some quads where all of them are squarer, and the smallest ones larger.
+    """Move the inner corners near ``quads`` so that quads become squarer and the smallest larger.
 
-    No quad is turned over: where that would happen, the patches come back as they are.
+    Return the input if a quad would turn over or become concave.
     """
     corners, layout = flat.layout.flat_corners, flat.layout
     moving = np.zeros(len(flat.points), dtype=bool)
@@ -45,11 +43,11 @@ def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress 
         total = np.stack([np.bincount(some.ravel(), wanted[:, k], minlength=len(points)) for k in range(2)], axis=1)
         points[moving, :2] = (total / count[:, None])[moving]
     made = measured(layout, points[:, :2])
-    return flat if (_turns(made)[near] <= 0.0).any() else made
+    return flat if (_smallest_corner(made)[near] <= 0.0).any() else made
 
 
-def _turns(flat: FlatPatches) -> np.ndarray:
-    """The smallest sine, times both sides, at a corner of every quad: not positive where it is turned over or concave."""
+def _smallest_corner(flat: FlatPatches) -> np.ndarray:
+    """Return the smallest cross product of two sides in every quad; not positive if it is turned over or concave."""
     along = np.roll(flat.corners, -1, axis=1) - flat.corners
     before = np.roll(along, 1, axis=1)
     return (before[..., 0] * along[..., 1] - before[..., 1] * along[..., 0]).min(axis=1)
