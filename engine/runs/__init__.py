@@ -1,1 +1,1 @@
-"""All stages one after another, and what is told of a run: figures, plots and the report."""
+"""Running all stages in order, and reporting a run: figures, plots, the report and its 3D page."""

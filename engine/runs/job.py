@@ -45,21 +45,21 @@ __all__ = [
     "taken",
 ]
 
-CHECK, CHECK_SHARE = "check", 0.05  # what comes before the table's stages, and its share of the progress bar
+CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
 NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
 class _Stages:
-    """Gives every stage its part of the progress and notes how long it took."""
+    """Timer and progress splitter: gives every stage its part of the progress bar and records its wall time."""
 
     def __init__(self, wanted: list[str], progress: Progress):
         self.seconds: dict[str, float] = {}
         self._progress = progress
         shares = [STAGES[name].share if name in STAGES else CHECK_SHARE for name in wanted]
-        total = sum(shares) or 1.0  # there may be none
+        total = sum(shares) or 1.0  # no stages are wanted: avoid a division by zero
         starts = [sum(shares[:k]) / total for k in range(len(wanted) + 1)]
         self._spans = dict(zip(wanted, pairwise(starts), strict=True))
-        self.end = progress.part(1.0, 1.0)  # for what comes after the last
+        self.end = progress.part(1.0, 1.0)  # for quick work after the last stage
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[Progress]:
@@ -68,7 +68,8 @@ class _Stages:
         start = time.perf_counter()
         yield part
         self.seconds[name] = time.perf_counter() - start
-        part.tell(1.0, name)  # a stage that was stopped and gives the best so far keeps it; the next one asks again
+        # tell() does not raise Cancelled: a cancelled stage that returns its best result keeps it; the next stage stops
+        part.tell(1.0, name)
 
 
 def run(
@@ -84,11 +85,27 @@ def run(
     supports: str | Sequence[int] | None = None,
     progress: Progress = SILENT,
 ) -> Result:
-    """Run the stages in order, up to and including ``stop_after``; those that have to be asked for as in ``stages``.
+    """Run the stages in order, up to and including ``stop_after``.
 
-    ``edge`` is the wanted median quad edge, ``height`` the wanted extent along z, both in metres; with neither, the mesh
-    is taken to be in metres already. ``supports`` names the quads that stand, see ``loads.standing``. Raises
-    ``FlexMapsError`` where the input or a setting does not allow a stage, and ``Cancelled`` when the progress asks to stop.
+    Parameters
+    ----------
+    polygons : the target surface; in metres if neither ``edge`` nor ``height`` is given
+    settings : of all stages
+    edge : wanted median quad edge, metres
+    height : wanted extent along z, metres
+    stop_after : the last stage, one of ``NAMES``
+    optimised, chosen, structured : whether to run the optional stages, see ``stages``
+    supports : quads that are held in place, see ``loads.standing``
+    progress : reports and cancels
+
+    Returns
+    -------
+    the products of all stages
+
+    Raises
+    ------
+    FlexMapsError : the input or a setting does not allow a stage
+    Cancelled : the progress asks to stop
     """
     wanted = stages(stop_after, optimised, chosen, structured)
     stage = _Stages(wanted, progress)
@@ -98,8 +115,16 @@ def run(
 
 
 def stages(stop_after: str, optimised: bool = False, chosen: bool = False, structured: bool = False) -> list[str]:
-    """The stages up to ``stop_after``; "optimise" only if that is the last or ``optimised``, "choose" likewise if ``chosen``, and
-    "structure" if ``structured``.
+    """Return the names of the stages to run, in order.
+
+    Parameters
+    ----------
+    stop_after : the last stage, one of ``NAMES``; it is always included
+    optimised, chosen, structured : include "optimise", "choose" and "structure", which run only on request
+
+    Raises
+    ------
+    FlexMapsError : there is no stage ``stop_after``
     """
     if stop_after not in NAMES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(NAMES)}")
@@ -116,7 +141,7 @@ def begin(
     height: float | None = None,
     supports: str | Sequence[int] | None = None,
 ) -> Result:
-    """The checked mesh in the wanted size; arguments as in ``run``."""
+    """Check the mesh, scale it to the wanted size and return the first result; parameters and errors as in ``run``."""
     start = time.perf_counter()
     source = check.scaled(polygons, edge=edge, height=height)
     findings = check.everything(source)
@@ -128,10 +153,20 @@ def begin(
 def go_on(
     result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT, *, lenient: bool = False
 ) -> Result:
-    """Run more stages, in this order, on what earlier ones have made; what later ones had made before is dropped.
+    """Run stages on a result; products of later stages, now out of date, are dropped.
 
-    If ``lenient``, what is optional may fail unless it is the last: ``Result.undone`` tells. Raises as ``run`` does, and
-    where what a stage needs is not there.
+    Parameters
+    ----------
+    result : products of the earlier stages
+    settings : of all stages
+    wanted : names of the stages to run, in this order
+    progress : reports and cancels
+    lenient : record the failure of an optional stage in ``Result.undone`` instead of raising, unless it is the last stage
+
+    Raises
+    ------
+    FlexMapsError : an input of a stage is missing, or a setting does not allow the stage
+    Cancelled : the progress asks to stop
     """
     return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
 
@@ -145,9 +180,20 @@ def go_to(
     *,
     fresh: bool = False,
 ) -> Result:
-    """Run the stages that are missing until a member of the result is there, and then those ``after``.
+    """Run the missing stages that lead to a member of the result, then the stages ``after``.
 
-    fresh : the mesh is regularised before it is cut. Raises as ``go_on`` does.
+    Parameters
+    ----------
+    result : products of the earlier stages
+    settings : of all stages
+    member : attribute of ``Result`` that is needed
+    after : names of stages to run then
+    progress : reports and cancels
+    fresh : whether to regularise the mesh first, if it is not cut into panels yet
+
+    Raises
+    ------
+    FlexMapsError, Cancelled : as in ``go_on``
     """
     names = missing(result, member)
     first = ("regularise",) if fresh and "trace" in names else ()
@@ -161,7 +207,16 @@ def flattened(
     progress: Progress = SILENT,
     previous: FlatPatches | None = None,
 ) -> Result:
-    """The result with the flat patches between cuts (E,) bool that somebody chose, as ``flatten.flatten`` makes them."""
+    """Flatten the patches between cuts that the user chose, see ``flatten.flatten``.
+
+    Parameters
+    ----------
+    result : its mesh is used; products made from the former layout are dropped
+    cut : (E,) bool, edges of the mesh to cut
+    params : settings of the layout
+    progress : reports and cancels
+    previous : flat patches whose unchanged shapes are used again
+    """
     layout = trace.make_disks(PatchLayout(result.mesh, cut))
     return replace(without(result, {"layout"}), flat=flatten.flatten(layout, params, progress, previous=previous))
 
@@ -169,16 +224,28 @@ def flattened(
 def enlarged(
     result: Result, factor: float, about: Float[np.ndarray, " 3"], settings: Settings, progress: Progress = SILENT
 ) -> Result:
-    """The result ``factor`` times as large, about a point in metres: cut where it was, and further where a panel outgrows its sheet.
+    """Scale the piece: the cuts stay, and panels that become too large for their sheet are split.
 
-    The flat shapes that it has, perhaps moved by a search, are scaled with it. The spirals have the widths and twists that they
-    had, as near as they can be cut. Raises as ``go_on`` does.
+    The flat shapes are scaled too, also those that an optimisation has changed. The spirals keep widths and twists, as far
+    as such spirals can be cut.
+
+    Parameters
+    ----------
+    result : a piece with flat patches and spirals
+    factor : new size over old size
+    about : (3,) metres, the point that stays where it is
+    settings : of all stages
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError, Cancelled : as in ``go_on``
     """
     flat, design = needed(result, "flat"), needed(result, "design")
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
     begun = replace(begin(PolygonMesh.of(mesh)), supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
-    notes.pop("expected_percent", None)  # of the former size
+    notes.pop("expected_percent", None)  # it holds for the former size only
     larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = go_on(replace(begun, flat=larger), settings, ("split",), progress.part(0.0, 0.8))
     assert made.flat is not None
@@ -190,9 +257,20 @@ def enlarged(
 
 @one_thread
 def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Simulate the result from a known pose at rest, for stages that need its forces.
+    """Simulate again from a pose at equilibrium, for stages that need the forces there.
 
-    The band of real sheets, the limits of the match and other rests are left out: they were reported with that pose.
+    The analyses of real sheets, of the match and of other equilibria are skipped: they were reported with that pose.
+
+    Parameters
+    ----------
+    result : a piece with spirals
+    pose : hubs of all spirals at equilibrium
+    settings : of all stages
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError : there are no spirals
     """
     needed(result, "design")
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
@@ -200,9 +278,16 @@ def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progr
 
 
 def taken(result: Result, number: int) -> Result:
-    """The result in the layout of another proposal of its choice; what was made from the former one is dropped.
+    """Change to the layout of another proposal; products made from the former layout are dropped.
 
-    Raises ``FlexMapsError`` where there is no such proposal.
+    Parameters
+    ----------
+    result : a piece for which layouts were proposed
+    number : index of the proposal, from 0
+
+    Raises
+    ------
+    FlexMapsError : there are no proposals, or none with this number
     """
     choice = needed(result, "choice")
     if not 0 <= number < len(choice.proposals):
@@ -212,7 +297,7 @@ def taken(result: Result, number: int) -> Result:
 
 
 def completed(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
-    """The result with everything that nobody asks for by name: what was traced is flattened, and quick stages are done."""
+    """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name."""
     if result.flat is None and result.layout is not None:
         result = replace(result, flat=flatten.flatten(result.layout, settings.layout, progress))
     for stage in TABLE:
@@ -222,12 +307,12 @@ def completed(result: Result, settings: Settings, progress: Progress = SILENT) -
 
 
 def _could(stage: Stage, result: Result) -> bool:
-    """Whether a stage could make something that is not there."""
+    """Return whether a stage has all its inputs, and one of its products is missing."""
     ready = all(getattr(result, member) is not None for member in stage.needs)
     return ready and any(getattr(result, member) is None for member in stage.makes)
 
 
-# stages before which it is looked whether the piece can stand: those that take long and lead to a base, and that which makes it
+# check whether the piece can stand before these stages: two take long and lead to a base, "sheets" makes it
 HELD = {"choose", "optimise", "sheets"}
 
 
@@ -243,10 +328,10 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
 
 
 def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
-    """The result after a stage; where an optional one fails, what an earlier run of it had made goes, and it is noted."""
+    """Run a stage; if it is optional and fails, record why and drop the products of its earlier run."""
     for member in stage.needs:
         needed(result, member)
-    if not stage.optional:  # what is not made of material may be tried with any cutter
+    if not stage.optional:  # optional stages make nothing to cut, so conflicting settings may be tried in them
         refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
     start = begun(result, stage)
     try:

@@ -1,8 +1,8 @@
-"""What the page's 3D view shows of a piece, as a text that a page can hold: a JSON object with one packed block of numbers.
+"""Data of the page's 3D view of a piece: JSON text with one packed block of numbers, read by ``view.js`` and ``packed.js``.
 
-Lengths are in millimetres. Numbers are whole multiples of a step, each written as the difference to the row before, in as
-few bytes as all of an array need, the low bytes of all first; the whole is deflated and written in base64. ``view.js`` and
-``packed.js`` read it.
+Lengths are in millimetres. Every array is quantised to multiples of a step and delta-coded along its rows, with as few bytes
+per number as its largest difference needs; bytes are shuffled (the low bytes of all numbers first). The block of all arrays
+is deflated and written in base64.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from ..surface.far import near
 from .result import Result
 
 MM = 1e3  # millimetres in a metre
-# steps of what is packed, in millimetres and radians: a corner of an arm is within 0.05 mm of where it is in the simulation,
-# of pieces up to the size of a room
+# Quantisation steps: lengths in millimetres, angles in radians, components of quaternions. Larger steps make smaller pages.
+# With these, corners of arms are within 0.05 mm of the simulation in pieces up to the size of a room.
 FINE, PLACE, TURN, QUATERNION = 0.01, 0.01, 1e-3, 1 / 32767
-SHARE = 1 / 120  # of what runs from 0 to 1, and fits into a byte
-SHADES = 500  # values that a scale of colours tells apart: more than a screen does
+SHARE = 1 / 120  # quantisation step of shares from 0 to 1, so that one fits into a signed byte
+SHADES = 500  # distinct values on a colour scale, more than a screen shows
 
 
 @dataclass(eq=False)
 class Packed:
-    """Arrays that are packed together; ``listed`` tells where each begins in the deflated block, and what it is."""
+    """Builder of the packed block; ``listed``: offset, width, shape and step of each array in the inflated block."""
 
     parts: list[bytes] = field(default_factory=list)
     listed: dict[str, dict[str, Any]] = field(default_factory=dict)
     size: int = 0
 
     def add(self, name: str, values: np.ndarray, step: float = 1.0) -> None:
-        """An array (n, ...), to the nearest multiple of ``step``."""
+        """Append an array (n, ...), rounded to multiples of ``step``."""
         whole = np.rint(np.asarray(values, dtype=float) / step).astype(np.int64)
         rows = whole.reshape(len(whole), -1) if len(whole) else whole.reshape(0, 1)
         steps = np.diff(rows, axis=0, prepend=0)
@@ -64,12 +64,18 @@ class Packed:
         self.size += len(data)
 
     def block(self) -> str:
-        """Everything, deflated, in base64."""
+        """Return all arrays, deflated, in base64."""
         return b64encode(zlib.compress(b"".join(self.parts), 9)).decode("ascii")
 
 
 def unpacked(listed: Mapping[str, Any], block: bytes) -> dict[str, np.ndarray]:
-    """The arrays (rows, columns) of a block that was inflated."""
+    """Decode the arrays (rows, columns) of an inflated block.
+
+    Parameters
+    ----------
+    listed : ``Packed.listed``
+    block : the inflated bytes
+    """
     found = {}
     for name, one in listed.items():
         count = one["rows"] * one["columns"]
@@ -81,9 +87,11 @@ def unpacked(listed: Mapping[str, Any], block: bytes) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What the view shows.
+    """Content of the 3D view.
 
-    design : the spirals; measured : values of the quads; pose : where the simulation has left the hubs, if it was done
+    design : the spirals
+    measured : values per quad to colour by
+    pose : simulated pose of the hubs; None if there is no simulation
     """
 
     design: SpiralDesign
@@ -92,7 +100,7 @@ class Shown:
 
     @classmethod
     def of(cls, result: Result) -> Shown | None:
-        """Of what the stages have made; None where there are no spirals."""
+        """Collect the content from the products of the stages; None if there are no spirals."""
         if result.design is None:
             return None
         measured = Measured.of(result.mesh, result.flat, result.design, result.simulation)
@@ -100,7 +108,7 @@ class Shown:
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
     def near(self) -> Shown:
-        """The same about its own middle where it lies far away from the origin, beyond the numbers that a page can hold."""
+        """Return the content moved to the origin if it lies so far away that packed numbers would overflow."""
         layout = self.design.flat.layout
         moved = near(layout.mesh)
         if moved is layout.mesh:
@@ -113,17 +121,26 @@ class Shown:
 
 
 def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
-    """JSON that may stand in a script element of a page, whatever the title is.
+    """Return the data as JSON that is safe inside a script element, whatever the title is.
 
-    Raises ``FlexMapsError`` where the elastic model knows no such spirals.
+    Parameters
+    ----------
+    shown : content of the view
+    settings : of the piece: material, simulation and page
+    title : name of the piece
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError : a spiral is outside the elastic model's range
     """
-    # nothing in it may end the element, or begin another or a comment
     made = data(shown, settings, title, progress)
+    # escape "<", so that no text ends the element or begins a comment
     return json.dumps(made, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
-    """The same as a mapping."""
+    """Return the data of the view as a mapping that JSON can hold; parameters and errors as in ``text``."""
     shown = shown.near()
     design, pose, packed = shown.design, shown.pose, Packed()
     material = settings.material.chosen
@@ -144,13 +161,13 @@ def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
         "seams": _seams(design, steps),
     }
     if pose is None:
-        described |= {"length": 0.0, "tracks": _lying(packed, design, table), "notes": []}
+        described |= {"length": 0.0, "tracks": _tracks_on_table(packed, design, table), "notes": []}
     else:
         part, resting = progress.part(0.2, 0.8), settings.page.coming == "RESTING"
         found = find_stages(design, pose, material, settings.simulate, part) if resting else at_once(design, pose)
         shots = shoot(design, pose, table, found, Hubs(design), progress.part(0.8, 1.0))
         described |= {"length": shots.length, "tracks": _tracks(packed, design, shots), "notes": _notes(found.skipped)}
-        # joints that are never closed have a time that never comes
+        # clamp infinite closing times to a time after the film's end
         packed.add("closings", np.minimum(closings(design, shots), shots.length + 1.0), 1e-3)
     mesh = layout.mesh
     packed.add("patch", layout.patch_of)
@@ -182,7 +199,7 @@ def _target(packed: Packed, measured: Measured) -> None:
 
 
 def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
-    """By patch: what the panel is called, its colour, the spiral that bears its name here, and when it is joined."""
+    """Return, for each patch: panel's name and colour, the quad where its label stands, and its step of the assembly."""
     layout = design.flat.layout
     shades, numbers = colours.hexadecimal(colours.of_patches(len(layout.patches))), joining.panel_numbers(layout)
     found = []
@@ -196,7 +213,7 @@ def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
 
 
 def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[str, Any]]]:
-    """Step by step the seams that are closed: letter, colour, the panel on the other side, and arm and name of every joint."""
+    """Return, for each step, the seams it closes: letter, colour, panel on the other side, arm and name of every joint."""
     layout = design.flat.layout
     mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)
     shades = colours.hexadecimal(colours.of_seams(max(len(layout.seams), 1)))
@@ -214,8 +231,8 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
     return found
 
 
-def _lying(packed: Packed, design: SpiralDesign, table: np.ndarray) -> list[dict[str, Any]]:
-    """Panels that only lie on the table."""
+def _tracks_on_table(packed: Packed, design: SpiralDesign, table: np.ndarray) -> list[dict[str, Any]]:
+    """Return tracks of panels that lie still on the table, for pieces without a simulation."""
     hubs, patch = Hubs(design), design.flat.layout.patch_of
     flat = np.c_[design.arms.centre, np.zeros(len(patch))] + table[patch]
     still = Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
@@ -229,7 +246,7 @@ def _lying(packed: Packed, design: SpiralDesign, table: np.ndarray) -> list[dict
 
 
 def _tracks(packed: Packed, design: SpiralDesign, shots: Shots) -> list[dict[str, Any]]:
-    """Panel by panel in the order in which they come."""
+    """Return the tracks of the panels in the order of assembly."""
     hubs, found = Hubs(design), []
     for one in shots.tracks:
         _poses(packed, one.patch, *hubs.poses(one.shapes))
@@ -257,7 +274,7 @@ def _track(
 
 
 def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndarray, "times ... 4"]:
-    """x, y, z, w; of every two that follow each other the nearer ones."""
+    """Return quaternions x, y, z, w of rotations, with signs chosen so that consecutive ones are near each other."""
     from scipy.spatial.transform import Rotation
 
     found = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat().reshape(*rotations.shape[:-2], 4)
@@ -267,7 +284,7 @@ def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndar
 
 
 def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[str, Any]]:
-    """What the spirals can be coloured by besides their panel, with the ends of the scales."""
+    """Pack the values per spiral that colours can show; return their names, units and colour scales."""
     m, found = shown.measured, []
     values: list[tuple[str, str, str, np.ndarray | None, float, np.ndarray]] = []
     if shown.pose is not None and m.distance is not None:
@@ -281,7 +298,7 @@ def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[s
         values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH))
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
-        if not np.isfinite(numbers).all():  # attributes of a .blend file that somebody changed
+        if not np.isfinite(numbers).all():  # the attribute was edited in a .blend file
             continue
         low = float(numbers.min()) if name == "stiffness" else 0.0
         packed.add(name, np.clip((numbers - low) / max(high - low, 1e-12), 0.0, 1.0), 1.0 / SHADES)

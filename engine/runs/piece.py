@@ -1,4 +1,4 @@
-"""A surface with its settings and all that was made of it: what scripts and the command line hand from stage to stage."""
+"""The piece that scripts and the command line pass from stage to stage: a surface, its settings and the stages' products."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from .result import Result
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A surface with its settings and everything that the stages have made of it so far.
+    """A surface with its settings and the products of the stages so far.
 
-    source : the polygons as they came, metres, z up; edge, height : the size that was asked for, metres
-    made : what the stages made (``Result``); None where the mesh is none that can be made
-    uid : Blender's id of the object that it was read from and can be shown in again
-    seams : (E,) bool, edges that the object has marked as seams
-    files : what it was read from, and what was read for it since: never to be written over
+    source : the input polygons, metres, z up
+    edge, height : requested median edge and extent along z, metres
+    made : products of the stages; None if the mesh has errors
+    uid : Blender's id of the object that the piece was read from, and in which it can be shown
+    seams : (E,) bool, edges that the object marks as seams
+    files : files read for the piece, which are never overwritten
     """
 
     name: str
@@ -38,7 +39,7 @@ class Piece:
 
     @property
     def result(self) -> Result:
-        """What the stages made; raises ``FlexMapsError`` with the first fault where the mesh is none that can be made."""
+        """The products of the stages. Raises ``FlexMapsError`` with the first error of the mesh if it has any."""
         if self.made is None:
             checking.as_quad_mesh(self.source, checking.everything(self.source))
             raise FlexMapsError(f"{self.name} was not checked; load it again")
@@ -46,5 +47,5 @@ class Piece:
 
     @property
     def mesh(self) -> QuadMesh:
-        """The quads, metres."""
+        """The quad mesh, metres."""
         return self.result.mesh

@@ -1,7 +1,7 @@
-"""``report.json``: what a run was given, what it made and how good that is; the program's machine interface.
+"""``report.json``, the program's machine-readable output: the input of a run, its products and their quality.
 
-SI units unless a key says mm. A stage that has not run is absent. ``SCHEMA`` changes only when a key changes its meaning
-or goes; new keys may come at any time.
+SI units unless a key says otherwise, such as ``edge_mm``. Stages that have not run are absent. ``SCHEMA`` changes only when
+a key changes its meaning or is removed; new keys may be added at any time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..surface.mesh import QuadMesh
 from .result import Result
 from .stages import BLOCKS
 
-SCHEMA = 1  # of the keys of the report, see above
+SCHEMA = 1  # version of the report's keys
 
 
 def build(
@@ -37,7 +37,16 @@ def build(
     settings: Settings | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, Any]:
-    """The report of a run as plain JSON types; ``source`` names the input, ``files`` are the sheets that were written."""
+    """Build the report of a run from plain JSON types.
+
+    Parameters
+    ----------
+    result : products of the stages
+    source : name of the input
+    files : the sheets that were written
+    settings : of the run, to be listed in the report
+    progress : reports and cancels
+    """
     within = progress.at(0.0, "collecting the figures")
     report: dict[str, Any] = {
         "schema": SCHEMA,
@@ -47,7 +56,7 @@ def build(
     }
     undone = [*result.undone]
     if result.simulation is not None and not result.simulation.equilibrium.converged:
-        undone.append("simulate")  # what it shows is no equilibrium
+        undone.append("simulate")  # the simulation found no equilibrium
     if undone:
         report["undone"] = undone
     report |= blocks(result, BLOCKS, within)
@@ -68,7 +77,14 @@ def build(
 
 
 def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress = SILENT) -> dict[str, dict[str, Any]]:
-    """What the stages that ran tell of themselves, by the names of ``stages.BLOCKS``; also the notes in a .blend file."""
+    """Return the report's blocks of the stages that have run; a .blend file stores them as notes.
+
+    Parameters
+    ----------
+    result : products of the stages
+    wanted : names out of ``stages.BLOCKS``
+    progress : reports and cancels
+    """
     told = {}
     for name in BLOCKS:
         member, tell = _BLOCKS[name]
@@ -88,11 +104,11 @@ def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
 
 
 def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
-    """A block that a member of the result tells of itself."""
+    """Return a member of the result and a function that calls its ``report`` method."""
     return member, lambda result, progress: getattr(result, member).report()
 
 
-# of each block of ``stages.BLOCKS``: the member of the result that has to be there, and what tells
+# for each block of ``stages.BLOCKS``: the member of the result that it needs, and the function that builds it
 _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "layout": ("flat", lambda result, progress: layout_report(result.flat)),
     "choose": _own("choice"),
@@ -125,7 +141,7 @@ def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:
 
 
 def _border_loops(mesh: QuadMesh) -> int:
-    """Number of closed border curves; on a manifold every border vertex has exactly two border edges."""
+    """Count the closed border curves; on a manifold every border vertex has exactly two border edges."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -138,7 +154,7 @@ def _border_loops(mesh: QuadMesh) -> int:
 
 
 def peak_memory() -> float | None:
-    """Peak memory of this process in bytes; ``None`` where the system does not tell."""
+    """Return the peak memory of this process in bytes; None where the system does not report it."""
     try:
         import resource
     except ImportError:  # Windows

@@ -1,6 +1,6 @@
-"""The report of a run as one page that opens anywhere, also without a network: everything is inside it.
+"""The report of a run as one self-contained HTML page, which opens without a network.
 
-What the page says and how it looks stands in the template and the style sheet of the folder ``page``.
+The text and style of the page are in the templates and style sheets of the folder ``page``.
 """
 
 from __future__ import annotations
@@ -26,12 +26,23 @@ PAGE, PLOTS = "report.html", "plots"
 
 
 def drawings(result: Result, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """The plots of a run, by name; ``distortion`` is the limit of the layout."""
+    """Draw the plots of a run.
+
+    Parameters
+    ----------
+    result : products of the stages
+    described : the report, see ``report.build``
+    distortion : the layout's limit, to be marked in its plot
+
+    Returns
+    -------
+    drawings by name
+    """
     return run_plots.drawings(measured(result), described, distortion)
 
 
 def measured(result: Result) -> Measured:
-    """What the plots of a run show."""
+    """Collect the values per quad that the plots of a run show."""
     return Measured.of(
         result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan, result.structure
     )
@@ -46,10 +57,21 @@ def write(
     progress: Progress = SILENT,
     piece: str | None = None,
 ) -> list[Path]:
-    """Write the page, and every plot as an SVG file of its own beside it; returns the files, the page first.
+    """Write the page, and every plot as an SVG file in a folder beside it.
 
-    pictures : what they show, and PNG files; piece : from ``page_data``: the page shows it in 3D, and the page that shows it alone
-        is written too
+    Parameters
+    ----------
+    described : the report, see ``report.build``
+    drawn : plots by name, see ``drawings``
+    out : folder to write to
+    new : maps a wanted file to the path to write, see ``files.replacing_many``
+    pictures : captions and PNG files
+    progress : reports and cancels
+    piece : from ``page_data.text``; if given, the page shows the piece in 3D, and ``share.html`` is written too
+
+    Returns
+    -------
+    the files written, the page first
     """
     plots = {name: svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
     shown = [(text, file.read_bytes()) for text, file in pictures]
@@ -63,7 +85,7 @@ def write(
 
 
 def stale(out: Path) -> list[Path]:
-    """The files that ``write`` may have written before."""
+    """Return the files that an earlier call of ``write`` may have left in a folder."""
     return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in run_plots.NAMES)]
 
 
@@ -74,11 +96,15 @@ def page(
     made: str = "",
     piece: str | None = None,
 ) -> str:
-    """The page as HTML text.
+    """Return the page as HTML text.
 
-    described : the report, see ``report.build``; plots : SVG texts by name, see ``run_plots.drawings``
-    pictures : PNG files with what they show, for the top, of more than three the first one large; made : when
-    piece : from ``page_data``, if it is shown in 3D
+    Parameters
+    ----------
+    described : the report, see ``report.build``
+    plots : SVG texts by name, see ``run_plots.drawings``
+    pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is large
+    made : date and time, as text
+    piece : from ``page_data.text``; if given, the page shows the piece in 3D
     """
     environment = share_page.environment()
     environment.filters["sheet_size"] = _sheet_size
@@ -105,7 +131,7 @@ def page(
 
 
 def title_of(described: Mapping[str, Any]) -> str:
-    """What the piece is called: its file's name."""
+    """Return the piece's name: the name of its file without the suffix."""
     name = str(described.get("input", {}).get("file", "FlexMaps"))
     return name.rsplit(".", 1)[0] or name
 
@@ -129,7 +155,7 @@ def _sheet_size(size_mm: Sequence[float]) -> str:
 
 
 def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
-    """Whether it is a warning, and the text; warnings first."""
+    """Return the notes at the top of the page as (is a warning, text), warnings first."""
     notes = [(True, finding["message"]) for finding in described.get("checks", ())]
     notes += [(True, text) for text in described.get("layout", {}).get("remarks", ())]
     shape = described.get("equilibrium", {})
@@ -155,7 +181,10 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
 def _settings(
     values: Mapping[str, Any],
 ) -> tuple[list[tuple[str, str]], list[tuple[str, list[tuple[str, str, bool]]]]]:
-    """Labels and values of the settings that differ from the defaults; then section by section all, and whether they differ."""
+    """Return labels and values of the settings that differ from the defaults, and all settings by section.
+
+    In a section every setting has its label, its value, and whether it differs from the default.
+    """
     changed, sections = [], []
     for block in fields(ObjectSettings):
         lines = []

@@ -1,4 +1,4 @@
-"""What a piece is made of so far: the members that the stages fill in."""
+"""The result of a run: the products of all stages so far."""
 
 from __future__ import annotations
 
@@ -29,31 +29,38 @@ from ..surface.mesh import PolygonMesh, QuadMesh
 
 @dataclass(frozen=True)
 class Result:
-    """What the stages that ran have made; ``None`` where a stage has not run.
+    """Products of the stages; None for stages that have not run.
 
-    source : the mesh as it came in, scaled to metres
-    findings : what the check found, warnings included
-    mesh : the quad mesh, regularised if that stage ran
-    edge, height : the size that was asked for, metres, which regularising keeps
-    supports : quads that are held where they lie in the target; force : newtons on the quads
-    wishes : places where some spirals shall come to when it is optimised
-    groups : quads by the names that loads may use beside numbers
-    seams : where somebody wants the surface to be cut; tracing then begins there
-    rest : the pose of a simulation that is not kept itself
-    protected : quads whose spirals the optimiser leaves exactly as they are
-    layout : the patches as they were traced; flat : the flat patches, of the last layout: merged, cut to the sheet's size
-    choice : the layouts that were compared, if that was asked for, and which of them flat is
-    start : flat patches, and the widths (F, 4) metres and twists (F,) radians that were found while they were chosen, where ``choice``
+    source : the input polygons, scaled to metres
+    findings : errors and warnings of the check
+    mesh : the quad mesh, regularised if that stage has run
+    edge, height : requested median edge and extent along z, metres, which regularising preserves
+    supports : quads that are held at their places in the target
+    force : newtons on each quad
+    wishes : target positions for some spirals in the optimisation
+    groups : quads by name, for loads that act on a part of the piece
+    seams : edges where the user wants cuts; tracing begins there
+    rest : pose at equilibrium, if the simulation itself is not kept
+    protected : quads whose spirals the optimiser must not change
+    layout : the traced patches
+    flat : the flat patches of the present layout, merged and split to the sheet's size
+    choice : the proposed layouts, and the number of the present one
+    start : flat patches with the widths (F, 4) metres and twists (F,) radians that a search found for them; used if ``choice``
         is not kept
-    reached : the optimised spirals in the layout flat, simulated, where ``optimisation`` is not kept
-    design : the spirals, optimised if that stage ran; optimisation : how they became so
-    simulation : the shape that the assembled object takes; limits : what keeps it from the target
-    scanned : a scan of the built piece to compare with; scan : it laid over the simulated shape, or the target
-    structure : what the piece bears, if that was asked for
-    sheets : the sheets to cut; estimates : what making them takes; assembly : how hard every seam is to join
-    lost : why a member that was there once cannot be used, by its name; reported instead of "there is none yet"
-    undone : stages that were asked for and could not be done, with the reason; a later success takes them out again
-    seconds : wall time of every stage that ran
+    reached : simulation of the optimised spirals in the layout ``flat``; used if ``optimisation`` is not kept
+    design : the spirals, optimised if that stage has run
+    optimisation : history and outcome of the optimisation
+    simulation : shape of the assembled piece at equilibrium
+    limits : reasons why the shape misses the target
+    scanned : a scan of the built piece
+    scan : comparison of the scan with the simulated shape, or with the target if there is no simulation
+    structure : response of the piece to its loads
+    sheets : the sheets to cut
+    estimates : time, mass and cost of making the piece
+    assembly : how hard each seam is to join
+    lost : why a former product cannot be used any more, by member; its message replaces "there is none yet"
+    undone : why a requested stage failed, by stage; removed when the stage succeeds later
+    seconds : wall time of every stage that has run
     """
 
     source: PolygonMesh

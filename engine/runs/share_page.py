@@ -1,7 +1,7 @@
-"""The piece in 3D as a page: in the report, and alone as ``share.html``, to be sent to somebody.
+"""The piece in 3D on a page: ``share.html``, to be sent to others, and the parts that the report's page shares with it.
 
-Both hold everything that they need: the piece as JSON (``page_data``), three.js, and the scripts of the folder ``page``. The
-page forbids its own browser to fetch anything, and to run any script but these.
+Both pages are self-contained: they hold the piece as JSON (``page_data``), three.js and the scripts of the folder ``page``.
+Their content security policy forbids the browser to fetch anything or to run other scripts.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from ..surface.checking.finding import counted
 
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
-# three.js, made by tools/page_library.py, and what is written for the page, in this order: the last one begins
+# three.js, made by tools/page_library.py, then the page's own scripts in order of dependence; the last one starts the view
 SCRIPTS = ("three.min.js", "packed.js", "turns.js", "skin.js", "scene.js", "view.js")
-# the plots that stand for the view where a browser draws none, the best first
+# plots to show in browsers without 3D, in order of preference
 INSTEAD = ("shape", "surface", "patches")
 
 
 def environment() -> Any:
-    """The templates of the folder ``page``."""
+    """Return the template environment of the folder ``page``."""
     import jinja2
 
     made = jinja2.Environment(
@@ -39,14 +39,14 @@ def environment() -> Any:
 
 
 def scripts() -> list[str]:
-    """The texts of the scripts."""
+    """Return the texts of the scripts."""
     found = [(FOLDER / name).read_text(encoding="utf-8") for name in SCRIPTS]
     assert not any("</script" in text or "<!--" in text for text in found)
     return found
 
 
 def policy(texts: Sequence[str] = ()) -> str:
-    """What a page with these scripts allows its browser, as a Content-Security-Policy: no request, and no other script."""
+    """Return the Content-Security-Policy of a page: no requests, and no scripts but these texts."""
     hashes = "".join(f" 'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'" for text in texts)
     return (
         f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src{hashes or ' ' + repr('none')}"
@@ -60,10 +60,15 @@ def page(
     drawn: Mapping[str, Drawing],
     pictures: Sequence[str] = INSTEAD,
 ) -> str:
-    """The page as HTML text.
+    """Return the page as HTML text.
 
-    piece : from ``page_data.text``; described : the report, for the line of figures; drawn : plots by name, of which some stand in
-    where a browser draws no 3D
+    Parameters
+    ----------
+    piece : from ``page_data.text``
+    title : name of the piece
+    described : the report, for the line of figures
+    drawn : plots by name
+    pictures : names of plots to show in browsers without 3D, in order of preference; the first two that exist are used
     """
     texts = scripts()
     shown = [name for name in pictures if name in drawn][:2]
@@ -78,7 +83,7 @@ def page(
 
 
 def steps_in_words(piece: str) -> list[str]:
-    """What is done in every step of the assembly, for paper; ``piece`` is from ``page_data.text``."""
+    """Describe every step of the assembly in words, for the printed page; ``piece`` is from ``page_data.text``."""
     held = json.loads(piece)
     names = {panel["step"]: panel["name"] for panel in held["panels"]}
     found = []
@@ -97,7 +102,7 @@ def steps_in_words(piece: str) -> list[str]:
 
 
 def facts(described: Mapping[str, Any]) -> list[str]:
-    """A line of figures for somebody who looks at the piece: its size, of how many panels and of what it is made."""
+    """Return the piece's key figures as texts: size, panels, spirals, material, deviation from the target, mass."""
     found = []
     source, shape, sheets = (described.get(name, {}) for name in ("input", "equilibrium", "sheets"))
     if source:

@@ -1,9 +1,9 @@
-"""The one table of the stages: what each goes on from, what it makes, and which settings concern it.
+"""The table of the stages: the inputs, the products and the settings of each.
 
 The main job, the scripts' functions, the command line, Blender's operators, the sidebar's states and the notes in a .blend
-file all follow from it. What a change makes out of date is found by following the table downwards: a stage's result
-depends on what it ``needs``, and so on whatever that was made from. ``steps`` has what each stage does; this page imports
-nothing heavy, so that a sidebar can be drawn without the numerics.
+file are all derived from it. To find what a change makes stale, follow the table downwards: the product of a stage depends
+on the members that it ``needs``, and on everything that these were made from. The functions of the stages are in ``steps``;
+this module imports nothing heavy, so that the sidebar can be drawn without the numerics.
 """
 
 from __future__ import annotations
@@ -21,18 +21,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stage:
-    """One step of the main job; all names are those of members of ``Result``.
+    """One step of the main job. Inputs and products are named as the members of ``Result``.
 
-    name : as progress, command line and ``Result.seconds`` have it
-    share : of the progress bar; 0 for a quick one
-    needs : what it goes on from; may_use : what it looks at where it is there
-    makes : what it makes; improves : what it was given and gives back better, so that later stages begin with that
-    settings : sections of the settings that its result depends on; "spiral!thickness!grain" is a section but for some settings
-    blocks : what it tells of itself in report.json and in the notes of a .blend file
-    asked : it runs only if it is asked for; optional : sheets can be cut without it, so that its failure does not end a job
-    quick : it takes so little time that it is done whenever it can be; nobody asks for it by name
-    keeps : it may leave what it improves as it was; its step then keeps what was made from that, and drops it otherwise
-    done : what a piece is after it, for what is told where an optional one fails
+    name : as in the progress, the command line and ``Result.seconds``
+    share : of the progress bar; 0 for quick stages
+    needs : required inputs
+    makes : products
+    improves : inputs that it replaces by better ones, with which later stages go on
+    settings : sections of the settings that it depends on; "spiral!thickness!grain" is a section without two of its settings
+    blocks : blocks that it writes in report.json and in the notes of a .blend file
+    may_use : optional inputs
+    asked : whether it runs only on request
+    optional : whether sheets can be cut without it, so that a job goes on if it fails
+    quick : whether it takes so little time that it runs as soon as its inputs exist, without a request
+    keeps : whether it may leave the members that it improves unchanged; its step then decides whether products of them are dropped
+    done : state of the piece after it, for the message "Not optimised: ..." when an optional stage fails
     """
 
     name: str
@@ -51,22 +54,21 @@ class Stage:
 
     @property
     def sections(self) -> set[str]:
-        """The sections of the settings that concern it, wholly or but for some settings."""
+        """Names of the sections of the settings that the stage depends on, wholly or in part."""
         return {section_of(named)[0] for named in self.settings}
 
 
 def section_of(named: str) -> tuple[str, tuple[str, ...]]:
-    """A section of the settings as ``Stage.settings`` names it, and the settings that are left out of it."""
+    """Split an entry of ``Stage.settings`` into the name of the section and the settings excluded from it."""
     section, *but = named.split("!")
     return section, tuple(but)
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
 
-# Every spiral knows the thickness of its sheet and its grain, but no line of its outline depends on them: they concern what
-# comes after.
-# What the optimiser's own settings say is how to search; a result stays true whatever they become.
-# Under feet arms are straight, at eyelets they are wide; how large either is does not matter to the spirals.
+# The outlines of spirals depend neither on the thickness of the sheet nor on its grain; only later stages do.
+# The optimiser's own settings say how to search. They are left out, since its result stays valid when they change.
+# Arms are straight under feet and wide at eyelets. The sizes of feet and eyelets don't affect the spirals.
 KIND_OF_BASE = "base!eyelet!base_height!foot_width!base_edge"
 PHYSICS = ("spiral", "material", "simulate", "loads")
 TABLE = (
@@ -92,7 +94,7 @@ TABLE = (
           settings=("material", "cost"), blocks=("sheets", "assembly"), quick=True),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
-# why a stage cannot go on, where what it needs is not there
+# error messages for a missing input of a stage
 MISSING = {
     "layout": "There are no panels yet; press Trace first",
     "flat": "There are no flat panels yet; press Merge or Flatten first",
@@ -105,11 +107,11 @@ MISSING = {
 }
 
 
-# -- what follows from it ----------------------------------------------------------------------------------------------
+# -- derived from the table --------------------------------------------------------------------------------------------
 
 
 def needed(result: Result, member: str) -> Any:
-    """A member of a result that has to be there. Raises ``FlexMapsError`` with the reason why it is not."""
+    """Return a member of a result. Raises ``FlexMapsError`` with the reason if it is None."""
     value = getattr(result, member)
     if value is None:
         raise result.lost.get(member, FlexMapsError(MISSING[member]))
@@ -117,9 +119,10 @@ def needed(result: Result, member: str) -> Any:
 
 
 def missing(result: Result, member: str) -> tuple[str, ...]:
-    """The stages that have to run, in their order, until a member of the result is there.
+    """Return the names of the stages to run, in order, to get a member of the result; empty if it exists.
 
-    A stage that makes something else, and improves the member on the way, is not one of them. Raises ``FlexMapsError`` where it was there, but cannot be used any more.
+    Stages that make something else and only improve the member on the way are left out. Raises ``FlexMapsError`` if the member
+    was lost (``Result.lost``).
     """
     if getattr(result, member) is not None:
         return ()
@@ -136,9 +139,13 @@ def missing(result: Result, member: str) -> tuple[str, ...]:
 
 
 def made_from(members: Iterable[str], after: str = "", *, may_use: bool = True) -> set[str]:
-    """The members that are made from some of these, directly or not, by the stages that come ``after`` one of the table.
+    """Return the members that depend on some members, directly or not.
 
-    may_use : whether what only looked at them counts too
+    Parameters
+    ----------
+    members : names of members of ``Result``
+    after : count only stages after this stage of the table
+    may_use : whether a stage's optional inputs count as well
     """
     found, given = set[str](), set(members)
     first = 0 if not after else 1 + TABLE.index(STAGES[after])
@@ -149,11 +156,17 @@ def made_from(members: Iterable[str], after: str = "", *, may_use: bool = True) 
 
 
 def without(result: Result, members: Iterable[str]) -> Result:
-    """The result without some of its members and all that was made from them, or that could not be."""
+    """Return the result without some members and everything made from them, also records of failed attempts to make them.
+
+    Parameters
+    ----------
+    result : products of the stages
+    members : names of members of ``Result`` to drop
+    """
     gone = set(members)
     gone |= made_from(gone)
     if "simulation" in gone and result.sheets is not None and result.sheets.base is not None:
-        gone |= {"sheets"} | made_from({"sheets"})  # a base stands under the simulated shape
+        gone |= {"sheets"} | made_from({"sheets"})  # the base on the sheets fits the simulated shape
     nothing: dict[str, Any] = dict.fromkeys(gone)
     undone = {name: why for name, why in result.undone.items() if not gone.intersection(STAGES[name].makes)}
     lost = {member: why for member, why in result.lost.items() if member not in gone}
@@ -161,20 +174,32 @@ def without(result: Result, members: Iterable[str]) -> Result:
 
 
 def begun(result: Result, stage: Stage) -> Result:
-    """The result as a stage finds it that runs now: without what it makes itself, and what was made from that."""
+    """Prepare a result for a stage: drop the stage's former products and everything made from them.
+
+    Parameters
+    ----------
+    result : products of the stages
+    stage : that is to run
+    """
     written = stage.makes if stage.keeps else (*stage.makes, *stage.improves)
     kept = {member: getattr(result, member) for member in stage.improves}
     return replace(without(result, {*stage.makes, *made_from(written, stage.name)}), **kept)
 
 
 def concerned(sections: Iterable[str]) -> set[str]:
-    """The members that are made by stages which some sections of the settings concern, as ``Stage.settings`` names them."""
+    """Return the members made by the stages that depend on some sections of the settings, named as in ``Stage.settings``."""
     named = set(sections)
     return {member for stage in TABLE if named.intersection(stage.settings) for member in stage.makes}
 
 
 def outdated(result: Result, old: Settings, new: Settings) -> Result:
-    """The result without what a change of settings makes out of date; the spirals that stay are told of the change."""
+    """Drop the members that a change of settings makes stale; spirals that stay get the new settings.
+
+    Parameters
+    ----------
+    result : products of the stages
+    old, new : settings before and after the change
+    """
     sections = {section for stage in TABLE for section in stage.settings}
     left = without(result, concerned(section for section in sections if _differs(section, old, new)))
     if left.design is not None and new.spiral != old.spiral:
@@ -182,30 +207,30 @@ def outdated(result: Result, old: Settings, new: Settings) -> Result:
     return left
 
 
-# -- the same of the blocks of report.json, which a .blend file keeps as notes -----------------------------------------
+# -- blocks of report.json, which a .blend file stores as notes --------------------------------------------------------
 
 BLOCKS = tuple(dict.fromkeys(block for stage in TABLE for block in stage.blocks))
 
 
 def writers(block: str) -> tuple[Stage, ...]:
-    """The stages that write a block."""
+    """Return the stages that write a block."""
     return tuple(stage for stage in TABLE if block in stage.blocks)
 
 
 def blocks_of(members: Iterable[str]) -> set[str]:
-    """The blocks that tell of some members."""
+    """Return the blocks that describe some members."""
     named = set(members)
     return {block for stage in TABLE if named.intersection(stage.makes) for block in stage.blocks}
 
 
 def blocks_after(block: str) -> set[str]:
-    """The blocks that a new one makes out of date, itself left out."""
+    """Return the other blocks that become stale when a block is written anew."""
     members = {member for stage in writers(block) for member in stage.makes}
     return blocks_of(made_from(members, may_use=False)) - {block}
 
 
 def ingredients(members: Iterable[str]) -> set[str]:
-    """These members, and all that they are made from."""
+    """Return some members and everything that they are made from."""
     found = set(members)
     for stage in reversed(TABLE):
         if found.intersection(stage.makes):

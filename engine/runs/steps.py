@@ -1,6 +1,6 @@
-"""What every stage of the table in ``stages`` does: from a result and the settings to a result with more in it.
+"""Functions of the stages in ``stages.TABLE``: each takes a result and returns it with the products of its stage.
 
-A step may take for granted that what its stage needs is there.
+A step may assume that all inputs of its stage exist.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from ..workers import Workers
 from .result import Result
 from .stages import made_from, without
 
-MERGED = 0.4  # of the progress of merging: what comes then is as much again or nothing; by eye
+MERGED = 0.4  # share of the stage's progress for merging; tightening then takes as long again or no time (by eye)
 
 
 def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -55,7 +55,7 @@ def _regularise(result: Result, settings: Settings, progress: Progress) -> Resul
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
-    """Regularising shrinks edges by a little: bring the asked size back, about the origin."""
+    """Restore the requested size, about the origin: regularising shrinks the mesh a little."""
     if edge is not None:
         return mesh.moved(mesh.vertices * (edge / mesh.median_edge))
     if height is not None:
@@ -67,7 +67,7 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
     layout = trace.trace(result.mesh, settings.layout, progress)
     if result.seams is not None and result.seams.any():
         chosen = trace.make_disks(PatchLayout(result.mesh, result.seams))
-        if not np.array_equal(chosen.cut, layout.cut):  # somebody chose these cuts
+        if not np.array_equal(chosen.cut, layout.cut):  # the user's seams differ from the traced cuts
             layout = chosen
     return replace(result, layout=layout)
 
@@ -83,7 +83,7 @@ def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     flat = split.split(result.flat, settings.layout, settings.sheet, progress.part(0.0, 0.5))
-    if result.layout is not None:  # nobody chose these cuts
+    if result.layout is not None:  # the cuts were traced, not chosen by the user
         flat = fewer_sheets(flat, settings, progress.part(0.5, 1.0))
     return replace(result, flat=flat)
 
@@ -91,7 +91,7 @@ def _split(result: Result, settings: Settings, progress: Progress) -> Result:
 def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
     found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
-    # further cuts begin with the spirals of the present layout, other layouts with those of a long search
+    # layouts near the present one start from its spirals; all others start from those of a long search
     start = _chosen(result) if settings.choose.near else None
     piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found), start)
     reached = result.reached if result.optimisation is None else result.simulation
@@ -116,7 +116,7 @@ def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
-    """Widths and twists with which the chosen layout has shown what it can do; None where it was not chosen."""
+    """Return the widths and twists that the search for a layout found for the present one; None if there are none."""
     best = None if result.choice is None else result.choice.best
     if best is not None and best.flat is result.flat:
         return best.judged.spirals
@@ -124,7 +124,7 @@ def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _constraints(result: Result, settings: Settings) -> Constraints:
-    """What the spirals under feet and eyelets must be; protected ones stay as they are."""
+    """Return the constraints on spirals: straight under feet, wide at eyelets, unchanged where protected."""
     asked: dict[str, np.ndarray] = {}
     if settings.base.stands and result.supports is not None:
         refuse_rim(settings.spiral)
@@ -155,7 +155,7 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def _grained(result: Result, settings: Settings, progress: Progress) -> SpiralDesign:
-    """The design with its panels turned to the grain that is best for each, if that is asked for and the material has one."""
+    """Turn every panel to the best direction of its grain, if the settings ask for it and the material has a grain."""
     assert result.design is not None
     wanted, material = settings.optimise.grain, settings.material.chosen
     if wanted == "common" or material.orthotropy is None:
@@ -192,7 +192,15 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def at_rest(result: Result, settings: Settings, start: Pose | None, progress: Progress) -> Simulation:
-    """Return the simulation of a result's design, found from a pose, or from where simulations begin."""
+    """Simulate a result's design.
+
+    Parameters
+    ----------
+    result : a piece with spirals
+    settings : its material and the solver's
+    start : pose to start from; None for the default start
+    progress : reports and cancels
+    """
     assert result.design is not None
     return simulate.simulate(
         result.design,
@@ -207,7 +215,7 @@ def at_rest(result: Result, settings: Settings, start: Pose | None, progress: Pr
 
 
 def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
-    """Return a simulation with the band of real sheets; without it for large pieces, and where the user cancels."""
+    """Add the range of outcomes with real sheets; leave it out for large pieces and if the user cancels."""
     if not simulation.equilibrium.converged or simulation.assembly.size > MOST:
         return simulation
     try:
@@ -248,7 +256,7 @@ def _structure(result: Result, settings: Settings, progress: Progress) -> Result
 
 
 def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
-    """The connectors of a design; None where it cannot be cut with them."""
+    """Return the connectors of a design; None if they cannot be cut."""
     try:
         return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
     except FlexMapsError:
@@ -267,7 +275,7 @@ def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def _base(result: Result, settings: Settings) -> Base:
-    """What the simulated piece stands on."""
+    """Make the base of the simulated piece. Raises ``FlexMapsError`` if there is no simulated shape."""
     assert result.design is not None
     simulation = result.simulation
     if simulation is None or not simulation.equilibrium.converged:
@@ -282,8 +290,20 @@ def _base(result: Result, settings: Settings) -> Base:
 def standing(
     design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings, pull: np.ndarray | None = None
 ) -> Base:
-    """What a design stands on, or hangs by, whose hubs are in a pose, as the settings ask for it; pull (F, 3) newtons with which they
-    are held. Raises as ``make_base`` does."""
+    """Make the base that a piece stands on, or the eyelets that it hangs by.
+
+    Parameters
+    ----------
+    design : the spirals
+    pose : of their hubs at equilibrium
+    supports : quads that are held
+    settings : kind and sizes of the base
+    pull : (F, 3) newtons, forces of the supports on the quads
+
+    Raises
+    ------
+    FlexMapsError : as in ``make_base``
+    """
     check_hold(settings.base, settings.simulate)
     mesh = design.flat.layout.mesh
     lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())

@@ -1,4 +1,4 @@
-"""Several pieces that are cut together: each one's panels as its own settings have them, on common sheets."""
+"""Several pieces cut together: the panels of each, made with its own settings, on common sheets."""
 
 from __future__ import annotations
 
@@ -16,9 +16,18 @@ from .result import Result
 def together(
     names: Sequence[str], results: Sequence[Result], settings: Sequence[ObjectSettings], progress: Progress = SILENT
 ) -> Batch:
-    """Pieces with spirals on common sheets, as the first one's settings of the sheet say, each as often as its copies.
+    """Lay the panels of several pieces on common sheets.
 
-    Raises ``FlexMapsError``, of one piece with its name.
+    Parameters
+    ----------
+    names : of the pieces, for messages and labels
+    results : their products, with spirals
+    settings : of each piece; the sheet is taken from the first one, the number of copies from each
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError : no pieces, or one that cannot be cut; the message begins with its name
     """
     parts = []
     for k, (name, result, own) in enumerate(zip(names, results, settings, strict=True)):
@@ -30,7 +39,7 @@ def together(
 
 
 def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings, progress: Progress) -> Part:
-    # where its panels would lie alone is of no interest, so that is found quickly, and without remnants
+    # the piece's own sheets are discarded, so nest them quickly and without remnants
     quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
     try:
         made = job.go_on(result, quick, ("sheets",), progress)

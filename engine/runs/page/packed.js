@@ -1,4 +1,4 @@
-// Reads what `page_data.py` packed: numbers as whole steps, each as the difference to the row before, deflated, in base64.
+// Decoder of the arrays that `page_data.py` packs: multiples of a step, delta-coded along the rows, deflated, in base64.
 
 /**
  * @typedef {{at: number, bytes: 1 | 2 | 4, rows: number, columns: number, step: number}} Listed
@@ -6,7 +6,7 @@
  */
 
 /**
- * All arrays of a block, row after row.
+ * Decode all arrays of a block, each row by row.
  * @param {Object<string, Listed>} listed
  * @param {string} block
  * @returns {Promise<Arrays>}
@@ -20,6 +20,7 @@ async function unpacked(listed, block) {
 }
 
 /**
+ * Inflate a block in base64.
  * @param {string} block
  * @returns {Promise<Uint8Array>}
  */
@@ -32,6 +33,7 @@ async function inflated(block) {
 }
 
 /**
+ * Decode one array.
  * @param {Uint8Array} bytes
  * @param {Listed} one
  */
@@ -44,7 +46,7 @@ function unpackedArray(bytes, one) {
     let whole = 0;
     for (let k = 0; k < one.bytes; k++) whole |= bytes[one.at + k * count + i] << (8 * k);
     const column = i % one.columns;
-    before[column] += (whole << unused) >> unused; // with its sign
+    before[column] += (whole << unused) >> unused; // extend the sign
     out[i] = before[column] * one.step;
   }
   return out;

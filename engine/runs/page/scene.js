@@ -1,24 +1,24 @@
-// The piece drawn by three.js: panels, target, labels; turned by hand, fingers or keys. A picture is made when something changes.
+// The 3D view, drawn by three.js: panels, target and labels, orbited with mouse, fingers or keys. Frames are drawn only on changes.
 
-const FROM = [0.45, -0.8, 0.55]; // the direction of the first look
-const TURN_KEY = Math.PI / 24; // radians that an arrow key turns the piece
-const ROOM = 1.12; // how much more than the piece the view shows
-const GHOST = 0.2; // how much of the target is seen through it
-// Names of renderers that have no graphics card. Smoothing edges takes them two thirds of a picture's time, and drawing it this much
-// larger, which the browser makes small again, much less
+const FROM = [0.45, -0.8, 0.55]; // direction from the piece to the camera in the first view
+const TURN_KEY = Math.PI / 24; // radians per press of an arrow key
+const ROOM = 1.12; // size of the view over the size of the piece: margin around it
+const GHOST = 0.2; // opacity of the target's surface
+// Names of renderers without a graphics card. Antialiasing takes two thirds of a frame's time there; drawing at LARGER times the
+// resolution, which the browser scales down, takes much less
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const LARGER = 1.5;
 
 /**
- * Make a canvas ready for three.js, which goes on with the context that it has here; false without WebGL. Without a graphics card another
- * canvas takes its place, whose edges are not smoothed.
+ * Create the WebGL context that three.js will use; return false without WebGL. Without a graphics card, replace the canvas by one whose
+ * context has no antialiasing.
  * @param {HTMLCanvasElement} canvas
  */
 function prepared(canvas) {
   const asked = { antialias: true, alpha: true, stencil: false };
   const gl = canvas.getContext("webgl2", asked);
   if (!gl) return false;
-  // some browsers say there what draws, others only to who asks for it
+  // some browsers name the renderer in RENDERER, others only through this extension
   const named = /webkit webgl/i.test(gl.getParameter(gl.RENDERER)) ? gl.getExtension("WEBGL_debug_renderer_info") : null;
   if (!SOFTWARE.test(gl.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : gl.RENDERER))) return true;
   const plain = /** @type {HTMLCanvasElement} */ (canvas.cloneNode());
@@ -32,7 +32,7 @@ function prepared(canvas) {
 class View3D {
   /**
    * @param {HTMLCanvasElement} canvas
-   * @param {HTMLElement} labels  holds the texts over the picture
+   * @param {HTMLElement} labels  parent of the texts over the picture
    * @param {Skin} skin
    */
   constructor(canvas, labels, skin) {
@@ -42,7 +42,7 @@ class View3D {
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
     const smoothed = this.renderer.getContext().getContextAttributes()?.antialias;
     this.renderer.setPixelRatio(Math.min(Math.max(window.devicePixelRatio, smoothed ? 1 : LARGER), 2));
-    this.renderer.sortObjects = false; // they are few and in order; to sort them, three.js would measure each anew
+    this.renderer.sortObjects = false; // the few objects are in order; sorting would compute their bounds in every frame
     this.camera = new THREE.PerspectiveCamera(32, 1, 1, 1e5);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(...FROM);
@@ -61,8 +61,8 @@ class View3D {
     this.texts = [];
     this.asked = false;
     this.steps = 0; // see `update`
-    this.away = 0; // from the middle, where all is seen
-    this.size = ""; // of the canvas, in pixels of the page
+    this.away = 0; // distance of the camera from the centre at which everything fits into the view
+    this.size = ""; // width and height of the canvas, in CSS pixels
   }
 
   /** @private */
@@ -76,11 +76,11 @@ class View3D {
     this.geometry.setAttribute("position", this.position);
     this.geometry.setAttribute("color", this.colour);
     this.panels = new THREE.Mesh(this.geometry, new THREE.MeshLambertMaterial({ vertexColors: true, flatShading: true }));
-    this.panels.frustumCulled = false; // it moves
+    this.panels.frustumCulled = false; // the geometry moves, so its cached bounds would be wrong
     this.scene.add(this.panels);
   }
 
-  /** The target as a pale surface with its quads. @private */
+  /** Add the target as a translucent surface with the edges of its quads. @private */
   addTarget() {
     const { target, quads } = this.skin.arrays;
     const geometry = new THREE.BufferGeometry();
@@ -111,7 +111,7 @@ class View3D {
   }
 
   /**
-   * Give every spiral its colour.
+   * Colour the spirals.
    * @param {(quad: number) => THREE.Color} colourOf
    */
   paint(colourOf) {
@@ -131,7 +131,7 @@ class View3D {
     this.ask();
   }
 
-  /** After hubs have moved: bring bodies and view up to date. @param {number} steps  only the panels of the first so many */
+  /** Update geometry and camera after hubs have moved. @param {number} steps  show the panels of this many steps; 0 shows all */
   update(steps) {
     this.steps = steps;
     this.skin.draw();
@@ -141,14 +141,14 @@ class View3D {
     this.ask();
   }
 
-  /** Keep what is there in sight, from where and as near as it was looked at before. @private @param {number} steps */
+  /** Move the camera so that all visible panels fit, keeping its direction and the user's zoom. @private @param {number} steps */
   look(steps) {
     const zoom = this.away ? this.camera.position.distanceTo(this.controls.target) / this.away : 1;
     const back = this.camera.position.clone().sub(this.controls.target).normalize();
     const right = new THREE.Vector3().crossVectors(this.camera.up, back).normalize();
     const up = new THREE.Vector3().crossVectors(back, right);
     const points = this.points(steps);
-    // the middle of what is seen from there, then how far away all of it fits
+    // find the centre of the bounding box in the camera's axes, then the distance at which everything fits
     const middle = new THREE.Vector3();
     for (const axis of [right, up, back]) {
       let [low, high] = [Infinity, -Infinity];
@@ -181,7 +181,8 @@ class View3D {
   }
 
   /**
-   * The hubs that are there with the lengths of their arms, and the target if it is shown: x, y, z and length of each.
+   * Return spheres that must fit into the view, x, y, z, radius each: a sphere about each visible hub that encloses its arms, and the
+   * target's vertices if it is shown.
    * @private @param {number} steps @returns {number[]}
    */
   points(steps) {
@@ -200,24 +201,24 @@ class View3D {
     return found;
   }
 
-  /** As at first. */
+  /** Restore the first view. */
   home() {
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(...FROM).setLength(this.away));
     this.look(this.steps);
     this.ask();
   }
 
-  /** Go some of the way to look from a direction. @param {THREE.Vector3} way @param {number} share */
+  /** Turn the camera towards a direction, by a share (0 to 1) of the way. @param {THREE.Vector3} way @param {number} share */
   turnTo(way, share) {
     const away = this.camera.position.clone().sub(this.controls.target);
     const length = away.length();
     away.normalize().lerp(way.clone().normalize(), share);
-    if (Math.hypot(away.x, away.y) < 1e-3 || away.length() < 0.1) away.y -= 0.1; // neither from the pole nor from within
+    if (Math.hypot(away.x, away.y) < 1e-3 || away.length() < 0.1) away.y -= 0.1; // avoid the poles and the centre
     this.camera.position.copy(this.controls.target).add(away.setLength(length));
     this.controls.update();
   }
 
-  /** @private @param {KeyboardEvent} event */
+  /** Orbit, zoom or reset the view by a key. @private @param {KeyboardEvent} event */
   key(event) {
     const turns = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     const zooms = { "+": 0.87, "=": 0.87, "-": 1.15 };
@@ -244,7 +245,7 @@ class View3D {
     this.ask();
   }
 
-  /** Fill the room that the page gives, if that is another than before. */
+  /** Fit the canvas to its parent element if that has changed its size. */
   resize() {
     const box = this.canvas.parentElement.getBoundingClientRect();
     const size = `${box.width} ${box.height}`;
@@ -257,12 +258,12 @@ class View3D {
     this.ask();
   }
 
-  /** Draw soon, once. */
+  /** Request a frame, unless one is requested already. */
   ask() {
     if (this.asked) return;
     this.asked = true;
     requestAnimationFrame(() => {
-      this.resize(); // now rather than when the browser tells, which would be after the picture and make another one
+      this.resize(); // the ResizeObserver would report after this frame and cause another one
       this.asked = false;
       this.render();
     });
@@ -276,6 +277,7 @@ class View3D {
   // -- texts over the picture --------------------------------------------------------------------------------------------
 
   /**
+   * Set the labels; `place` gives a label's present position and normal.
    * @param {{text: string, name: string, colour: string | null, always: boolean,
    *          place: () => {at: THREE.Vector3, normal: THREE.Vector3 | null}}[]} texts
    */
@@ -292,7 +294,7 @@ class View3D {
     this.ask();
   }
 
-  /** Where every text belongs; of those that would cover each other the first. @private */
+  /** Place the labels; hide those that would overlap an earlier one. @private */
   placeTexts() {
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight];
     const taken = [];
@@ -310,7 +312,7 @@ class View3D {
     }
   }
 
-  /** Place and normal of a spiral's hub now. @param {number} quad */
+  /** Return the present position and normal of a hub. @param {number} quad */
   hub(quad) {
     const skin = this.skin;
     const panel = skin.arrays.patch[quad];
@@ -319,7 +321,7 @@ class View3D {
     return { at, normal: new THREE.Vector3(0, 0, 1).applyQuaternion(turn) };
   }
 
-  /** Place of an arm's tip now. @param {number} arm */
+  /** Return the present position and normal of an arm's tip. @param {number} arm */
   tip(arm) {
     const at = new THREE.Vector3().fromArray(this.skin.tipAt(arm, new Float32Array(3), 1));
     return { at, normal: this.hub(arm >> 2).normal };
@@ -327,7 +329,7 @@ class View3D {
 
   // -- pictures ----------------------------------------------------------------------------------------------------------
 
-  /** A picture of what is seen, with the background and the texts that are shown. @returns {Promise<Blob>} */
+  /** Draw the present view with its background and labels as a PNG picture. @returns {Promise<Blob>} */
   picture() {
     this.render();
     const out = document.createElement("canvas");

@@ -1,22 +1,22 @@
-// Where everything is at a time: hubs follow the film, arms follow their hubs. The same as `skin.py`, in millimetres.
+// Positions of everything at a time: hubs follow the film, arms follow their hubs. Port of `skin.py`; lengths in millimetres.
 
 /**
- * @typedef {Object} Track  What becomes of one panel; times in steps of the assembly.
+ * @typedef {Object} Track  Motion of one panel; times in steps of the assembly.
  * @property {number} panel
- * @property {number[]} changes  when it has the shapes `which`
- * @property {number[]} which
- * @property {number[]} times  when it is turned and placed as in `turns` and `places`
- * @property {number[][]} turns  quaternions x, y, z, w
- * @property {number[][]} places
+ * @property {number[]} changes  times of the shapes `which`
+ * @property {number[]} which  index of the panel's shape at each of these times
+ * @property {number[]} times  times of `turns` and `places`
+ * @property {number[][]} turns  rotations of the panel's frame: quaternions x, y, z, w
+ * @property {number[][]} places  positions of the panel's frame
  *
- * @typedef {Object} Piece  What `page_data.py` writes.
+ * @typedef {Object} Piece  Data written by `page_data.py`.
  * @property {string} title
  * @property {boolean} simulated
  * @property {number} thickness
  * @property {number} edge
- * @property {number} length  of the film, in steps
+ * @property {number} length  duration of the film, in steps
  * @property {{name: string, colour: string, hub: number, step: number}[]} panels
- * @property {{name: string, colour: string, other: string | null, joints: [number, string][]}[][]} seams  step by step
+ * @property {{name: string, colour: string, other: string | null, joints: [number, string][]}[][]} seams  closed in each step
  * @property {{name: string, label: string, unit: string, low: number, high: number, scale: string[]}[]} colourings
  * @property {Track[]} tracks
  * @property {string[]} notes
@@ -24,12 +24,12 @@
  * @property {string} block
  */
 
-/** The first of every `columns` numbers. @param {number} columns @param {ArrayLike<number>} [numbers] */
+/** Return the first column of an array with `columns` columns. @param {number} columns @param {ArrayLike<number>} [numbers] */
 function every(columns, numbers) {
   return Array.from({ length: numbers ? numbers.length / columns : 0 }, (_, i) => numbers[columns * i]);
 }
 
-/** Where the rows of every quad begin, which are sorted by it. @param {ArrayLike<number>} rows @param {number} quads @param {(row: number) => number} of */
+/** Return where each quad's rows begin, in rows sorted by quad; `of` gives the quad of a row. @param {ArrayLike<number>} rows @param {number} quads @param {(row: number) => number} of */
 function firsts(rows, quads, of) {
   const out = new Int32Array(quads + 1);
   for (let i = 0; i < rows.length; i++) out[of(rows[i]) + 1] += 1;
@@ -48,13 +48,13 @@ class Skin {
     this.quads = arrays.patch.length;
     this.arms = 4 * this.quads;
     this.sections = arrays.share.length;
-    /** Centres and quaternions of the hubs now. */
+    /** Present centres and quaternions of the hubs. */
     this.centres = new Float32Array(3 * this.quads);
     this.turns = new Float32Array(4 * this.quads);
-    /** How the tips are moved against their hubs: way, then rotation vector. */
+    /** Motion of each tip relative to its hub: displacement, then rotation vector; `full` is the motion in the final pose. */
     this.moved = new Float32Array(6 * this.arms);
     this.full = new Float32Array(6 * this.arms);
-    /** Which arms have a joint; those at a border bend as much as the others of their spiral. */
+    /** 1 for arms with a joint; the others, at a border, bend as much as the mean of their spiral's arms with joints. */
     this.met = new Uint8Array(this.arms);
     for (const arm of arrays.joints) this.met[arm] = 1;
     this.bends = new Float32Array(this.arms);
@@ -63,8 +63,8 @@ class Skin {
     this.rimTriangles = firsts(every(3, arrays.rim_triangles), this.quads, (point) => rim[point]);
     this.rimWalls = firsts(every(2, arrays.rim_walls), this.quads, (point) => rim[point]);
     /**
-     * Of every section four corners, left and right above and below; then of every hub its middle above and below, and of every
-     * point of the rim.
+     * Vertices: four corners of every section (left and right above, left and right below), then two for every hub's centre (above and
+     * below), then two for every point of the rim.
      */
     this.positions = new Float32Array(12 * this.sections + 6 * this.quads + 6 * rim.length);
     /** @type {number[][]} hubs of every panel */
@@ -72,7 +72,7 @@ class Skin {
     for (let quad = 0; quad < this.quads; quad++) this.hubs[arrays.patch[quad]].push(quad);
     this.first = new Int32Array(this.arms + 1);
     for (let arm = 0; arm < this.arms; arm++) this.first[arm + 1] = this.first[arm] + arrays.sections[arm];
-    /** How far the arms of every spiral reach. */
+    /** Distance from every hub to its farthest tip, in the flat panel. */
     this.rims = new Float32Array(this.quads);
     for (let arm = 0; arm < this.arms; arm++) {
       const reach = Math.hypot(arrays.tip[2 * arm], arrays.tip[2 * arm + 1]);
@@ -81,14 +81,14 @@ class Skin {
     this.shifts = new Float32Array(3 * piece.panels.length);
     this.pull(piece.length, 0);
     this.full.set(this.moved);
-    /** The middle of every panel in the end, seen from the middle of all. */
+    /** Vector from the centre of the piece to the centre of each panel in the final pose. */
     this.outwards = this.ways();
   }
 
   /**
-   * Put everything where it is at a time.
+   * Move hubs and tips to their positions at a time.
    * @param {number} time  in steps
-   * @param {number} apart  how far the panels are drawn apart, from 0 to 1
+   * @param {number} apart  how far the panels are exploded, from 0 to 1
    */
   pull(time, apart) {
     for (const track of this.piece.tracks) this.placePanel(track, time);
@@ -96,7 +96,7 @@ class Skin {
     for (let i = 0; i < this.shifts.length; i++) this.shifts[i] = apart ? apart * this.outwards[i] : 0;
   }
 
-  /** @private @param {Track} track @param {number} time */
+  /** Move the hubs of one panel. @private @param {Track} track @param {number} time */
   placePanel(track, time) {
     const [one, two, way] = bracket(track.changes, time);
     const hubs = this.hubs[track.panel];
@@ -120,7 +120,7 @@ class Skin {
     }
   }
 
-  /** Joints that are closed pull the tips of both their arms half way to each other. @private @param {number} time */
+  /** Move the two tips of each closed joint half way to each other. @private @param {number} time */
   moveTips(time) {
     const { joints, closings, axis } = this.arrays;
     const ends = [new Float32Array(3), new Float32Array(3)];
@@ -152,7 +152,7 @@ class Skin {
   }
 
   /**
-   * Where the tip of an arm is, `share` of the way from where its hub alone would have it; with the panels' shifts if it is 1.
+   * Compute the position of an arm's tip: rigidly fixed to its hub if `share` is 0; moved by its joint and the explosion if it is 1.
    * @param {number} arm @param {Float32Array} out @param {0 | 1} share
    */
   tipAt(arm, out, share) {
@@ -165,7 +165,7 @@ class Skin {
     return out;
   }
 
-  /** Fill `positions` from where hubs and tips are. */
+  /** Compute all vertices (`positions`) from hubs and tips. */
   draw() {
     const { patch } = this.arrays;
     const hub = new Float32Array(9);
@@ -184,8 +184,8 @@ class Skin {
   }
 
   /**
-   * The corners of an arm's sections. Hundred thousands a second: no lists are made here.
-   * @private @param {number} arm @param {Float32Array} hub  its matrix @param {Float32Array} m  for matrices in between
+   * Compute the corners of an arm's sections. It runs hundreds of thousands of times a second, so it allocates nothing.
+   * @private @param {number} arm @param {Float32Array} hub  the hub's matrix @param {Float32Array} m  buffer for a matrix
    * @param {number} cx @param {number} cy @param {number} cz
    */
   drawArm(arm, hub, m, cx, cy, cz) {
@@ -215,7 +215,7 @@ class Skin {
       const py = 0.5 * (flat[4 * s + 1] + flat[4 * s + 3]);
       const dx = px - tx;
       const dy = py - ty;
-      // the middle, as the hub sees it: between where hub and tip would have it, and what is kept of its true place
+      // centre of the section in the hub's frame: blend of following the hub and following the tip, plus the stored correction
       const x = (1 - w) * px + w * (tx + mx + e0 * dx + e1 * dy) + bend * way[3 * s];
       const y = (1 - w) * py + w * (ty + my + e3 * dx + e4 * dy) + bend * way[3 * s + 1];
       const z = w * (mz + e6 * dx + e7 * dy) + bend * way[3 * s + 2];
@@ -239,7 +239,7 @@ class Skin {
     }
   }
 
-  /** @private */
+  /** Compute a hub's two vertices. @private */
   drawHub(quad, hub, cx, cy, cz) {
     for (let side = 0; side < 2; side++) {
       const at = 12 * this.sections + 6 * quad + 3 * side;
@@ -250,7 +250,7 @@ class Skin {
     }
   }
 
-  /** How much the arms of a spiral are bent, into `bends`; gives the mean of those that have a joint. @private @param {number} quad */
+  /** Store in `bends` how much the arms of a spiral are bent (0 to 1); return the mean of the arms with joints. @private @param {number} quad */
   bend(quad) {
     let [sum, count] = [0, 0];
     for (let arm = 4 * quad; arm < 4 * quad + 4; arm++) {
@@ -264,7 +264,7 @@ class Skin {
     return mean;
   }
 
-  /** @private @param {number} quad @param {Float32Array} hub @param {number} cx @param {number} cy @param {number} cz @param {number} bend */
+  /** Compute the vertices of a spiral's rim. @private @param {number} quad @param {Float32Array} hub @param {number} cx @param {number} cy @param {number} cz @param {number} bend */
   drawRim(quad, hub, cx, cy, cz, bend) {
     const { rim_flat, rim_way, rim_up } = this.arrays;
     for (let p = this.rimPoints[quad]; p < this.rimPoints[quad + 1]; p++) {
@@ -285,7 +285,7 @@ class Skin {
     }
   }
 
-  /** From 0 to 1: how much of its final bend an arm has. @private @param {number} arm */
+  /** Return an arm's present bend as a share (0 to 1) of its final bend. @private @param {number} arm */
   measure(arm) {
     const size = Math.hypot(this.arrays.tip[2 * arm], this.arrays.tip[2 * arm + 1]);
     let [both, all] = [0, 0];
@@ -297,7 +297,7 @@ class Skin {
     return Math.min(Math.max(both / Math.max(all, 1e-12), 0), 1);
   }
 
-  /** @private */
+  /** Return the vectors from the centre of the piece to the centres of the panels. @private */
   ways() {
     const out = new Float32Array(3 * this.hubs.length);
     const middle = [0, 0, 0];
@@ -310,7 +310,7 @@ class Skin {
   }
 
   /**
-   * Triangles of all panels in the order in which these are joined, and how many corners the panels of the first steps have.
+   * Return the triangles of all panels in order of assembly, and after each step the number of corners up to its panel.
    * @returns {{corners: Uint32Array, ends: number[]}}
    */
   triangles() {
@@ -327,7 +327,7 @@ class Skin {
     return { corners, ends };
   }
 
-  /** Write a spiral's triangles, and tell where they end. @private @param {number} quad @param {Uint32Array} out @param {number} at */
+  /** Write a spiral's triangles at offset `at`; return the offset after them. @private @param {number} quad @param {Uint32Array} out @param {number} at */
   trianglesOf(quad, out, at) {
     const middle = 4 * this.sections + 2 * quad;
     const triangle = (a, b, c) => {
@@ -350,7 +350,7 @@ class Skin {
         face(a + 1, b + 1, b + 3, a + 3);
       }
       face(begin, begin + 1, begin + 3, begin + 2);
-      // the hub: from the right of this arm's root to its left, and on to the right of the next one's
+      // the hub, counter-clockwise: from the right of this arm's root to its left, then to the right of the next arm's root
       const next = arm % 4 < 3 ? arm + 1 : 4 * quad;
       const onward = 4 * (this.first[next + 1] - 1) + 1;
       triangle(middle, last + 1, last);
@@ -359,7 +359,7 @@ class Skin {
       triangle(middle + 1, onward + 2, last + 2);
       face(last + 2, onward + 2, onward, last);
     }
-    const rim = 4 * this.sections + 2 * this.quads; // points above and below in turn
+    const rim = 4 * this.sections + 2 * this.quads; // vertices alternate above and below
     const { rim_triangles: t, rim_walls: w } = this.arrays;
     for (let k = this.rimTriangles[quad]; k < this.rimTriangles[quad + 1]; k++) {
       const [a, b, c] = [3 * k, 3 * k + 1, 3 * k + 2].map((i) => rim + 2 * t[i]);

@@ -1,6 +1,7 @@
-// Turns: quaternions x, y, z, w, and matrices row by row; and where a time lies between others.
+// Rotations as quaternions x, y, z, w and as matrices row by row, and interpolation in time. Arguments `out` are written and returned;
+// `at`, `i` and `j` are offsets into arrays of quaternions.
 
-/** The places of the two times about a time, and the share of the way. @param {number[]} times @param {number} time */
+/** Return the indices of the times before and after a time, and how far it is between them (0 to 1). @param {number[]} times @param {number} time */
 function bracket(times, time) {
   let after = times.findIndex((each) => each > time);
   if (after === -1) after = times.length;
@@ -11,13 +12,13 @@ function bracket(times, time) {
   return [after - 1, after, (time - times[after - 1]) / (times[after] - times[after - 1])];
 }
 
-/** From 0 to 1 without a jolt. @param {number} x */
+/** Ease in and out from 0 to 1 (smoothstep). @param {number} x */
 function smooth(x) {
   const t = Math.min(Math.max(x, 0), 1);
   return t * t * (3 - 2 * t);
 }
 
-/** A turn between two that are near each other. */
+/** Interpolate between two quaternions that are near each other (normalised lerp). */
 function mixedTurn(one, i, two, j, share, out, at) {
   let same = 0;
   for (let k = 0; k < 4; k++) same += one[i + k] * two[j + k];
@@ -32,7 +33,7 @@ function mixedTurn(one, i, two, j, share, out, at) {
   return out;
 }
 
-/** First the turn b, then a. */
+/** Multiply quaternions: the rotation b, followed by a. */
 function product(a, b, out, at) {
   out[at] = a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1];
   out[at + 1] = a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0];
@@ -41,7 +42,7 @@ function product(a, b, out, at) {
   return out;
 }
 
-/** First an angle about z, then a turn of a list. */
+/** Compose the rotation by an angle about z, followed by a quaternion of an array. */
 function aboutZ(turns, at, angle, out) {
   const sine = Math.sin(0.5 * angle);
   const cosine = Math.cos(0.5 * angle);
@@ -51,7 +52,7 @@ function aboutZ(turns, at, angle, out) {
   out[3] = turns[at + 3] * cosine - turns[at + 2] * sine;
 }
 
-/** The turn from a to b, as a sees it. */
+/** Compute the rotation from frame a to frame b, in the coordinates of a. */
 function between(a, b, out) {
   out[0] = a[3] * b[0] - a[0] * b[3] - a[1] * b[2] + a[2] * b[1];
   out[1] = a[3] * b[1] + a[0] * b[2] - a[1] * b[3] - a[2] * b[0];
@@ -59,16 +60,17 @@ function between(a, b, out) {
   out[3] = a[3] * b[3] + a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/** Turn a vector in place. */
+/** Rotate a vector in place. */
 function turned(turns, at, vector) {
   return turnedBy(turns[at], turns[at + 1], turns[at + 2], turns[at + 3], vector);
 }
 
-/** The same the other way round. */
+/** Rotate a vector in place by the inverse. */
 function turnedBack(turns, at, vector) {
   return turnedBy(-turns[at], -turns[at + 1], -turns[at + 2], turns[at + 3], vector);
 }
 
+/** Rotate a vector in place by the quaternion x, y, z, w. */
 function turnedBy(x, y, z, w, vector) {
   const [vx, vy, vz] = vector;
   const tx = 2 * (y * vz - z * vy);
@@ -80,6 +82,7 @@ function turnedBy(x, y, z, w, vector) {
   return vector;
 }
 
+/** Convert a quaternion to a rotation vector (radians). */
 function rotationVector(q, out) {
   const sign = q[3] < 0 ? -1 : 1;
   const sine = Math.hypot(q[0], q[1], q[2]);
@@ -88,6 +91,7 @@ function rotationVector(q, out) {
   return out;
 }
 
+/** Convert a quaternion of an array to a matrix. */
 function matrixOf(turns, at, out) {
   const [x, y, z, w] = [turns[at], turns[at + 1], turns[at + 2], turns[at + 3]];
   out[0] = 1 - 2 * (y * y + z * z);
@@ -101,7 +105,7 @@ function matrixOf(turns, at, out) {
   out[8] = 1 - 2 * (x * x + y * y);
 }
 
-/** The matrix of a rotation vector (Rodrigues). */
+/** Convert a rotation vector to a matrix (Rodrigues). */
 function exponential(x, y, z, out) {
   const square = x * x + y * y + z * z;
   const angle = Math.sqrt(square);

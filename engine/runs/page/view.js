@@ -1,10 +1,10 @@
-// The controls beside the 3D view: the way from flat to assembled, colours, and the assembly step by step.
+// Controls beside the 3D view: the slider from flat to assembled, colours, and the step-by-step assembly guide.
 
-const STEP = 1.5; // how long a panel takes to fly and to be joined, in steps (`FLIGHT` + `CLOSING` of film.py)
-const SECONDS = 1.1; // for one step of the film, as it plays
-const FACING = 0.8; // seconds in which the view turns to a panel
-const LIT = "#f59e0b"; // the panel that comes next
-const PALE = "#aeb6c0"; // those that are there
+const STEP = 1.5; // duration of a panel's flight and joining, in steps (`FLIGHT` + `CLOSING` of film.py)
+const SECONDS = 1.1; // seconds per step when the film plays
+const FACING = 0.8; // seconds in which the camera turns to a panel
+const LIT = "#f59e0b"; // colour of the step's panel in the guide
+const PALE = "#aeb6c0"; // colour of the panels of earlier steps
 
 class Page {
   /**
@@ -19,20 +19,20 @@ class Page {
     this.view = new View3D(this.find("canvas"), this.find(".labels"), this.skin);
     this.time = piece.length;
     this.apart = 0;
-    /** The step of the assembly guide that is shown, from 0 on; null outside of the guide. @type {number | null} */
+    /** Present step of the assembly guide, from 0; null outside the guide. @type {number | null} */
     this.step = null;
     this.playing = 0;
     this.connect();
-    this.view.resize(); // not before all that takes room beside it is there
+    this.view.resize(); // only now: the controls beside the canvas affect its size
     this.follow();
   }
 
-  /** An element; what is only there for a simulated piece may be missing. @template {HTMLElement} T @param {string} selector @returns {T} */
+  /** Return an element of the view; null if it exists only for simulated pieces and this one is not. @template {HTMLElement} T @param {string} selector @returns {T} */
   find(selector) {
     return /** @type {T} */ (this.root.querySelector(selector));
   }
 
-  /** @private */
+  /** Connect the controls, and remove those that don't apply to this piece. @private */
   connect() {
     const { piece } = this;
     const way = /** @type {HTMLInputElement} */ (this.find("[name=way]"));
@@ -72,7 +72,7 @@ class Page {
       for (const each of this.root.querySelectorAll(".unsimulated")) each.remove();
     }
     this.find(".notes").textContent = piece.notes.join(" ");
-    // a page that scrolls goes on scrolling until the view was clicked
+    // on a page that scrolls, the wheel zooms only after a click on the view
     if (this.root.dataset.scrolls !== undefined) {
       this.view.controls.enableZoom = false;
       this.find("canvas").addEventListener("pointerdown", () => (this.view.controls.enableZoom = true));
@@ -80,7 +80,7 @@ class Page {
     }
   }
 
-  /** @private */
+  /** Add a radio button per colouring. @private */
   addColourings() {
     const names = [{ name: "panel", label: "Panels" }, ...this.piece.colourings];
     const short = { distance: "Distance", strain: "Strain", stiffness: "Stiffness" };
@@ -99,7 +99,7 @@ class Page {
 
   // -- what is shown -----------------------------------------------------------------------------------------------------
 
-  /** Take the mode from the address, so that a reload goes on where the work was. */
+  /** Set the mode from the address (#step=3), so that a reload returns to the same step. */
   follow() {
     const asked = /^#step=(\d+)$/.exec(location.hash);
     const steps = this.piece.seams.length;
@@ -120,7 +120,7 @@ class Page {
     this.options();
   }
 
-  /** @param {number} time */
+  /** Show the piece at a time of the film. @param {number} time  in steps */
   show(time) {
     this.time = this.step === null ? time : this.time;
     const steps = this.step === null ? 0 : this.step + 1;
@@ -131,7 +131,7 @@ class Page {
     if (way && this.step === null) way.value = String(time);
   }
 
-  /** Colours, target and texts as they are asked for. */
+  /** Apply the options for colours, target and labels. */
   options() {
     const checked = (name) => /** @type {HTMLInputElement | null} */ (this.root.querySelector(`[name=${name}]`))?.checked ?? false;
     const target = checked("target") && this.step === null;
@@ -144,7 +144,7 @@ class Page {
     this.view.setTexts([...texts, ...this.letters()]);
   }
 
-  /** @private */
+  /** Colour the panels by the option, or in the guide by whether they belong to the step. @private */
   paint() {
     const { panels, colourings } = this.piece;
     const patch = this.skin.arrays.patch;
@@ -166,7 +166,7 @@ class Page {
     }
   }
 
-  /** @private */
+  /** Show the legend of a colour scale, or hide it. @private */
   legend(scale) {
     const box = this.find(".legend");
     box.hidden = scale === undefined;
@@ -177,7 +177,7 @@ class Page {
     /** @type {HTMLElement} */ (box.querySelector(".bar")).style.background = `linear-gradient(to right, ${scale.scale.join(", ")})`;
   }
 
-  /** The panels' numbers. @private */
+  /** Return the labels of the panels' numbers. @private */
   numbers() {
     return this.piece.panels
       .filter((panel) => this.step === null || panel.step <= this.step)
@@ -187,7 +187,10 @@ class Page {
       }));
   }
 
-  /** The names of the joints that this step closes; first the ends of every seam, which stay where there is little room. @private */
+  /**
+   * Return the labels of the joints that this step closes. The ends of seams come first: later labels are hidden if there is too little
+   * space. @private
+   */
   letters() {
     if (this.step === null) return [];
     const found = this.piece.seams[this.step].flatMap((seam) =>
@@ -201,7 +204,7 @@ class Page {
 
   // -- the guide ---------------------------------------------------------------------------------------------------------
 
-  /** What is to be done in this step. @private */
+  /** Describe the present step in the guide. @private */
   tell() {
     const step = /** @type {number} */ (this.step);
     const count = this.piece.seams.length;
@@ -242,7 +245,7 @@ class Page {
     this.find("[name=play]")?.setAttribute("aria-pressed", "false");
   }
 
-  /** From flat to assembled, or from where it was stopped. */
+  /** Play the film from the present time, or from the start if it has ended; stop it if it plays. */
   play() {
     if (this.playing) return this.stop();
     const from = this.time >= this.piece.length ? 0 : this.time;
@@ -250,7 +253,7 @@ class Page {
     this.find("[name=play]").setAttribute("aria-pressed", "true");
   }
 
-  /** The panel of this step flies to its place, seen from outside. */
+  /** Play the present step: its panel flies to its place, seen from outside. */
   playStep() {
     const step = /** @type {number} */ (this.step);
     const end = Math.min(step + STEP, this.piece.length);
@@ -267,14 +270,14 @@ class Page {
     }
   }
 
-  /** @private @param {number} from @param {number} to @param {THREE.Vector3} [way]  from where to look at it */
+  /** Play the film between two times. @private @param {number} from @param {number} to @param {THREE.Vector3} [way]  direction to look from */
   run(from, to, way) {
     this.stop();
     const began = performance.now();
     let last = began;
     const tick = (now) => {
       const time = Math.min(from + Math.max(now - began, 0) / 1000 / SECONDS, to);
-      // what is left of the turn becomes less evenly, so that a hand on the piece is not fought for long
+      // approach the direction exponentially, so that the turn soon gives way to the user's own dragging
       if (way && now - began < 1000 * FACING) this.view.turnTo(way, 1 - Math.exp((-5 * (now - last)) / (1000 * FACING)));
       last = now;
       this.show(time);
@@ -284,7 +287,7 @@ class Page {
     this.playing = requestAnimationFrame(tick);
   }
 
-  /** @private */
+  /** Download the present view as a picture. @private */
   async save() {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(await this.view.picture());
@@ -294,21 +297,21 @@ class Page {
   }
 }
 
-/** @param {THREE.Color[]} colours @param {number} value  from 0 to 1 @param {THREE.Color} out */
+/** Interpolate a colour scale. @param {THREE.Color[]} colours @param {number} value  from 0 to 1 @param {THREE.Color} out */
 function onScale(colours, value, out) {
   const place = value * (colours.length - 1);
   const low = Math.min(Math.floor(place), colours.length - 2);
-  // as the legend's gradient is mixed
+  // interpolate in sRGB, as the CSS gradient of the legend does
   const [one, two] = [colours[low].clone().convertLinearToSRGB(), colours[low + 1].clone().convertLinearToSRGB()];
   return out.copy(one.lerp(two, place - low)).convertSRGBToLinear();
 }
 
-/** @param {number} value */
+/** Format a number with three digits. @param {number} value */
 function rounded(value) {
   return value === 0 ? "0" : Number(value.toPrecision(3)).toString();
 }
 
-/** Start the view in its element; without WebGL the pictures that stand in its place are shown. On paper they always are. */
+/** Start the view; without WebGL, show the pictures instead. In print the pictures are always shown. */
 async function start() {
   const root = /** @type {HTMLElement} */ (document.getElementById("view"));
   const instead = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(".instead")]);
@@ -329,8 +332,8 @@ async function start() {
 }
 
 /**
- * For tests and the curious: `flexmaps.at(time)` puts the piece there; `hubs` are the hubs' centres, `corners` those of their
- * arms, in millimetres.
+ * Add `window.flexmaps` for tests and the console: `at(time)` shows the piece at a time; `hubs()` gives the centres of the hubs and
+ * `corners()` all vertices, in millimetres.
  * @param {Page} page
  */
 function hook(page) {
@@ -343,7 +346,7 @@ function hook(page) {
       },
       hubs: () => Array.from(page.skin.centres),
       corners: () => Array.from(page.skin.positions),
-      /** Milliseconds of a picture of everything, also when nothing has changed. */
+      /** Draw a full frame and return its duration in milliseconds. */
       frame: () => {
         const began = performance.now();
         page.view.render();
