@@ -1,19 +1,19 @@
 """The numerical engine of FlexMaps: numpy and scipy, SI units, no Blender.
 
-One datum goes one way, each arrow a function of a module in the folder below it:
+Data flows in one direction; each arrow is a function in the folder named below it:
 
     PolygonMesh -> QuadMesh -> PatchLayout -> FlatPatches -> SpiralDesign -> CutSheets -> files
             surface        patches        patches       spirals        fabrication   fabrication
 
-``mechanics`` finds the shape of a design, ``optimisation`` the design of a shape, ``assembling`` tells how the panels go
-together and ``runs`` does all of it at once. What every folder shares lies here. Modules import downward only; nothing
-here imports ``bpy``.
+``mechanics`` computes the shape of a design, ``optimisation`` the design for a shape, ``assembling`` the order in which panels
+are joined, and ``runs`` runs everything. Modules in this folder are shared by all others. Modules import downward only;
+nothing here imports ``bpy``.
 """
 
 import re as _re
 from pathlib import Path as _Path
 
-MANIFEST = _Path(__file__).resolve().parents[1] / "blender_manifest.toml"  # the one place where the version stands
+MANIFEST = _Path(__file__).resolve().parents[1] / "blender_manifest.toml"  # the only place that states the version
 PROGRAM = "FlexMaps for Blender"
 VERSION = _re.search(r'^version = "(.+)"', MANIFEST.read_text(encoding="utf-8"), _re.MULTILINE)[1]  # type: ignore[index]
-MARK = f"{PROGRAM} {VERSION}"  # in every file that the program writes, but for tables and PNG pictures
+MARK = f"{PROGRAM} {VERSION}"  # written into all output files except tables and PNG pictures

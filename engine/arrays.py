@@ -1,6 +1,6 @@
-"""Types of arrays that say their shape, as in ``Float[np.ndarray, "quads 4 3"]``: jaxtyping's, which type checkers and tests read.
+"""Array types with shapes, such as ``Float[np.ndarray, "quads 4 3"]``, from jaxtyping, for type checkers and tests.
 
-The program itself never evaluates annotations and needs no jaxtyping: there the names stand for nothing.
+The program never evaluates annotations and doesn't need jaxtyping: at run time the names are ``Any``.
 """
 
 from __future__ import annotations

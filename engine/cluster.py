@@ -1,4 +1,4 @@
-"""Functions of the engine called on the machines of a Dask cluster: the same seam as ``workers``."""
+"""Running functions of the engine on a Dask cluster, with the interface of ``workers``."""
 
 from __future__ import annotations
 
@@ -16,21 +16,24 @@ from .errors import FlexMapsError
 from .workers import Lost
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE = 20  # seconds for scheduler and workers to answer, as for the cluster of database/
-RETRIES = 3  # how often a task whose worker was lost is done elsewhere, as there
+PATIENCE = 20  # seconds to wait for answers of scheduler and workers, as in database/; less would give up on slow networks
+RETRIES = 3  # number of times that a task is repeated on another worker after its worker was lost, as in database/
 
 
 def version(root: str | Path = ROOT) -> str:
-    """What tells this program's engine from others: its version, all its sources and its table."""
-    told = hashlib.sha256()
+    """Return a checksum of the engine: manifest, sources and data, independent of line endings."""
+    digest = hashlib.sha256()
     manifest = Path(root, MANIFEST.name)
     for path in sorted([manifest, *Path(root, "engine").rglob("*.py"), *Path(root, "data").rglob("*.npz")]):
-        told.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
-    return told.hexdigest()
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()
 
 
 def _remote(root: str, package: str, wanted: str, function: bytes, arguments: bytes) -> bytes:
-    """Run on a worker: load the program there once, under the name that it has here, and answer as ``worker.answer``."""
+    """Call a function on a worker of the cluster; return what ``worker.answer`` returns.
+
+    The first call on a worker loads the program there, under the package name that it has here.
+    """
     import importlib.util
     import pickle
     import sys
@@ -61,16 +64,23 @@ def _remote(root: str, package: str, wanted: str, function: bytes, arguments: by
         return worker.answer(pickle.loads(function), arguments)
 
 
-# a function of the main module travels by value, so that workers need not be able to import this package by name
+# functions of __main__ are pickled by value, so that workers need not import this package to unpickle it
 _remote.__module__ = "__main__"
 
 
 class Cluster(Executor):
-    """The workers of the Dask cluster whose scheduler is at ``address``; use it in a ``with`` statement.
+    """Executor on the workers of a Dask cluster; use it in a ``with`` statement.
 
-    root : the folder of this program on the workers. A task whose worker is lost is done elsewhere; where that happens again and
-    again its future raises ``Lost``. Raises ``FlexMapsError`` where Dask is not installed, nobody answers, or workers have
-    another version of the program.
+    A task whose worker is lost is repeated on another worker; after ``RETRIES`` repetitions its future raises ``Lost``.
+
+    Parameters
+    ----------
+    address : of the Dask scheduler
+    root : folder of this program on the workers
+
+    Raises
+    ------
+    FlexMapsError : Dask is not installed, nothing answers, or a worker has another version of the program
     """
 
     def __init__(self, address: str, root: str | Path = ROOT):
@@ -98,8 +108,8 @@ class Cluster(Executor):
         except Exception as error:
             self.shutdown()
             raise FlexMapsError(f"The workers at {address} cannot be used: {' '.join(str(error).split())}") from None
-        for worker, told in answers.items():
-            well, value = pickle.loads(told)
+        for worker, reply in answers.items():
+            well, value = pickle.loads(reply)
             if not well:
                 self.shutdown()
                 raise FlexMapsError(
@@ -108,35 +118,35 @@ class Cluster(Executor):
 
     @property
     def count(self) -> int:
-        """Threads of all workers."""
+        """Number of threads of all workers."""
         return sum(self._client.ncores().values())
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Have the function called on some worker, as ``Workers.submit`` does."""
-        if self._pickled[0] is not function:  # it can hold a whole mesh
+        """Call a function on one of the workers, as ``Workers.submit`` does."""
+        if self._pickled[0] is not function:  # pickle it only once: it can hold a whole mesh
             self._pickled = function, pickle.dumps(function)
         wanted: Future[Any] = Future()
         wanted.set_running_or_notify_cancel()
-        given = self._executor.submit(self._remote, self._pickled[1], pickle.dumps((*args, *kwargs.values())))
-        given.add_done_callback(partial(_settle, wanted))
+        task = self._executor.submit(self._remote, self._pickled[1], pickle.dumps((*args, *kwargs.values())))
+        task.add_done_callback(partial(_settle, wanted))
         return wanted
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let go of the cluster, which goes on running; what is under way there is dropped."""
+        """Disconnect from the cluster, which keeps running; unfinished tasks are dropped."""
         self._client.close()
 
     def __exit__(self, *failed: Any) -> None:
         self.shutdown()
 
 
-def _settle(wanted: Future[Any], given: Future[bytes]) -> None:
-    """Tell a future what another one brought."""
-    if given.cancelled():
-        wanted.set_exception(Lost("The cluster gave a task up"))
+def _settle(wanted: Future[Any], task: Future[bytes]) -> None:
+    """Set a future's result or exception from a finished task of the cluster."""
+    if task.cancelled():
+        wanted.set_exception(Lost("The cluster cancelled a task; start this again"))
         return
-    error = given.exception()
+    error = task.exception()
     if error is not None:
         wanted.set_exception(Lost(f"Workers of the cluster ended again and again while they worked on this: {error}"))
         return
-    well, value = pickle.loads(given.result())
+    well, value = pickle.loads(task.result())
     (wanted.set_result if well else wanted.set_exception)(value)

@@ -1,4 +1,4 @@
-"""The two exceptions that the engine raises on purpose."""
+"""The two exceptions that the engine raises deliberately."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 
 class FlexMapsError(Exception):
-    """A mistake that the user can mend: says what is wrong, where, and what to do.
+    """An error that the user can correct; its message says what is wrong, where, and what to do.
 
-    ``faces`` and ``edges`` are the indices of the culprits in the mesh that the user gave, so that Blender can
-    select them. ``quads`` is the number of quads to remesh with where that mends it, else None.
+    faces, edges : indices of the faulty faces and edges in the user's mesh, for Blender to select
+    quads : number of quads to remesh with, if that corrects the error; else None
     """
 
     def __init__(self, message: str, *, faces: Iterable[int] = (), edges: Iterable[int] = (), quads: int | None = None):
@@ -20,4 +20,4 @@ class FlexMapsError(Exception):
 
 
 class Cancelled(Exception):
-    """The user asked to stop; raised by a progress report, caught by whoever started the job."""
+    """The user cancelled; raised by calls of ``Progress``, caught where the job was started."""

@@ -1,4 +1,4 @@
-"""Writing files so that they appear whole or not at all."""
+"""Atomic writing of files: each appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .errors import FlexMapsError
 from .own_files import Guard
 
 NewFile = Callable[[str | os.PathLike[str]], Path]
-LOCK = ".flexmaps-lock"  # name of the file by which a run holds its folder
+LOCK = ".flexmaps-lock"  # name of the file by which a run locks its folder
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; make room and try again",
@@ -36,8 +36,8 @@ _REASONS = {
     errno.EINVAL: "the name is not allowed there; choose another one",
 }
 
-# Windows' own numbers say more than what C makes of them
-_OPEN = {5, 32, 33}  # access denied, sharing violation, lock violation: as where another program has the file open
+# error codes of Windows, which are more specific than errno
+_OPEN = {5, 32, 33}  # access denied, sharing violation, lock violation: usually another program has the file open
 # learn.microsoft.com, System Error Codes
 _WINDOWS = {
     **dict.fromkeys(_OPEN, "another program may have it open; close it there, or choose another folder"),
@@ -45,15 +45,15 @@ _WINDOWS = {
 }
 # learn.microsoft.com, Naming Files, Paths, and Namespaces
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{digit}" for name in ("COM", "LPT") for digit in "0123456789¹²³")}
-# bytes of a name in UTF-8: most file systems take 255, and an ending, a number and -assembly come behind it
+# bytes of a name in UTF-8; most file systems allow 255, and "-assembly", a number and a suffix are appended
 LONGEST = 150
-TRIES, PAUSE = 10, 0.1  # of a move, and seconds between: virus scanners look at a new file for about so long
+TRIES, PAUSE = 10, 0.1  # attempts to move a file and seconds between them: virus scanners hold new files for about a second
 
-_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of a write, which names no file
+_FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which carry no file name
 
 
 def reason(error: OSError | ValueError) -> str:
-    """What went wrong, and what to do about it."""
+    """Describe in words why writing failed, and what to do."""
     windows = getattr(error, "winerror", None)
     if windows in _WINDOWS:
         return _WINDOWS[windows]
@@ -65,7 +65,17 @@ def reason(error: OSError | ValueError) -> str:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str], guard: Guard | None = None) -> Iterator[Path]:
-    """Write one file whole or not at all: gives a temporary path beside it, which takes its place at the end."""
+    """Write one file atomically: yield a temporary path, whose file replaces the target at the end.
+
+    Parameters
+    ----------
+    path : the target
+    guard : as in ``replacing_many``
+
+    Raises
+    ------
+    FlexMapsError : the file cannot be written
+    """
     with replacing_many(guard=guard) as new:
         yield new(path)
 
@@ -76,14 +86,22 @@ def replacing_many(
     alone_in: str | os.PathLike[str] | None = None,
     guard: Guard | None = None,
 ) -> Iterator[NewFile]:
-    """Write several files so that all of them appear, or none and the earlier ones stay as they were.
+    """Write several files so that either all of them appear, or none and the old ones stay unchanged.
 
-    Gives a function that takes the path of a wanted file and returns a temporary path beside it, of the same suffix, to
-    write to. ``stale`` are old files that vanish when the new ones appear. ``alone_in`` is a folder that no other run may
-    write to meanwhile. With a ``guard`` only its own files are replaced or removed, and their checksums are noted in
-    ``alone_in`` or else beside them. Raises ``FlexMapsError`` where the folder cannot be written to or is held by another run, or the disk
-    is full; other errors that are raised inside, as by reading a missing file, stay what they are.
-    Whatever is raised, no temporary file is left.
+    Yield a function that maps the path of a target to a temporary path beside it, of the same suffix, to write to. No temporary
+    file is left after an error.
+
+    Parameters
+    ----------
+    stale : old files to remove when the new ones appear
+    alone_in : folder to lock, so that no other run writes to it meanwhile
+    guard : protects the user's files: only files that this program wrote are replaced or removed; new checksums are recorded
+        in ``alone_in``, or beside the files if there is none
+
+    Raises
+    ------
+    FlexMapsError : a folder is read-only or locked by another run, the disk is full, or the guard refuses. Errors raised inside
+        for other reasons, such as a missing input file, pass unchanged.
     """
     wanted: dict[Path, Path] = {}
     made: list[Path] = []
@@ -100,7 +118,7 @@ def replacing_many(
                 guard.check([target], root)
             if target not in wanted:
                 wanted[target] = _beside(target)
-                wanted[target].touch()  # a folder that cannot be written to says so before the work is done
+                wanted[target].touch()  # fail before the work is done if the folder is read-only
         return wanted[target]
 
     try:
@@ -133,7 +151,7 @@ def replacing_many(
 
 
 def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None:
-    """Add the notes of checksums to the files that are wanted."""
+    """Add the files of checksums to the files to write."""
     for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
         own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
         text = own_files.note_text(folder, own, gone)
@@ -143,7 +161,7 @@ def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None
 
 @contextmanager
 def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
-    """For steps that do nothing but write: their errors say so. A name with a zero byte is a ``ValueError`` of Python's."""
+    """Convert all errors to ``FlexMapsError``, for steps that only write. Names with a zero byte raise ``ValueError``."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -151,7 +169,7 @@ def _writing(wanted: dict[Path, Path]) -> Iterator[None]:
 
 
 def _by_writing(error: OSError, wanted: dict[Path, Path]) -> bool:
-    """Whether an error comes from writing one of the ``wanted`` files: it names one, or none and is that of a full disk."""
+    """Return whether an error comes from writing a wanted file: it names one, or it is a nameless error such as a full disk."""
     if error.filename is None:
         return error.errno in _FULL
     return str(error.filename) in {str(temporary) for temporary in wanted.values()}
@@ -165,10 +183,10 @@ def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsE
 
 
 def named(text: str) -> str:
-    """A name for a file that every system takes, made of whatever a person called something.
+    """Return a file name that is valid on every system, made from a user's text.
 
-    Signs, spaces and what cannot be seen become "_", as in Blender's own names of files; letters of all scripts stay. Windows keeps
-    some names for devices, with any ending. What is longer than ``LONGEST`` is cut off.
+    Punctuation, spaces and invisible characters become "_", as in Blender's own file names; letters of all scripts stay. Names that
+    Windows reserves for devices get a "_". Names are cut to ``LONGEST`` bytes.
     """
     signs = (letter.isascii() and not letter.isalnum() and letter != "-" for letter in text)
     unseen = (unicodedata.category(letter)[0] in "CZ" for letter in text)
@@ -178,17 +196,17 @@ def named(text: str) -> str:
 
 
 def _beside(target: Path) -> Path:
-    """A free name in the same folder and of the same suffix, so that writers that look at suffixes are content."""
+    """Return a free hidden name in the same folder; it has the same suffix, by which some writers choose the format."""
     return target.with_name(f".{uuid.uuid4().hex[:12]}{target.suffix}")
 
 
 def _locked(folder: Path) -> BinaryIO:
-    """Hold a folder until ``_unlock``; the system lets go of it when the process ends, however that happens.
+    """Lock a folder until ``_unlock``, or until the process ends for any reason.
 
-    Raises ``FlexMapsError`` where another run holds it.
+    Raises ``FlexMapsError`` if another run has locked it.
     """
     while True:
-        stream = open(folder / LOCK, "ab")  # noqa: SIM115  # it stays open as long as the folder is held
+        stream = open(folder / LOCK, "ab")  # noqa: SIM115  # the open file is the lock
         if not _lock(stream):
             stream.close()
             raise FlexMapsError(
@@ -197,11 +215,11 @@ def _locked(folder: Path) -> BinaryIO:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.stat(stream.name), os.fstat(stream.fileno())):
                 return stream
-        stream.close()  # the run before has just removed the file
+        stream.close()  # the previous run has just removed this file: try again with a new one
 
 
 def _lock(stream: BinaryIO) -> bool:
-    """Whether this program may have the file for itself; where a file system knows no locks everybody may."""
+    """Try to lock a file; return False if another process has locked it. Succeeds on file systems without locks."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -220,8 +238,8 @@ def _lock(stream: BinaryIO) -> bool:
 
 
 def _unlock(stream: BinaryIO) -> None:
-    # elsewhere the file goes while it is still held, so that nobody comes to hold one that goes; Windows removes no open
-    # file, and none that somebody else has opened meanwhile
+    # remove the file while it is locked, so that no other run can lock a file that is about to vanish; Windows cannot remove open
+    # files, so close it first there
     windows = sys.platform == "win32"
     with suppress(OSError):
         if not windows:
@@ -233,7 +251,7 @@ def _unlock(stream: BinaryIO) -> None:
 
 
 def _make_folder(folder: Path) -> list[Path]:
-    """Make the folder and the missing ones above it; returns those that were made."""
+    """Make a folder and its missing parents; return the new folders, outermost first."""
     missing = []
     while not folder.exists():
         missing.append(folder)
@@ -244,7 +262,7 @@ def _make_folder(folder: Path) -> list[Path]:
 
 
 def _move(source: Path, target: Path) -> None:
-    """``os.replace``, which on Windows may have to wait for a moment until nobody looks at either file any more."""
+    """Move a file as ``os.replace`` does; on Windows, retry while another program has one of the files open."""
     for left in reversed(range(TRIES)):
         try:
             os.replace(source, target)
@@ -256,7 +274,7 @@ def _move(source: Path, target: Path) -> None:
 
 
 def _swap(wanted: dict[Path, Path], stale: list[Path]) -> None:
-    """Put all new files in their places; on any error put the old ones back."""
+    """Move all new files to their targets and remove stale ones; restore the old files on any error."""
     done: list[tuple[Path, Path | None]] = []
     try:
         for target in [*wanted, *stale]:

@@ -1,7 +1,6 @@
-"""One way to solve sparse symmetric positive definite systems: CHOLMOD through cvxopt, SuperLU where it is missing.
+"""Sparse symmetric positive definite solver: CHOLMOD through cvxopt, or SuperLU if cvxopt is missing.
 
-The pattern of a system is analysed once and its values are factored again and again, which is what every Newton
-iteration of this program does.
+The sparsity pattern is analysed once; matrices with this pattern are then factored repeatedly, as Newton's method needs it.
 """
 
 from __future__ import annotations
@@ -16,21 +15,27 @@ from .arrays import Int, Num
 
 
 class NotPositiveDefinite(ArithmeticError):
-    """The matrix has no Cholesky factor; Newton's method has to change its step."""
+    """The matrix has no Cholesky factor; Newton's method must modify its Hessian."""
 
 
 class Pattern:
-    """Where a symmetric matrix has entries: its lower triangle in compressed columns, every diagonal entry included.
+    """Sparsity pattern of a symmetric matrix: its lower triangle in compressed columns, with all diagonal entries.
 
     size : number of rows
     indptr : (size + 1,) int, start of every column
     indices : (nnz,) int, row of every entry, ascending within a column
-    slot : (T,) int, the entry that each of the T triplets given to the constructor adds to; triplets above the
-        diagonal point to the extra slot ``nnz`` and are dropped
+    slot : (T,) int, index of the entry to which each of the constructor's T triplets adds; triplets above the diagonal have the
+        extra index ``nnz`` and are dropped
     """
 
     def __init__(self, rows: Int[np.ndarray, " _"], cols: Int[np.ndarray, " _"], size: int):
-        """rows, cols : (T,) int, both triangles of the symmetric matrix or the lower one alone, repeats allowed."""
+        """Build the pattern from triplets.
+
+        Parameters
+        ----------
+        rows, cols : (T,) int, of both triangles or of the lower one alone; repetitions are allowed
+        size : number of rows of the matrix
+        """
         rows, cols = np.asarray(rows, dtype=np.int64).ravel(), np.asarray(cols, dtype=np.int64).ravel()
         lower = rows >= cols
         key = cols[lower] * size + rows[lower]
@@ -49,15 +54,15 @@ class Pattern:
 
     @property
     def columns(self) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) int: the column of every entry."""
+        """(nnz,) int, column of every entry."""
         return np.repeat(np.arange(self.size), np.diff(self.indptr))
 
     def sum(self, values: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) the entries of the lower triangle from the (T,) values of the constructor's triplets."""
+        """Sum (T,) values of the constructor's triplets into (nnz,) entries of the lower triangle."""
         return np.bincount(self.slot, weights=np.ravel(values), minlength=self.nnz + 1)[: self.nnz]
 
     def matrix(self, values: np.ndarray) -> csc_array:
-        """The full symmetric matrix of (nnz,) lower-triangle values."""
+        """Return the full symmetric matrix with (nnz,) lower-triangle values."""
         lower = csc_array((values, self.indices, self.indptr), shape=(self.size, self.size))
         upper = lower.T.tocsc()
         upper.setdiag(0.0)
@@ -65,9 +70,12 @@ class Pattern:
 
 
 class SparseCholesky:
-    """Cholesky factors of matrices that share one pattern.
+    """Cholesky factorisation of matrices with a common pattern.
 
-    ``backend`` is "cvxopt", "superlu" or None for the first that is there.
+    Parameters
+    ----------
+    pattern : of the matrices
+    backend : "cvxopt" or "superlu"; None for the first of them that is installed
     """
 
     def __init__(self, pattern: Pattern, backend: str | None = None):
@@ -83,7 +91,7 @@ class SparseCholesky:
             raise ValueError(f"unknown backend '{self.backend}'")
 
     def factor(self, values: np.ndarray) -> None:
-        """Factor the matrix with (nnz,) lower-triangle values; raises NotPositiveDefinite, also for NaN."""
+        """Factor the matrix with (nnz,) lower-triangle values. Raises ``NotPositiveDefinite``, also for values that are not finite."""
         if not np.isfinite(values).all():
             raise NotPositiveDefinite("the matrix holds values that are not finite")
         if not self.pattern.size:
@@ -102,7 +110,7 @@ class SparseCholesky:
             raise NotPositiveDefinite("an eigenvalue is not positive")
 
     def attempt(self, values: np.ndarray) -> bool:
-        """Factor; False where the matrix is not positive definite."""
+        """Factor the matrix with (nnz,) lower-triangle values; return False if it is not positive definite."""
         try:
             self.factor(values)
         except NotPositiveDefinite:
@@ -110,7 +118,7 @@ class SparseCholesky:
         return True
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solve for a (size,) or (size, k) right-hand side with the last factor; a new array of the same shape."""
+        """Solve for a (size,) or (size, k) right-hand side with the last factor; return a new array of this shape."""
         rhs = np.asarray(rhs, dtype=float)
         if not self.pattern.size:
             return rhs.copy()
@@ -125,8 +133,9 @@ class SparseCholesky:
 
 
 class SparseLU:
-    """Factors of a square matrix whose pattern is symmetric, whatever the signs of its eigenvalues and with values of its own on
-    both sides of the diagonal; raises NotPositiveDefinite where a pivot is zero.
+    """LU factors, without pivoting, of a square matrix with a symmetric pattern.
+
+    The values may be unsymmetric and the matrix indefinite. Raises ``NotPositiveDefinite`` if a pivot is zero.
     """
 
     def __init__(self, matrix: csc_array):
@@ -134,8 +143,8 @@ class SparseLU:
 
     @property
     def negative(self) -> int:
-        """Number of negative pivots: of a symmetric matrix that of its negative eigenvalues (Sylvester); else the sign of the
-        determinant is that of its parity.
+        """Number of negative pivots. For a symmetric matrix it equals the number of negative eigenvalues (Sylvester); for any
+        matrix it is even if the determinant is positive and odd if it is negative.
         """
         return int((self._factor.U.diagonal() < 0).sum())
 
@@ -145,15 +154,22 @@ class SparseLU:
 
 
 def negative_eigenvalues(pattern: Pattern, values: np.ndarray) -> int:
-    """How many eigenvalues of the matrix with these (nnz,) values are negative: the signs of its pivots (Sylvester).
+    """Count the negative eigenvalues of a matrix from the signs of its pivots (Sylvester).
 
-    Raises NotPositiveDefinite where a pivot is zero.
+    Parameters
+    ----------
+    pattern : of the matrix
+    values : (nnz,) its lower triangle
+
+    Raises
+    ------
+    NotPositiveDefinite : a pivot is zero
     """
     return int((_symmetric_lu(pattern, values).U.diagonal() < 0).sum())
 
 
 def _symmetric_lu(pattern: Pattern, values: np.ndarray) -> Any:
-    """LU factors without pivoting: the signs of U's diagonal are the signs of the eigenvalues (Sylvester)."""
+    """Return LU factors without pivoting: the signs on U's diagonal count the signs of the eigenvalues (Sylvester)."""
     return _unpivoted(pattern.matrix(values))
 
 

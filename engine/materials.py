@@ -1,7 +1,7 @@
-"""Materials that sheets are cut from: stiffness, density and the strain they bear, each with its source.
+"""Materials of sheets: stiffness, density and strain limit, each with its source.
 
-Values are typical ones for choosing widths and twists; a maker's own batch may differ by a tenth or more, so test a strip.
-The sources say where such values are published. Boards of wood differ most from one maker to the next.
+The values are typical ones, good enough to choose widths and twists. A batch may differ from them by a tenth or more, wooden
+boards most of all: test a strip.
 """
 
 from __future__ import annotations
@@ -10,26 +10,25 @@ from dataclasses import dataclass, replace
 
 from .errors import FlexMapsError
 
-# Strains are known to within some 15 % (see ``peak_strain``): limits are kept by this factor. Larger values leave more pieces safe
-# and fewer that are allowed
+# Safety factor between strain limit and allowed strain: computed strains are accurate to about 15 % (see ``peak_strain``). Larger
+# values make pieces safer and allow fewer of them
 STRAIN_MARGIN = 1.1
-# Share of what the material bears beyond which arms are named, everywhere: less that margin; an optimised piece may lie beyond its
-# limit by rounding
+# Share of the strain limit above which arms are reported as overstrained: one over the safety factor. The 0.0005 allows for rounding
+# in optimised pieces, which lie at their limit
 STRAINED = 1.0005 / STRAIN_MARGIN
-# Strain at the fillets of roots over the largest on the arm beside them: the median of 18 solids with fillets of 0.15 mm, up to 2.7 on
-# 95 of 100 arms. It counts where a material breaks without yielding first
+# Strain concentration at the fillets of roots: strain there over the largest strain on the arm beside them. Median of 18 solids with
+# fillets of 0.15 mm; at most 2.7 on 95 of 100 arms. It matters for materials that break before they yield
 FILLET_STRAIN = 1.65
 
 
 @dataclass(frozen=True)
 class Lasting:
-    """What a year under load leaves of a material, at room temperature.
+    """Properties of a material after a year under load at room temperature.
 
-    share : of Young's modulus that is left after a year (creep modulus over modulus)
-    strain : largest strain to design for that lasts, elastic and creep together
-    source : where the values come from
-    estimated : which of the two, "share" and "strain", no public source bears out; then it is no more than a guess between materials that
-        are known
+    share : creep modulus after a year over Young's modulus
+    strain : largest strain to design for, elastic and creep together
+    source : of the values
+    estimated : the fields ("share", "strain") without a public source; their values are guesses between known materials
     """
 
     share: float
@@ -40,11 +39,15 @@ class Lasting:
 
 @dataclass(frozen=True)
 class Orthotropy:
-    """How stiff a sheet is along its grain (1), across it in the sheet (2), and in shear, as if it were one homogeneous body, SI.
+    """Orthotropic stiffness of a sheet with a grain, homogenised through its thickness.
 
-    along, across : Pa, Young's moduli; poisson : contraction across per stretch along
-    shear : Pa, in the sheet (12); shear_along, shear_across : Pa, of planes parallel to the sheet (13 and 23)
-    strength : Pa, along, across, and in shear in the sheet; None where the material's strain limit holds in every direction
+    Axes: 1 along the grain, 2 across it in the plane of the sheet, 3 through the thickness.
+
+    along, across : Pa, Young's moduli of axes 1 and 2
+    poisson : contraction along axis 2 over stretch along axis 1
+    shear : Pa, modulus in the plane of the sheet (12)
+    shear_along, shear_across : Pa, transverse shear moduli (13 and 23)
+    strength : Pa, along the grain, across it, and in shear in the plane; None if the strain limit holds in all directions
     """
 
     along: float
@@ -58,15 +61,18 @@ class Orthotropy:
 
 @dataclass(frozen=True)
 class Material:
-    """One sheet material, SI.
+    """A sheet material, in SI units.
 
-    youngs : Pa, in bending or tension; poisson : Poisson's ratio; density : kg / m^3
-    strain_limit : largest strain to design for, of a bar in tension: yield for plastics that yield, else break
-    breaks : True where the limit is a break without warning, False where it is yield
-    source : where the values come from; note : what they leave out
-    lasting : what a year leaves of it; None where that is not known
-    for_years : whether ``strain_limit`` is what it bears for years
-    orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then what a sheet without one would have
+    youngs : Pa, in bending or tension
+    poisson : Poisson's ratio
+    density : kg/m3
+    strain_limit : largest strain to design for, from bars in tension: yield for plastics that yield, else break
+    breaks : True if the limit is a sudden break, False if it is yield
+    source : of the values
+    note : advice on what the values don't cover
+    lasting : properties after a year under load; None if unknown
+    orthotropy : of sheets with a grain; ``youngs`` and ``poisson`` are then isotropic equivalents
+    for_years : whether ``strain_limit`` holds for years
     """
 
     name: str
@@ -82,7 +88,7 @@ class Material:
     for_years: bool = False
 
     def lasts(self, years: bool) -> Material:
-        """The material with the one limit that a piece is made for: for days, or for years where that is known."""
+        """Return the material with the strain limit for years, if ``years`` and if it is known; else with the limit for days."""
         if self.lasting is None:
             return self
         if not years:
@@ -95,21 +101,21 @@ class Material:
 
     @property
     def bears(self) -> str:
-        """Whose limit a share of the strain is, for people."""
+        """Words for the limit in messages to users, as in "80 % of what the material bears"."""
         return "what the material bears for years" if self.for_years else "what the material bears"
 
     @property
     def safe_strain(self) -> float:
-        """The largest strain that an estimate may have where arms shall bear it for sure."""
+        """Largest computed strain that is safe, given the accuracy of computed strains."""
         return self.strain_limit / STRAIN_MARGIN
 
     @property
     def strength(self) -> float:
-        """Pa, the stress at the strain limit."""
+        """Stress at the strain limit, Pa."""
         return self.youngs * self.strain_limit
 
 
-# SI units, each with its source
+# all materials by key, SI units
 MATERIALS: dict[str, Material] = {
     "pom": Material(
         "Delrin (POM)",
@@ -233,7 +239,7 @@ MATERIALS: dict[str, Material] = {
 
 
 def material(name: str) -> Material:
-    """The material of that key; raises FlexMapsError with the keys there are."""
+    """Return the material with a key. Raises ``FlexMapsError``, which lists all keys, if there is none."""
     try:
         return MATERIALS[name]
     except KeyError:

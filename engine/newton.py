@@ -1,9 +1,9 @@
-"""Newton's method for every minimisation of the program: one kind of problem, one loop, one history.
+"""Newton's method for all minimisations of the program.
 
-A problem knows what its states are (hubs with rotations, nodes of a solid, a design) and gives, about a state, the energy, its
-gradient and the solution of its Hessian, in increments that ``moved`` adds to a state; increments that are held stay zero. A
-rule knows how to go on from there: ``LineSearch`` where the Hessian is indefinite on the way, ``FullSteps`` where mixed
-stresses make full steps safe, ``Damped`` for least squares whose Hessian is known by its products only.
+A problem (``Problem``) defines its states, such as hubs with rotations, nodes of a solid, or a design. At a state it evaluates
+energy and gradient and solves with its Hessian, in increments that ``moved`` adds to the state; increments of fixed degrees of
+freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the way, ``FullSteps`` if a
+mixed stress formulation makes full steps safe, ``Damped`` for least squares whose Hessian is known only by its products.
 """
 
 from __future__ import annotations
@@ -20,42 +20,43 @@ CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
 ROUNDED, DIVERGED = "rounded", "diverged"
 
-# of the convex share: what a step leaves of it, and below which it counts as none; by eye
+# Factor of the convex share after each step, and smallest convex share; by eye. Larger shares are safer and take more steps
 DECAY, LEAST_CONVEX = 0.3, 0.01
-# of the convex part's diagonal, one after the other where rounding leaves it indefinite; not measured, the first nearly always does
+# Relative shifts of the convex part's diagonal, tried in turn if rounding makes it indefinite; the first one nearly always suffices
 SHIFTS = (1e-9, 1e-6, 1e-3)
-ARMIJO = 1e-4  # share of the predicted fall that a step must bring: the usual value (Nocedal and Wright, section 3.1)
-SHORTEST = 2.0**-30  # of a step that is halved again and again before it is given up: rounding takes over
-RECENT = 5  # energies, of which a step may reach the largest: along bends a thin shell gets worse before it gets better
-NOISE = 1e-13  # of the energy's terms: what rounding alone may change in their sum
-STILL = 1e-13  # radians and metres of a step that changes nothing any more: rounding
-ESCAPES = 5  # saddles that are left before the search is given up; not measured, one is the rule
-# A residual below this that has not been halved for so many steps creeps along the ridge of a saddle or a valley that is hardly
-# bent, where the convex part makes steps far too short: then shares of it are tried from the least one on. A piece of 196 spirals
-# just beyond a bifurcation took 500 steps without coming to rest
+ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must achieve (Nocedal and Wright, section 3.1)
+SHORTEST = 2.0**-30  # smallest share of a step in the line search; shorter steps drown in rounding errors
+RECENT = 5  # number of recent energies whose maximum a step must not exceed: thin shells get worse before they get better
+NOISE = 1e-13  # relative rounding error of the sum of the energy's terms
+STILL = 1e-13  # radians and metres; smaller steps are rounding errors
+ESCAPES = 5  # number of saddles to leave before the search gives up; not measured, usually there is one
+# The iteration stagnates if the residual is below CREEPING and has not halved in STEPS steps: it follows the ridge of a saddle or a
+# flat valley, where the convex part makes steps far too short. Smaller convex shares are then tried first. Without this, a piece
+# of 196 spirals just beyond a bifurcation didn't converge in 500 steps
 CREEPING, STEPS = 1e-5, 8
-LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # these shares; by eye
-GROWN, PATIENCE = 1e6, 6  # a decrement so much above its least, after so many steps, does not come down again; by eye
-TRIALS = 12  # of a damped step before the search ends: 8 ** 12 times the damping leaves nothing of it
-FIRST = 0.3  # of a box of size 1 that a first step along the gradient uses
-# actual over predicted fall: above, less damping; below, more; below, the step is not taken
+LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # small convex shares to try in turn when it stagnates; by eye
+GROWN, PATIENCE = 1e6, 6  # it diverges if the decrement exceeds GROWN times its minimum after PATIENCE steps; by eye
+TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8, so 12 leave no step at all
+FIRST = 0.3  # length of the first step along the gradient, in variables scaled to boxes of size 1
+# Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
 GOOD, POOR, TAKEN = 0.7, 0.25, 1e-3
-# Factor of the damping after a good step, and the smaller one while no step has gone too far and the fall is predicted within the share ``EXACT``.
-# First steps are damped a thousand times too much: with the smaller factor a surface of 986 quads took 5 steps, not 9
+# Factor of the damping after a good step; DEEP_CUT while no step has failed and the decrease is predicted within the share EXACT.
+# The initial damping is a thousand times too large: with DEEP_CUT a surface of 986 quads took 5 steps instead of 9
 CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
-# Least damping, in energies over the number of variables: below it no step changes, and the damping takes longer to grow again
+# Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
-HOPE = 0.25  # share of the predicted fall that counts as still to be had; by eye
-TINY = 1e-9  # of a box of size 1: a step that is none
+HOPE = 0.25  # share of the predicted decrease that is assumed to remain achievable after a poor step; by eye
+TINY = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
 
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """A problem about one state.
+    """Expansion of a problem about a state.
 
-    energy : what is minimised; terms : sum of the sizes of its terms, of which rounding changes a share
-    gradient : by the increments of a step; residual : the gradient's size in the problem's own measure
-    own : whatever else the problem needs for its Hessian
+    energy : objective; terms : sum of its terms' absolute values, for estimates of rounding errors
+    gradient : derivative of the energy with respect to the increments of a step
+    residual : norm of the gradient, in a norm that the problem chooses
+    own : data that the problem needs for its Hessian
     """
 
     energy: float
@@ -67,10 +68,11 @@ class Local:
 
 @dataclass(eq=False)
 class Iteration:
-    """What happened at one state.
+    """Record of one iteration.
 
-    modified : share of the convex part in the place of the Hessian, or the damping; step : share of the step that was taken;
-    decrement : the fall of the energy that its slope predicts for the whole step
+    modified : share of the convex part that was blended into the Hessian, or the damping
+    step : share of the full step that was taken
+    decrement : decrease of the energy that its slope predicts for the full step
     """
 
     energy: float
@@ -82,7 +84,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """state : where it ended; here : about the last state whose derivatives were asked for; ended : why, a word of this module"""
+    """Outcome: last state, expansion about the last state expanded, and the reason for the end, a constant of this module."""
 
     state: Any
     here: Local
@@ -91,87 +93,105 @@ class Run:
 
 
 class Problem(Protocol):
-    """What is minimised. States are never changed in place."""
+    """A minimisation problem. States are never changed in place."""
 
     def expand(self, state: Any) -> Local:
-        """Energy and gradient, and what the Hessian needs."""
+        """Return energy, gradient and the data that the Hessian needs."""
 
     def energy(self, state: Any) -> float:
-        """Not a number where the state is out of what the problem knows."""
+        """Return the energy of a state; NaN outside the problem's domain."""
 
     def watch(self, state: Any, history: list[Iteration]) -> None:
-        """Told of every state; raises ``Cancelled`` when the user wants to stop."""
+        """Observe every new state; raise ``Cancelled`` if the user cancels."""
 
 
 class Factored(Problem, Protocol):
-    """A problem whose Hessian has factors."""
+    """A problem whose Hessian can be factored."""
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
-        """The state after an increment; rotations turn, vectors add up."""
+        """Return the state after an increment; rotations are composed, vectors added."""
 
     def factor(self, here: Local, convex: float, shift: float) -> bool:
-        """Factor the Hessian, or with a share of its convex part in its place, whose diagonal is raised by a share of itself.
+        """Factor the Hessian; return False if it is not positive definite.
 
-        False where it is not positive definite.
+        A share ``convex`` of it is replaced by its convex part, whose diagonal is raised by the share ``shift`` of itself.
         """
 
     def step(self, here: Local) -> np.ndarray:
-        """Newton's step with the last factor, as far as the expansion can be trusted."""
+        """Return Newton's step with the last factor, limited to where the expansion is accurate."""
 
     def slope(self, here: Local, step: np.ndarray) -> float:
-        """How fast the energy changes along a step."""
+        """Return the directional derivative of the energy along a step."""
 
 
 class Escapable(Factored, Protocol):
     """A problem with saddles."""
 
     def stable(self, state: Any) -> bool:
-        """Whether the exact Hessian there is positive definite; its factor is kept."""
+        """Return whether the exact Hessian is positive definite; its factor is stored."""
 
     def exits(self, state: Any) -> list[Any]:
-        """States to both sides of a saddle, a little along the direction in which the energy falls most."""
+        """Return states to both sides of a saddle, a little along the direction of steepest decrease."""
 
 
 class DampedProblem(Problem, Protocol):
-    """A least squares problem with quantities that follow its variables, such as hubs that move with a design."""
+    """A least squares problem with dependent quantities that follow its variables, such as hubs that move with a design."""
 
     @property
     def over(self) -> bool:
-        """Whether the time for it is used up."""
+        """Whether the time limit has been reached."""
 
     def proposed(self, here: Local, damping: float, following: float) -> Any:
-        """A step (``step``, ``gain``) that nearly minimises the quadratic model, damped in the variables and in what follows them.
+        """Return a step (``step``, ``gain``) that nearly minimises the damped quadratic model; None if there is none.
 
-        ``gain`` is the fall of the energy that the model predicts.
+        ``damping`` acts on the variables, ``following`` on the dependent quantities; ``gain`` is the predicted decrease.
         """
 
     def tried(self, here: Local, proposal: Any) -> Any | None:
-        """The state after a proposed step; None where there is none."""
+        """Return the state after a proposed step; None if the dependent quantities cannot follow it."""
 
     def gentle(self, here: Local, proposal: Any) -> float:
-        """The least damping of what follows with which to go on where there was none."""
+        """Return the smallest damping of the dependent quantities to try after ``tried`` has found no state."""
 
     def rejected(self) -> None:
-        """Told of every state that is not gone on from."""
+        """Observe that the state tried last is rejected."""
 
     def accepted(self, state: Any) -> None:
-        """Told of every state that is gone on from."""
+        """Observe that the search continues from a state."""
 
 
 class Rule(Protocol):
-    """How to go on from a state."""
+    """Iteration scheme."""
 
     def advance(self, problem: Any, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
-        """The next state, and why the search ends there, if it does."""
+        """Return the next state, and the reason if the search ends there, else None.
+
+        Parameters
+        ----------
+        problem, state : the problem and its present state
+        here : expansion about this state
+        history : all iterations so far; the last one is to be completed
+        """
 
 
 def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
-    """From a state to where the rule ends, best a minimum."""
+    """Minimise the energy of a problem.
+
+    Parameters
+    ----------
+    problem : energy and derivatives
+    start : initial state
+    rule : iteration scheme
+
+    Returns
+    -------
+    last state, reason for the end, and history
+    """
     return exhausted(stepping(problem, start, rule))
 
 
 def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
-    """The same, step by step: gives every state as soon as it is reached, and returns the run."""
+    """Minimise step by step, as ``minimise`` does: yield every new state, and return the run."""
     state, history = start, []
     while True:
         here = problem.expand(state)
@@ -184,7 +204,7 @@ def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, R
 
 
 def exhausted(steps: Generator[Any, None, Result]) -> Result:
-    """What a generator returns in the end."""
+    """Run a generator to its end and return its return value."""
     while True:
         try:
             next(steps)
@@ -194,12 +214,14 @@ def exhausted(steps: Generator[Any, None, Result]) -> Result:
 
 @dataclass(eq=False)
 class LineSearch:
-    """Steps that keep the energy below those of the last few (Grippo, Lampariello and Lucidi 1986), to a residual.
+    """Newton's method with a nonmonotone line search (Grippo, Lampariello and Lucidi 1986).
 
-    Where the Hessian has no Cholesky factor, its convex part takes its place and is blended out again over the next steps: far
-    fewer iterations than with always projecting it. A saddle is left along its falling direction.
+    If the Hessian has no Cholesky factor, its convex part replaces it and is blended out over the next steps, which takes far
+    fewer iterations than projecting it in every step. Saddles are left along the direction of decrease.
 
-    decay : share of the convex part that a step leaves to the next one
+    tolerance : residual at which the iteration has converged; iterations : largest number of iterations
+    convex : present share of the convex part; decay : its factor after each step
+    escapes : number of saddles left so far
     """
 
     tolerance: float
@@ -222,13 +244,13 @@ class LineSearch:
             return state, INDEFINITE
         step = problem.step(here)
         if np.abs(step).max() <= STILL:
-            # nothing is left to move: the forces are what rounding leaves
+            # the step is a rounding error, so the residual cannot get smaller
             return state, ROUNDED if problem.stable(state) else SADDLE
         found = self._searched(problem, state, here, step, history)
         return (state, NO_DESCENT) if found is None else (found, None)
 
     def _factored(self, problem: Factored, here: Local, history: list[Iteration]) -> bool:
-        """Factor the Hessian with as much of the convex part as the last steps needed, or as little as does, or all of it."""
+        """Factor the Hessian with the present share of the convex part; if that fails, with small shares, then with all of it."""
         row = history[-1]
         row.modified = self.convex if self.convex >= LEAST_CONVEX else 0.0
         if not problem.factor(here, row.modified, SHIFTS[0]):
@@ -242,14 +264,14 @@ class LineSearch:
         return True
 
     def _creeps(self, history: list[Iteration]) -> bool:
-        """Whether the residual is small and yet does not fall."""
+        """Return whether the residual stagnates at a small value."""
         residuals = [one.residual for one in history]
         return len(residuals) > STEPS and CREEPING > min(residuals[-STEPS:]) > 0.5 * min(residuals[:-STEPS])
 
     def _searched(
         self, problem: Factored, state: Any, here: Local, step: np.ndarray, history: list[Iteration]
     ) -> Any | None:
-        """The state after the longest halved step that goes well enough below the largest recent energy; None if there is none."""
+        """Halve the step until the energy is sufficiently below the largest recent one; return the state, or None if all fail."""
         row, slope = history[-1], problem.slope(here, step)
         row.decrement = -slope
         base, share = max(one.energy for one in history[-RECENT:]), 1.0
@@ -267,10 +289,14 @@ class LineSearch:
 
 @dataclass(eq=False)
 class FullSteps:
-    """Whole steps until the work of one is a share of the energy; it is taken, and squares what was left.
+    """Full Newton steps until the decrement is small relative to the energy; the last step is still taken.
 
-    tolerance : that share; convex : shares of the convex part, tried until one is positive definite; it converges with the
-    first only; least : energy below which the work is compared with this; patience : steps before it may be given up
+    tolerance : decrement over energy at which the iteration has converged
+    iterations : largest number of iterations
+    convex : shares of the convex part, tried until the matrix is positive definite; only the first one counts as converged
+    least : smallest energy with which the decrement is compared
+    patience : number of iterations before it may be declared divergent
+    best : smallest decrement so far
     """
 
     tolerance: float
@@ -303,11 +329,15 @@ class FullSteps:
 
 @dataclass(eq=False)
 class Damped:
-    """Damped steps (Levenberg 1944, Marquardt 1963): more damping where the model predicts badly, less where it does well.
+    """Levenberg-Marquardt steps: damping grows when the model predicts badly and shrinks when it predicts well.
 
-    stop : relative fall below which, twice in a row, the search ends; goal : energy below which nothing is left to gain
-    damping : with which an earlier search has ended, or None; the first step takes no more than a step along the gradient needs
-    too_far : whether a step has fallen much short of what was predicted
+    iterations : largest number of iterations
+    stop : the search ends after two steps in a row with a smaller relative decrease
+    goal : energy at which the search ends
+    damping : of the variables; an earlier search may hand over its last value, which the first step limits by the gradient's size
+    following : damping of the dependent quantities
+    small : number of steps in a row whose decrease was below ``stop``
+    too_far : whether a step has failed or achieved much less than predicted
     """
 
     iterations: int
@@ -328,7 +358,7 @@ class Damped:
         if found is None:
             return state, TIME if problem.over else CONVERGED
         energy = problem.energy(found)
-        # where the model is poor, a small fall does not mean that nothing is to be had any more
+        # if the model predicts badly, a small decrease doesn't mean that the search has converged
         fall = max(here.energy - energy, HOPE * gain) / here.energy
         problem.accepted(found)
         self.small = self.small + 1 if fall < self.stop else 0
@@ -339,7 +369,7 @@ class Damped:
         return found, TIME if problem.over else None
 
     def _tried(self, problem: DampedProblem, here: Local, row: Iteration) -> tuple[Any | None, float]:
-        """The state after a step that brings enough of the gain that was predicted, and that gain."""
+        """Raise the damping until a step achieves enough of its predicted decrease; return the state and that decrease."""
         assert self.damping is not None
         for _ in range(TRIALS):
             row.modified = self.damping
@@ -347,7 +377,7 @@ class Damped:
             if proposal is None:
                 break
             if proposal.gain <= 0.0:
-                # bounds have bent the step so far that nothing of its gain is left: a shorter one bends less
+                # projecting the step onto the bounds has used up its gain: a shorter step is projected less
                 self.damping *= 8.0
                 continue
             trial = problem.tried(here, proposal)

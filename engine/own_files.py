@@ -1,4 +1,4 @@
-"""Which files of a folder this program wrote and nobody changed since; all others are the user's and stay."""
+"""Protection of the user's files: only files that this program wrote, unchanged since, are overwritten or removed."""
 
 from __future__ import annotations
 
@@ -11,28 +11,42 @@ from pathlib import Path
 
 from .errors import FlexMapsError
 
-NOTE = ".flexmaps-files"  # name of the file in which a folder's runs note the checksums of what they wrote there
+NOTE = ".flexmaps-files"  # name of the file in each folder that lists the checksums of the files that runs wrote there
 
 
 class TheirFile(FlexMapsError):
-    """A file that the user made or changed stands where this program is to write."""
+    """Error: a file to write exists already, and the user made or changed it."""
 
 
 class Guard:
-    """Keeps the user's files: ``read`` are never written over, others that are not ours only with ``overwrite``."""
+    """Guard of the user's files.
+
+    Parameters
+    ----------
+    read : input files, which are never overwritten
+    overwrite : whether to overwrite other files that this program did not write
+    """
 
     def __init__(self, read: Iterable[str | os.PathLike[str]] = (), overwrite: bool = False):
         self._read = [Path(path) for path in read]
         self.overwrite = overwrite
 
     def also(self, read: Iterable[str | os.PathLike[str]]) -> None:
-        """Add files that are read in this run."""
+        """Add input files, which must not be overwritten."""
         self._read += map(Path, read)
 
     def check(self, targets: Iterable[Path], root: Path | None = None) -> None:
-        """Raise where a target is a file that is read (``FlexMapsError``) or the user's (``TheirFile``).
+        """Check that files may be written.
 
-        root : the folder whose note speaks of the targets; else each one's own folder
+        Parameters
+        ----------
+        targets : files to write
+        root : folder with the checksums of the targets; None if each target's own folder has them
+
+        Raises
+        ------
+        FlexMapsError : a target is an input file
+        TheirFile : a target is the user's
         """
         foreign = []
         for target in targets:
@@ -53,12 +67,18 @@ class Guard:
             )
 
     def may_remove(self, path: Path, root: Path | None = None) -> bool:
-        """Return whether an earlier run's file may go: it is ours, and not read in this run."""
+        """Return whether a stale file may be removed: this program wrote it, and it is not an input of this run."""
         return is_ours(path, root) and not any(_same(source, path) for source in self._read)
 
 
 def is_ours(path: Path, root: Path | None = None) -> bool:
-    """Return whether a file has the checksum that the last run noted in its folder."""
+    """Return whether this program wrote a file and nobody changed it: its checksum is the recorded one.
+
+    Parameters
+    ----------
+    path : the file
+    root : folder with the recorded checksum; None for the file's own folder
+    """
     folder = path.parent if root is None else root
     noted = read_note(folder).get(_key(path, folder))
     try:
@@ -68,7 +88,7 @@ def is_ours(path: Path, root: Path | None = None) -> bool:
 
 
 def read_note(folder: Path) -> dict[str, str]:
-    """The noted checksums by the files' paths relative to the folder; empty where there is no sound note."""
+    """Return the recorded checksums by the files' paths relative to the folder; empty if the record is missing or damaged."""
     try:
         noted = json.loads((folder / NOTE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -77,13 +97,21 @@ def read_note(folder: Path) -> dict[str, str]:
 
 
 def note_text(folder: Path, written: dict[Path, Path], removed: Iterable[Path]) -> str:
-    """The folder's note with new checksums; ``written``: the place of every file, and the path that holds its content now."""
+    """Return the text of a folder's new record of checksums.
+
+    Parameters
+    ----------
+    folder : with the present record
+    written : target and temporary path of every new file
+    removed : files whose checksums to delete
+    """
     noted = read_note(folder) | {_key(place, folder): checksum(now) for place, now in written.items()}
     gone = {_key(path, folder) for path in removed}
     return json.dumps({name: noted[name] for name in sorted(noted) if name not in gone}, indent=1) + "\n"
 
 
 def checksum(path: Path) -> str:
+    """Return a file's SHA-256 checksum."""
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -100,7 +128,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _elsewhere(target: Path, root: Path | None) -> str:
-    """Advice that names a folder, or a file, that is free."""
+    """Return the advice to write to another folder (with ``root``) or file, with a name that is free."""
     place = (target if root is None else root).absolute()
     names = (
         place.with_name(f"{place.stem}-{k}{place.suffix}" if root is None else f"{place.name}-{k}") for k in count(2)

@@ -1,7 +1,7 @@
-"""Python packages of other extensions that stand where this one's were meant to.
+"""Detection of Python packages that another extension of Blender has replaced by its own version.
 
-All extensions of a Blender share one folder of packages, and of every package the newest version wins. What an extension comes
-with stands in its manifest; elsewhere, as after ``pip install``, there is nothing to compare.
+All extensions share one folder of packages, in which the newest version of a package wins. The manifest lists the versions that
+this extension brings; installations without it, such as by ``pip``, have nothing to compare.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from pathlib import Path
 from . import MANIFEST
 from .errors import FlexMapsError
 
-# by what name a package is imported, where that is not its own
+# module names of packages whose module has another name
 MODULES = {"libigl": "igl", "fonttools": "fontTools"}
 
 
 def strangers(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
-    """Of every package that is there in another version than this extension comes with: that version, and ours."""
+    """Return the packages that are installed in another version than the manifest's: by name, installed version and ours."""
     wheels = re.findall(r'"\./wheels/([^-"]+)-([^-"]+)-', manifest.read_text(encoding="utf-8"))
     found = {}
     for name, ours in wheels:
@@ -33,17 +33,23 @@ def strangers(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
 
 
 def blamed(error: BaseException, manifest: Path = MANIFEST) -> FlexMapsError | None:
-    """What another extension's package has to do with an error that nobody expected, as a sentence; None where nothing."""
+    """Return an error that blames another extension if its packages are involved in an unexpected error, else None.
+
+    Parameters
+    ----------
+    error : with a traceback that may lead through replaced packages
+    manifest : lists the versions that this extension brings
+    """
     files = {Path(frame.filename).as_posix() for frame in traceback.extract_tb(error.__traceback__)}
-    told = [
+    suspects = [
         f"{name} {there} instead of {ours}"
         for name, (there, ours) in strangers(manifest).items()
         if re.search(rf"\b{(module := MODULES.get(name, name))}\b", str(error))
         or any(f"/site-packages/{module}/" in file for file in files)
     ]
-    if not told:
+    if not suspects:
         return None
     return FlexMapsError(
-        f"Another extension has put its own packages in the place of FlexMaps' ({', '.join(told)}), and they do not work here "
+        f"Another extension has put its own packages in the place of FlexMaps' ({', '.join(suspects)}), and they do not work here "
         f"({type(error).__name__}: {error}); disable that extension, or ask its maker for other versions"
     )

@@ -1,4 +1,4 @@
-"""One mechanism for progress and cancelling, for scripts, modal operators and batch builds alike."""
+"""Progress reports and cancelling, for scripts, modal operators and batch builds."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Progress:
-    """Reports how far a stage has come, and raises ``Cancelled`` once a stop is wanted.
+    """Progress of a stage. Call it with the fraction done; the call raises ``Cancelled`` if the user cancels.
 
-    ``report(fraction, text)`` receives the overall fraction in [0, 1]; ``stopped()`` is asked at every call.
-    ``part(lo, hi)`` gives a stage its share of the whole. ``show(value)`` hands an intermediate result to whoever wants
-    to look at it, such as a shape that is still moving; ``shown`` receives it.
+    report : called with the overall fraction, 0 to 1, and a text
+    stopped : called every time; returns whether to cancel
+    lo, hi : range of the overall fraction that belongs to this stage
+    shown : receives the intermediate results of ``show``, such as a shape that still moves
     """
 
     report: Callable[[float, str], None] | None = None
@@ -32,43 +33,68 @@ class Progress:
         self.tell(fraction, text)
 
     def tell(self, fraction: float, text: str = "") -> None:
-        """Report without asking whether to stop: for the end of work whose result is to be kept even then."""
+        """Report without raising ``Cancelled``, for the end of work whose result should be kept after a cancel."""
         if self.report is not None:
             self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
 
     def part(self, lo: float, hi: float) -> Progress:
+        """Return the progress of a substage that runs from the fraction ``lo`` to ``hi`` of this one."""
         span = self.hi - self.lo
         return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
 
     def each(self, things: Sequence[T], text: str) -> Iterator[T]:
-        """Things that are worked on one after the other, each told before it is handed out."""
+        """Iterate over things, reporting before each.
+
+        Parameters
+        ----------
+        things : to work on one after the other
+        text : of the reports
+        """
         for number, thing in enumerate(things):
             self(number / len(things), text)
             yield thing
 
     def batches(self, count: int, size: int, text: str) -> Iterator[slice]:
-        """Slices of ``size`` of ``count`` things that are worked on one after the other, each told before it begins."""
+        """Iterate over batches, reporting before each.
+
+        Parameters
+        ----------
+        count : number of things in all
+        size : number of things per batch
+        text : of the reports
+
+        Returns
+        -------
+        slice of every batch
+        """
         for first in range(0, count, size):
             self(first / count, text)
             yield slice(first, min(first + size, count))
 
     def at(self, fraction: float, text: str) -> Progress:
-        """Tells where a step begins; returns the progress for the work within it, which goes on telling the same."""
+        """Report the beginning of a step; return a progress for its work that repeats this report at every call.
+
+        Parameters
+        ----------
+        fraction : done before the step
+        text : of the reports
+        """
         self(fraction, text)
         return Progress(lambda *_: self(fraction, text)) if self.report is not None else self.quiet()
 
     def quiet(self) -> Progress:
-        """For work within a step: it can be stopped, but does not report."""
+        """Return a progress that can be cancelled but reports nothing, for work within a step."""
         return Progress(stopped=self.stopped)
 
     def showing(self, made: Callable[[Any], Any]) -> Progress:
-        """The same progress for work that shows something else, from which ``made`` makes what is to be shown."""
+        """Return this progress for work with other intermediate results, which ``made`` converts before they are shown."""
         if self.shown is None:
             return self
         shown = self.shown
         return replace(self, shown=lambda value: shown(made(value)))
 
     def show(self, value: Any) -> None:
+        """Hand over an intermediate result."""
         if self.shown is not None:
             self.shown(value)
 

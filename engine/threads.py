@@ -1,4 +1,4 @@
-"""One thread for small dense linear algebra: more of them only wait for each other."""
+"""Limit of BLAS to one thread: on small dense matrices, several threads only wait for each other."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 @lru_cache(maxsize=1)
 def _controller() -> Any:
-    import scipy.linalg.lapack  # noqa: F401  its library must be loaded before the controller looks for it
+    import scipy.linalg.lapack  # noqa: F401  the controller finds only libraries that are loaded already
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 def one_thread(function: Function) -> Function:
-    """A function that runs with one BLAS thread, on whatever machine; nothing changes for its caller."""
+    """Decorate a function to run with one BLAS thread."""
 
     @wraps(function)
     def limited(*args: Any, **kwargs: Any) -> Any:

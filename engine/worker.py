@@ -1,8 +1,8 @@
-"""What a process of ``workers`` runs: by itself, as a script, until whoever started it wants no more of it.
+"""Script of the worker processes that ``workers`` starts.
 
-It takes pickled pairs from its standard input, a function (b"" for the one it had before) and its arguments, and answers each
-with a pickled pair: whether it went well, and the value or the exception. It ends at once when its input ends, even within
-its work: nothing stays behind a program that was killed.
+It reads pickled pairs from standard input, a function (b"" for the previous function) and its arguments, and answers each with a
+pickled pair: success, and the value or the exception. It exits at once when its input ends, even during a call, so that no worker
+survives a parent that was killed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,14 @@ from typing import Any, BinaryIO
 
 
 def load(package: str, folder: str) -> None:
-    """The package that lies in a folder, under the name that it has in the program that started this one."""
-    parents = package.split(".")[:-1]  # those of Blender's extensions hold no code that is needed here
+    """Import a package from a folder.
+
+    Parameters
+    ----------
+    package : full name that the package has in the parent process
+    folder : where it is installed
+    """
+    parents = package.split(".")[:-1]  # the parent packages of Blender's extensions hold no code: make empty ones
     for k in range(len(parents)):
         name = ".".join(parents[: k + 1])
         sys.modules[name] = types.ModuleType(name)
@@ -37,15 +43,15 @@ def load(package: str, folder: str) -> None:
 
 
 def answer(function: Any, arguments: bytes) -> bytes:
-    """What a function makes of its arguments, or raises, as it is sent back."""
+    """Call a function with pickled arguments; return the pickled pair of success and value or exception."""
     try:
         return pickle.dumps((True, function(*pickle.loads(arguments))))
     except Exception as error:
         error.add_note("".join(traceback.format_exception(error)))
         try:
-            told = pickle.dumps((False, error))
-            pickle.loads(told)  # some exceptions can be written, but not read again
-            return told
+            reply = pickle.dumps((False, error))
+            pickle.loads(reply)  # some exceptions can be pickled but not unpickled
+            return reply
         except Exception:
             return pickle.dumps((False, RuntimeError("".join(traceback.format_exception(error)))))
 
@@ -59,27 +65,27 @@ def _take(source: BinaryIO, wanted: queue.SimpleQueue[tuple[bytes, bytes]]) -> N
 
 
 def main() -> None:
-    """Begin with a line of JSON that tells name and folder of the package and Python's path; say ``ready``, and serve."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program that started this one
+    """Serve calls. The first line of input is JSON with the package's name and folder and Python's path; answer it by "ready"."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent process
     source = sys.stdin.buffer
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what libraries print must not get between the answers
+    os.dup2(2, 1)  # redirect print() of libraries to standard error, away from the answers
     begin = json.loads(source.readline())
     sys.path[:] = begin["path"]
     load(begin["package"], begin["folder"])
     wanted: queue.SimpleQueue[tuple[bytes, bytes]] = queue.SimpleQueue()
     threading.Thread(target=_take, args=(source, wanted), daemon=True).start()
-    told, function = pickle.dumps((True, "ready")), None
+    reply, function = pickle.dumps((True, "ready")), None
     while True:
-        answers.write(told)
+        answers.write(reply)
         answers.flush()
-        given, arguments = wanted.get()
+        pickled, arguments = wanted.get()
         try:
-            function = pickle.loads(given) if given else function
+            function = pickle.loads(pickled) if pickled else function
         except Exception as error:
-            told, function = pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}"))), None
+            reply, function = pickle.dumps((False, RuntimeError(f"{type(error).__name__}: {error}"))), None
         else:
-            told = answer(function, arguments)
+            reply = answer(function, arguments)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Functions of the engine called for many things at once, in processes beside this one.
+"""Running functions of the engine in parallel worker processes.
 
-Plain ``multiprocessing`` would start Blender again, or not find an extension by the name that Blender gives it; so the
-processes are started by hand, see ``worker``.
+``multiprocessing`` would start Blender again, or not find an extension under the name that Blender gives it. So the processes
+are started directly, see ``worker``.
 """
 
 from __future__ import annotations
@@ -24,35 +24,39 @@ from .progress import SILENT, Progress
 
 T = TypeVar("T")
 U = TypeVar("U")
-TRIES = 2  # how often a task is given to a process before it is said that processes end at it
-WAIT = 0.05  # seconds between two looks whether the user wants to stop
-# numeric libraries must not start a thread a core in every process
+TRIES = 2  # attempts at a task whose process dies, before ``Lost`` is raised
+WAIT = 0.05  # seconds between checks whether the user cancels; larger reacts later
+# numerical libraries would otherwise start one thread per core in every process
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")} | {"VECLIB_MAXIMUM_THREADS": "1"}
 SCRIPT = Path(__file__).with_name("worker.py")
 
 
 def python() -> str | None:
-    """The Python of this program; inside Blender that is the one that comes with it, never Blender itself."""
+    """Return the path of the Python executable, inside Blender the bundled one; None if this program has none."""
     name = Path(sys.executable or "").name.lower()
     return sys.executable if name.startswith(("python", "pypy")) else None
 
 
 def cores() -> int:
-    """How many processor cores this program may use."""
+    """Return the number of processor cores that this program may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 class Lost(FlexMapsError):
-    """A process ended by itself while it worked on something."""
+    """Error: a worker process died during a task."""
 
 
 class Workers(Executor):
-    """Processes that call functions for this one, started when they are first needed; use it in a ``with`` statement.
+    """Executor in worker processes, which start when first needed; use it in a ``with`` statement.
 
-    count : how many; as many as there are cores by default. Functions, arguments and results can be pickled. Where no process
-    can be started, everything is done in this one, and ``note`` says so; else it is "".
+    Functions, arguments and results must be picklable. If no process can be started, everything runs in this one, and ``note``
+    says so; else ``note`` is "".
+
+    Parameters
+    ----------
+    count : number of processes; None for the number of cores
     """
 
     def __init__(self, count: int | None = None):
@@ -68,30 +72,42 @@ class Workers(Executor):
     def __call__(
         self, function: Callable[[T], U], items: Sequence[T], progress: Progress = SILENT, text: str = ""
     ) -> list[U]:
-        """The function of every item, in their order; in this process with one alone, or of one item before there are others.
+        """Return the function's value of every item, in order.
 
-        What the function raises is raised here, of several the one of the first item; ``Cancelled`` when the user wants to stop,
-        which ends the processes at once. Raises ``Lost`` where processes end by themselves.
+        It runs in this process if ``count`` is 1, or for a single item if no worker process has started yet.
+
+        Parameters
+        ----------
+        function : of one item
+        items : its arguments
+        progress : reports, and cancels by killing the processes
+        text : of the reports
+
+        Raises
+        ------
+        Cancelled : the user cancels
+        Lost : a process died
+        Exception : whatever the function raises, for the first of several failing items
         """
-        if self.count < 2 or len(items) < (1 if self._all else 2):  # ESC is seen while another process works
+        if self.count < 2 or len(items) < (1 if self._all else 2):  # a single item goes to a process, so that ESC is noticed
             return [function(item) for item in progress.each(items, text)]
-        found = dict(as_done(self, function, items, progress, text))
-        return [found[number].result() for number in range(len(items))]
+        futures = dict(as_done(self, function, items, progress, text))
+        return [futures[number].result() for number in range(len(items))]
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Have the function called in a process: as ``concurrent.futures.Executor`` does, but without keywords."""
+        """Call a function in a process, as ``concurrent.futures.Executor`` does, but without keyword arguments."""
         if kwargs:
             raise TypeError("workers take no keywords; use functools.partial")
         return self._threads.submit(self._called, pickle.dumps(function), pickle.dumps(args))
 
     def stop(self) -> None:
-        """End at once what is under way, which raises ``Cancelled`` then; there are new processes for what comes after."""
+        """Kill all processes; running tasks raise ``Cancelled``, and later tasks start new processes."""
         with self._lock:
             for process in self._all:
                 process.kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after what was asked of them, or, with ``cancel_futures``, at once."""
+        """End the processes: after all submitted tasks, or at once with ``cancel_futures``."""
         if cancel_futures:
             self._threads.shutdown(wait=False, cancel_futures=True)
             self.stop()
@@ -113,7 +129,7 @@ class Workers(Executor):
                     process = None
                 process = process or self._new()
                 if process is None:
-                    with self._lock:  # one at a time, as if there were no threads
+                    with self._lock:  # run in this process, one task at a time
                         return pickle.loads(function)(*pickle.loads(arguments))
                 try:
                     return process.call(function, arguments)
@@ -124,7 +140,7 @@ class Workers(Executor):
             self._idle.put(process)
 
     def _new(self) -> _Process | None:
-        """Another process; None where there never was one, and none can be started."""
+        """Start another process; None if not even the first one can be started."""
         try:
             process = _Process()
         except (OSError, Lost):
@@ -149,10 +165,22 @@ def as_done(
     progress: Progress = SILENT,
     text: str = "",
 ) -> Iterator[tuple[int, Future[Any]]]:
-    """(number, future) of every item as soon as it is done, by any executor, such as that of a cluster.
+    """Iterate over the items in the order in which they are finished.
 
-    A future's ``result()`` is the function's value, or raises what it raised, ``Lost`` where its process ended. What is still
-    under way is ended when the progress raises ``Cancelled``, or when nobody asks for more.
+    A future's ``result()`` returns the function's value or raises its exception, or ``Lost`` if the process died. Unfinished items
+    are cancelled when the progress raises ``Cancelled``, or when the iteration is ended.
+
+    Parameters
+    ----------
+    executor : ``Workers``, a cluster, or any other
+    function : of one item
+    items : its arguments
+    progress : reports and cancels
+    text : of the reports
+
+    Returns
+    -------
+    index and future of each item
     """
     numbers = {executor.submit(function, item): number for number, item in enumerate(items)}
     left = set(numbers)
@@ -170,16 +198,16 @@ def as_done(
 
 
 class _Process:
-    """A Python beside this one that calls one function at a time. Raises OSError and ``Lost`` where none can be started."""
+    """A worker process that calls one function at a time. Raises OSError or ``Lost`` if it cannot be started."""
 
     def __init__(self) -> None:
-        found = python()
-        if found is None:
-            raise FileNotFoundError("this program is no Python")
+        executable = python()
+        if executable is None:
+            raise FileNotFoundError("this program has no Python executable")
         self._stopped = False
-        self._known = b""
+        self._previous = b""
         self._popen = subprocess.Popen(
-            [found, "-I", "-B", str(SCRIPT)],
+            [executable, "-I", "-B", str(SCRIPT)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -192,10 +220,10 @@ class _Process:
         self._answer(begin.encode() + b"\n")
 
     def call(self, function: bytes, arguments: bytes) -> Any:
-        """The value of a pickled function of pickled arguments. Raises what that raises, and ``Lost`` where the process ends."""
-        given = b"" if function == self._known else function  # a function can hold a whole mesh
-        self._known = function
-        return self._answer(pickle.dumps((given, arguments)))
+        """Call a pickled function with pickled arguments; return its value or raise its exception, or ``Lost`` if the process dies."""
+        sent = b"" if function == self._previous else function  # send it only once: it can hold a whole mesh
+        self._previous = function
+        return self._answer(pickle.dumps((sent, arguments)))
 
     def _answer(self, message: bytes) -> Any:
         stdin, stdout = self._popen.stdin, self._popen.stdout
@@ -221,13 +249,13 @@ class _Process:
         return self._popen.poll() is None
 
     def kill(self) -> None:
-        """End it at once; what it works on raises ``Cancelled``."""
+        """Kill the process; its running call raises ``Cancelled``."""
         self._stopped = True
         self._popen.kill()
         self._popen.wait()
 
     def close(self) -> None:
-        """End it and let go of its pipes; no call may be under way."""
+        """Kill the process and close its pipes; no call may be running."""
         self.kill()
         for pipe in (self._popen.stdin, self._popen.stdout):
             assert pipe is not None
