@@ -16,7 +16,8 @@ from .errors import FlexMapsError
 from .workers import Lost
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE = 20  # seconds to wait for answers of scheduler and workers, as in database/; less would give up on slow networks
+# seconds to wait for answers of scheduler and workers, as in database/; less would give up on slow networks
+PATIENCE = 20
 RETRIES = 3  # number of times that a task is repeated on another worker after its worker was lost, as in database/
 
 

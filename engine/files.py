@@ -47,7 +47,8 @@ _WINDOWS = {
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{name}{digit}" for name in ("COM", "LPT") for digit in "0123456789¹²³")}
 # bytes of a name in UTF-8; most file systems allow 255, and "-assembly", a number and a suffix are appended
 LONGEST = 150
-TRIES, PAUSE = 10, 0.1  # attempts to move a file and seconds between them: virus scanners hold new files for about a second
+# attempts to move a file and seconds between them: virus scanners hold new files for about a second
+TRIES, PAUSE = 10, 0.1
 
 _FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which carry no file name
 

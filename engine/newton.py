@@ -26,7 +26,8 @@ DECAY, LEAST_CONVEX = 0.3, 0.01
 SHIFTS = (1e-9, 1e-6, 1e-3)
 ARMIJO = 1e-4  # smallest share of the predicted decrease that a step must achieve (Nocedal and Wright, section 3.1)
 SHORTEST = 2.0**-30  # smallest share of a step in the line search; shorter steps drown in rounding errors
-RECENT = 5  # number of recent energies whose maximum a step must not exceed: thin shells get worse before they get better
+# number of recent energies whose maximum a step must not exceed: thin shells get worse before they get better
+RECENT = 5
 NOISE = 1e-13  # relative rounding error of the sum of the energy's terms
 STILL = 1e-13  # radians and metres; smaller steps are rounding errors
 ESCAPES = 5  # number of saddles to leave before the search gives up; not measured, usually there is one

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 # Seconds and share of the work before the first estimate; by eye. Larger values make the first estimate later and better. On a busy
 # machine, searches that used all their time were estimated 2 times too long in the median; those that ended early, 4 times
 FIRST_SECONDS, FIRST_SHARE = 3.0, 0.2
-MEMORY = 0.5  # share of the elapsed time over which the present pace is measured; larger is smoother and slower to react
+# share of the elapsed time over which the present pace is measured; larger is smoother and slower to react
+MEMORY = 0.5
 KEPT = 400  # largest number of stored reports; then every other one is dropped
 
 

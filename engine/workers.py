@@ -89,7 +89,8 @@ class Workers(Executor):
         Lost : a process died
         Exception : whatever the function raises, for the first of several failing items
         """
-        if self.count < 2 or len(items) < (1 if self._all else 2):  # a single item goes to a process, so that ESC is noticed
+        # a single item goes to a process, so that ESC is noticed
+        if self.count < 2 or len(items) < (1 if self._all else 2):
             return [function(item) for item in progress.each(items, text)]
         futures = dict(as_done(self, function, items, progress, text))
         return [futures[number].result() for number in range(len(items))]
