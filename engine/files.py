@@ -87,22 +87,13 @@ def replacing_many(
     alone_in: str | os.PathLike[str] | None = None,
     guard: Guard | None = None,
 ) -> Iterator[NewFile]:
-    """Write several files so that either all of them appear, or none and the old ones stay unchanged.
+    """Write several files so that all of them appear, or none and the old ones stay; no temporary file is left after an error.
 
-    Yield a function that maps the path of a target to a temporary path beside it, of the same suffix, to write to. No temporary
-    file is left after an error.
+    Yield a function that maps a target to a temporary path beside it, of the same suffix, to write to. Raise ``FlexMapsError`` if a
+    folder is read-only or locked by another run, the disk is full, or the guard refuses; other errors raised inside pass unchanged.
 
-    Parameters
-    ----------
-    stale : old files to remove when the new ones appear
-    alone_in : folder to lock, so that no other run writes to it meanwhile
-    guard : protects the user's files: only files that this program wrote are replaced or removed; new checksums are recorded
-        in ``alone_in``, or beside the files if there is none
-
-    Raises
-    ------
-    FlexMapsError : a folder is read-only or locked by another run, the disk is full, or the guard refuses. Errors raised inside
-        for other reasons, such as a missing input file, pass unchanged.
+    stale : old files to remove when the new ones appear; alone_in : folder to lock, so that no other run writes to it meanwhile
+    guard : lets only files that this program wrote be replaced or removed; checksums go to ``alone_in``, else beside the files
     """
     wanted: dict[Path, Path] = {}
     made: list[Path] = []
