@@ -1,9 +1,9 @@
-"""Outlines of the panels: one closed curve of arcs round every panel and one round every hole (FlexMaps section 5).
+"""Outlines of the panels: one closed curve of arcs around every panel and one around every hole (FlexMaps section 5).
 
-Nothing is united from polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad: it runs
-from the joint of the one arm along its left edge to the hub, round a fillet, and out along the right edge of the other.
-At a joint the edge goes on in the neighbouring quad; at a cut it goes across the arm's end. So the slots of all quads are
-the links of closed chains: one round every inner flat vertex, and one round the panel.
+Outlines need no union of polygons. Between two consecutive arms of a quad lies a slot, one per corner of the quad. Its
+curve runs from the joint of one arm along the arm's left edge to the hub, around a fillet, and out along the right edge of
+the other arm. At a joint the curve continues in the neighbouring quad; at a cut it crosses the arm's end. So the slots of
+all quads form closed chains: one around every inner flat vertex, and one around the panel. The fillet is the slot's root.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from .rim import Rim
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
 
-# The largest t at which a slot may end. A wide arm between thin ones is left by its edges only beyond the centre: in 1 of 100
+# Largest t at which a slot may end. The edges of a wide arm between thin ones can end beyond the centre: in 1 of 100
 # spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.
-_BEYOND = 1.2
-# Where a root lies astray it is looked for from these t on, with the fillet that was asked for, and then with larger ones.
-# Of 30,000 spirals with widths of 1 or 2 mm some 20 need that.
-_BEFORE = (0.95, 0.85, 0.75)
-_WIDER = (1.5, 2.2, 3.3, 5.0)  # fillets
-_LEAST = 0.1  # arms, where no fillet was asked for
+_LARGEST_T = 1.2
+# Retries for wrong roots: start from these t, first with the requested fillet, then with larger ones. Of 30,000 spirals
+# with widths of 1 or 2 mm some 20 need that.
+_RETRY_T = (0.95, 0.85, 0.75)
+_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # in requested fillets
+_SMALLEST_RETRY = 0.1  # least base of the retry fillets, in smallest arm widths; matters if the requested fillet is 0
 
 
 @dataclass(frozen=True, eq=False)
 class Hubs:
-    """Where consecutive arms part. Entry k belongs to the slot between arm k and arm k + 1.
+    """Roots of all slots. Entry k belongs to the slot between arm k and arm k + 1.
 
     left : t on the left edge of arm k where the fillet begins
-    right : t on the right edge of arm k + 1 where it ends
-    centre : metres, the fillet's centre
-    fillet : metres, its radius: as it was asked for, or larger where slots are still wide beside the centre
-    missed : true where there is no room for a slot
+    right : t on the right edge of arm k + 1 where the fillet ends
+    centre : centre of the fillet, metres
+    fillet : radius of the fillet, metres; larger than requested where a slot is still wide beside the quad's centre
+    missed : True where there is no room for a slot
     """
 
     left: Float[np.ndarray, "quads 4"]
@@ -53,10 +53,10 @@ class Hubs:
 
 
 def hubs(arms: Arms, fillet: float) -> Hubs:
-    """Find the roots of all slots: where a fillet of this radius (metres) touches both edges.
+    """Find the roots of all slots: the places where a fillet with radius ``fillet`` (metres) touches both edges.
 
-    By Newton's method, followed from straight arms (twist 0) to their full twist; and by walking down the slot from its
-    mouth where that has missed the first such place, as it may in slots that hardly narrow.
+    Newton's method follows each root from straight arms (twist 0) to the full twist. If it misses the first such place,
+    as it may in slots that hardly narrow, scan the slot from its mouth inwards.
     """
     following = np.roll(np.arange(4), -1)
     opening = (arms.angle[:, following] - arms.angle) % (2.0 * np.pi)
@@ -69,47 +69,49 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
         left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
     left, right, miss = _newton(arms, left, right, fillet, rounds=8)
     doubtful = ~(miss < 1e-9)
-    # a look at all slots, and a closer one at the narrow ones: nowhere may they be narrower than at their roots
-    near = np.flatnonzero((_least(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
-    closer = _least(arms.of(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
+    # a slot narrower than at its root means a wrong root: check all slots coarsely, and the narrow ones finely
+    near = np.flatnonzero((_slot_minimum(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
+    closer = _slot_minimum(arms.of(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
     doubtful[near] |= closer < 1.999 * fillet
     quads = np.flatnonzero(doubtful.any(axis=1))
     if len(quads):
-        again = _walked(arms.of(quads), fillet)
+        again = _scan_inwards(arms.of(quads), fillet)
         for whole, part in zip((left, right, miss), again, strict=True):
             whole[quads] = np.where(doubtful[quads], part, whole[quads])
-    radius = _larger(arms, left, right, miss, fillet)
+    radius = _enlarge_fillets(arms, left, right, miss, fillet)
     centre = edge(arms, left[..., None], LEFT, radius[..., None])[0][:, :, 0]
     missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
     return Hubs(left, right, centre, radius, missed)
 
 
-def _larger(
+def _enlarge_fillets(
     arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray, fillet: float
 ) -> Float[np.ndarray, "quads 4"]:
-    """Larger fillets, and their roots put in place, where a slot is still wide beside the centre: where its root was missed, lies
-    beyond the centre or where an edge turns back."""
-    radius, astray = np.full(left.shape, fillet), _astray(arms, left, right, miss)
-    quads = np.flatnonzero(astray.any(axis=1))
+    """Return fillet radii, larger where the root is wrong, because the slot is still wide beside the centre.
+
+    Write the roots and distances of these fillets into ``left``, ``right`` and ``miss``.
+    """
+    radius, wrong = np.full(left.shape, fillet), _is_wrong(arms, left, right, miss)
+    quads = np.flatnonzero(wrong.any(axis=1))
     if not len(quads):
         return radius
-    least = max(fillet, _LEAST * float(arms.width.min()))
-    wider = np.array([fillet, *(x * least for x in _WIDER)]).repeat(len(_BEFORE))
-    first = np.tile(_BEFORE, 1 + len(_WIDER))
-    shape, some = (len(wider), len(quads), 4), arms.of(np.tile(quads, len(wider)))  # all tries together
+    least = max(fillet, _SMALLEST_RETRY * float(arms.width.min()))
+    wider = np.array([fillet, *(x * least for x in _RETRY_FILLETS)]).repeat(len(_RETRY_T))
+    first = np.tile(_RETRY_T, 1 + len(_RETRY_FILLETS))
+    shape, some = (len(wider), len(quads), 4), arms.of(np.tile(quads, len(wider)))  # solve all retries at once
     begin, end = (np.minimum(t[quads], first[:, None, None]).reshape(-1, 4) for t in (left, right))
-    tried = np.broadcast_to(wider[:, None, None], shape)
-    found = _newton(some, begin, end, tried.reshape(-1, 4)[..., None], rounds=30, step=0.02)
-    good = ~_astray(some, *found).reshape(shape)
-    better, best = astray[quads] & good.any(axis=0), good.argmax(axis=0)[None]
-    for whole, every in zip((left, right, miss, radius), (*found, tried), strict=True):
+    fillets = np.broadcast_to(wider[:, None, None], shape)
+    roots = _newton(some, begin, end, fillets.reshape(-1, 4)[..., None], rounds=30, step=0.02)
+    good = ~_is_wrong(some, *roots).reshape(shape)
+    better, best = wrong[quads] & good.any(axis=0), good.argmax(axis=0)[None]
+    for whole, every in zip((left, right, miss, radius), (*roots, fillets), strict=True):
         part = np.take_along_axis(every.reshape(shape), best, axis=0)[0]
         whole[quads] = np.where(better, part, whole[quads])
     return radius
 
 
-def _astray(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray) -> Bool[np.ndarray, "quads 4"]:
-    """Which roots were missed, lie beyond the centre, or beyond where an edge turns back."""
+def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray) -> Bool[np.ndarray, "quads 4"]:
+    """Return a mask of the roots that were missed, lie beyond the centre, or lie where an edge turns back."""
     out = ~(miss < 1e-9) | (np.maximum(left, right) > 1.0)
     for way, t in ((LEFT, left), (RIGHT, np.roll(right, 1, axis=1))):
         t = np.minimum(t, 1.0)[..., None]
@@ -118,17 +120,17 @@ def _astray(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray) -
     return out
 
 
-def _least(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
-    """Metres: least width of every slot at the shares (N,) of its way, where its sides run along each other."""
+def _slot_minimum(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
+    """Return the least width of every slot in metres, over the shares (N,) of its length where its sides are nearly parallel."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
     return np.where(lean > PARALLEL, apart, np.inf).min(axis=-1)
 
 
-def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Left and right parameters of the roots and what they miss, each (F, 4): the first narrow place from the mouth inwards."""
+def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Find the first narrow place from the mouth inwards; return left t, right t and remaining distance, each (F, 4)."""
     far = np.full(arms.radius.shape, 0.999)
     apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
-    # a last column that is always narrow; at the mouth itself there would be no slot
+    # the added last column ends every scan
     narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > PARALLEL), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
     first = np.clip(narrow.argmax(axis=-1) - 1, 0, outer.shape[-1] - 1)[..., None]
     outer, inner = np.take_along_axis(outer, first, axis=-1)[..., 0], np.take_along_axis(inner, first, axis=-1)[..., 0]
@@ -141,7 +143,7 @@ def _walked(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def _newton(
     arms: Arms, left: np.ndarray, right: np.ndarray, fillet: float | np.ndarray, rounds: int, step: float = 0.08
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Improve both parameters (F, 4); also returns the distance (F, 4) in metres that was left before the last round."""
+    """Improve both t (F, 4) of every root; also return the distance (F, 4) in metres before the last iteration."""
     miss = np.empty(0)
     for _ in range(rounds):
         a, da = (x[:, :, 0] for x in edge(arms, left[..., None], LEFT, fillet))
@@ -155,14 +157,14 @@ def _newton(
         # a + da x = b + db y
         x = (gap[..., 1] * db[..., 0] - gap[..., 0] * db[..., 1]) / det
         y = (gap[..., 1] * da[..., 0] - gap[..., 0] * da[..., 1]) / det
-        left = np.clip(left + np.clip(x, -step, step), 0.0, _BEYOND)
-        right = np.clip(right + np.clip(y, -step, step), 0.0, _BEYOND)
+        left = np.clip(left + np.clip(x, -step, step), 0.0, _LARGEST_T)
+        right = np.clip(right + np.clip(y, -step, step), 0.0, _LARGEST_T)
     return left, right, miss
 
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The curves of one panel in its patch's frame: counter-clockwise outside, clockwise holes; material on the left."""
+    """Curves of one panel in its patch's frame: outer curve counter-clockwise, holes clockwise; material on the left."""
 
     outer: Curve
     holes: tuple[Curve, ...]
@@ -170,12 +172,12 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Tips:
-    """Arms that end in something else than a plain cut; arm 4 f + k is arm k of quad f.
+    """Ends of arms with connectors or other shapes instead of a plain cut; arm 4 f + k is arm k of quad f.
 
-    extra : metres, how much further out their left and their right edges are at their tips
-    full, over : t up to which they are that much wider, and from which they are as wide as ever
-    begin : t where their edges begin
-    across : of every such arm the curve from its right to its left edge, in its patch's frame
+    extra : outward offset of the left and the right edges at the tips, metres
+    full, over : t up to which the offset is complete, and t from which it is 0
+    begin : t where the edges begin
+    across : curve from the right to the left edge of every such arm, in its patch's frame, by the arm's number
     """
 
     extra: Float[np.ndarray, "2 quads 4"]
@@ -185,7 +187,7 @@ class Tips:
     across: dict[int, Curve]
 
     def wider(self, which: Int[np.ndarray, " n"], t: Float[np.ndarray, "n m"]) -> tuple[np.ndarray, np.ndarray]:
-        """What to add to the width at t for the edges ``which``: left ones first, then right ones."""
+        """Return the additional width at t, and its derivative, of the edges ``which``: left edges first, then right ones."""
         arm = which % self.full.size
         return widening(
             2.0 * self.extra.ravel()[which][:, None],
@@ -196,10 +198,9 @@ class Tips:
 
 
 def ends(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "quads 4"]:
-    """The t where every arm begins: 0, but a little later at cuts inside a patch that leave no slot between two ends.
+    """Return the t where every arm begins: 0, or slightly more at cuts inside a patch.
 
-    At a seam between two patches both ends meet when the panels lie side by side. At a cut inside a patch they face each
-    other in one panel, and must be at least ``slot`` metres apart there.
+    At a cut inside a patch, two arm ends face each other in one panel, and need a gap of at least ``slot`` metres.
     """
     quad, side = opposite_sides(layout.mesh)
     inside = (
@@ -219,7 +220,7 @@ def ends(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "qua
 
 
 def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, " n"]:
-    """Smallest distance of points from segments."""
+    """Return the smallest distance of points from segments."""
     a, along = segment[:, :1], segment[:, 1:] - segment[:, :1]
     share = np.clip(((points - a) * along).sum(-1) / (along**2).sum(-1), 0.0, 1.0)
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
@@ -235,10 +236,12 @@ def edges(
     progress: Progress = SILENT,
     known: Fitted | None = None,
 ) -> Fitted:
-    """Both edges of every arm as arcs within ``tolerance`` metres: curve 4 f + k is the left edge of arm k, inwards; 4 F + 4 f + k its right edge, outwards.
+    """Fit arcs to both edges of every arm, within ``tolerance`` metres.
 
-    Arms without a tip begin at the t ``plain``. ``known`` are those of arms that end plainly: only arms with a tip are drawn anew. Raises ``FlexMapsError`` with the faces
-    where a spiral has no room in its quad.
+    Curve 4 f + k is the left edge of arm k, inwards; curve 4 F + 4 f + k is its right edge, outwards. Arms without a tip
+    begin at the t ``plain``. ``known`` is the result without tips; if given, only arms with a tip are fitted again.
+
+    Raises ``FlexMapsError`` with the faces of spirals that have no room in their quads.
     """
     tight = np.flatnonzero(root.missed.any(axis=1))
     if len(tight):
@@ -278,11 +281,11 @@ def outlines(
     caps: Mapping[int, Curve] = {},
     rim: tuple[Rim, float] | None = None,
 ) -> list[Outline]:
-    """One outline per patch from the ``edges`` of all arms; ``tips`` at the cuts, or plain ends at the t ``plain``.
+    """Assemble one outline per patch from the ``edges`` of all arms, with ``tips`` at the cuts or plain ends at the t ``plain``.
 
-    ``caps`` are curves, as in ``Tips.across``, at other arms that have no plain end; ``rim`` joins arms at the border, with the fillets
-    of its necks in metres. Raises ``FlexMapsError`` with the faces
-    of a patch that overlaps itself.
+    ``caps`` are end curves of other arms, as in ``Tips.across``; ``rim`` is the rim with the fillet of its necks in metres.
+
+    Raises ``FlexMapsError`` with the faces of a patch that overlaps itself.
     """
     mesh, joined, patch_of = layout.mesh, ~layout.outline_sides, layout.patch_of
     begin = plain if tips is None else tips.begin
@@ -291,14 +294,14 @@ def outlines(
     pieces = _pieces(arms, root, begin, fitted, joined, across, progress.part(0.0, 0.4))
     outer: dict[int, Curve] = {}
     holes: dict[int, list[Curve]] = {}
-    found: list[tuple[int, Curve]] = []
+    curves: list[tuple[int, Curve]] = []
     for number, chain in enumerate(chains):
         if number % 500 == 0:
             progress(0.4 + 0.6 * number / len(chains), "closing the outlines")
         points = np.concatenate([pieces[c][0] for c in chain])
         bulge = np.concatenate([pieces[c][1] for c in chain])
-        found.append((int(patch_of[chain[0] // 4]), Curve(points, bulge)))
-    for patch, curve in (*found, *([] if rim is None else rim[0].closed())):
+        curves.append((int(patch_of[chain[0] // 4]), Curve(points, bulge)))
+    for patch, curve in (*curves, *([] if rim is None else rim[0].closed())):
         if curve.area > 0.0:
             if patch in outer:
                 raise FlexMapsError(
@@ -320,9 +323,9 @@ def _pieces(
     across: dict[int, Curve],
     progress: Progress,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Nodes and bulges of every slot (quad, corner), from the joint of side corner - 1 to the joint of side corner.
+    """Return nodes and bulges of every slot (quad, corner), from the joint of arm corner - 1 to the joint of arm corner.
 
-    With the arm's end, if side ``corner`` is cut. The slot at corner j lies between arm j - 1 and arm j.
+    If side ``corner`` is cut, the end of arm ``corner`` follows.
     """
     t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
     p_left, d_left = (x[:, :, 0] for x in edge(arms, t_left, LEFT))
@@ -358,16 +361,16 @@ def _pieces(
 
 
 def _links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
-    """Of every arm at the rim the way along it, from its right edge to the left edge of the arm where the outline leaves it."""
+    """Return the outline's curve along the rim, by the number of the arm whose right edge it starts from."""
     half = 0.5 * arms.joint_width[rim.quad, rim.side]
     number = (4 * rim.quad + rim.side).tolist()
     return {arm: Curve(*rim.link(n, half, fillet), closed=False) for n, arm in enumerate(number)}
 
 
 def _chains(mesh: QuadMesh, joined: np.ndarray, onward: Mapping[int, int]) -> list[list[int]]:
-    """Closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot.
+    """Return closed chains of slots 4 quad + corner: across a joined side into the neighbour, at a cut to the quad's next slot.
 
-    ``onward`` names those that follow others instead.
+    ``onward`` maps slots to other successors, at the rim.
     """
     quad, side = opposite_sides(mesh)
     own = 4 * np.arange(len(mesh.quads))[:, None] + (np.arange(4) + 1) % 4

@@ -14,6 +14,7 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
+from . import slots
 from .arcs import Fitted
 from .caps import Cap, caps, left_out, stumps
 from .constraints import FREE, Constraints
@@ -21,33 +22,21 @@ from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
 from .opening import opened
 from .rim import Rim
 from .room import Room
-from .slots import (
-    CLEAR,
-    PARALLEL,
-    THINNEST,
-    beside,
-    narrowest,
-    slot_needed,
-    slot_widths,
-    too_small,
-    twist_bound,
-    twist_limit,
-    width_range,
-)
+from .slots import CLEAR, PARALLEL, THINNEST, beside, narrowest, slot_needed, slot_widths, too_small, width_range
 from .solid import fewer, hopeless, no_spiral, refuse_many, solid, with_solid, without_spiral
 from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
 from .touching import touching
 from .wider import widened
 
-__all__ = ["SpiralDesign", "from_curvature", "twist_bound", "twist_limit", "uniform", "width_range"]
+__all__ = ["SpiralDesign", "from_curvature", "uniform", "width_range"]
 
-TOGETHER = 500  # spirals whose gaps are measured at once: a tenth of a second
+BATCH = 500  # spirals measured between two calls of progress: a tenth of a second
 NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
 
 
 @dataclass
 class Drawn:
-    """What drawing a design has given so far: its plain outlines by their tolerance, and its narrowest places, metres."""
+    """Cache of a design: edges and outlines without connectors by tolerance, and the result of ``measured``."""
 
     plain: dict[float, tuple[Fitted, list[Outline]]] = field(default_factory=dict)
     narrowest: tuple[float, float] | None = None
@@ -55,14 +44,14 @@ class Drawn:
 
 @dataclass(frozen=True, eq=False)
 class SpiralDesign:
-    """One spiral a quad.
+    """Widths and twists of one spiral per quad.
 
-    flat : the flat patches that the spirals lie in
+    flat : flat patches that the spirals lie in
     params : fabricable range, sheet thickness, chirality
-    width : metres, of every arm; column k is the arm that ends at side k
-    twist : radians, winding angle from the tip to the centre
-    feet : what some arms at the border are cut to instead, so that the piece can stand
-    painted : whether somebody chose spirals by hand, so that a search begins with these and no others
+    width : of every arm, metres; column k is the arm that ends at side k
+    twist : winding angle from the tip to the centre, radians
+    feet : feet in place of some arms at the border, so that the piece can stand
+    painted : whether the user changed spirals by hand; a search then starts from this design only
     """
 
     flat: FlatPatches
@@ -74,7 +63,7 @@ class SpiralDesign:
     drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
 
     def unlike(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
-        """The spirals in which another design of the same quads differs."""
+        """Return a mask of the spirals that differ from another design of the same quads."""
         return (self.width != other.width).any(axis=1) | (self.twist != other.twist)
 
     @cached_property
@@ -84,21 +73,21 @@ class SpiralDesign:
 
     @cached_property
     def roots(self) -> Hubs:
-        """Where the slots of every spiral end."""
-        found = hubs(self.arms, self.params.fillet)
-        return with_solid(found, self.arms, self.params.fillet, self.solid)
+        """Roots of all slots."""
+        roots = hubs(self.arms, self.params.fillet)
+        return with_solid(roots, self.arms, self.params.fillet, self.solid)
 
     @cached_property
     def solid(self) -> Bool[np.ndarray, " quads"]:
-        """Quads without a spiral: with a solid hub."""
+        """Mask of the quads with a solid hub instead of a spiral."""
         return without_spiral(self.width, self.params)
 
     @cached_property
     def absent(self) -> Bool[np.ndarray, "quads 4"]:
-        """Arms that are not cut as such: left out at the border, or with a foot in their place."""
-        found = left_out(self.flat.layout.mesh, self.params)
-        found.ravel()[[foot.arm for foot in self.feet]] = True
-        return found
+        """Mask of the arms that are left out at the border or replaced by a foot."""
+        mask = left_out(self.flat.layout.mesh, self.params)
+        mask.ravel()[[foot.arm for foot in self.feet]] = True
+        return mask
 
     @cached_property
     def rim(self) -> Rim | None:
@@ -113,34 +102,34 @@ class SpiralDesign:
 
     @cached_property
     def caps(self) -> tuple[Cap, ...]:
-        """What the arms end in that are not cut as such."""
+        """Ends of the ``absent`` arms: round ends and feet."""
         bare = self.absent.copy()
         bare.ravel()[[foot.arm for foot in self.feet]] = False
         return (*caps(self.arms, self.begin, bare, self.flat.layout.patch_of), *self.feet)
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
-        """The outline of every panel as arcs within ``tolerance`` metres; without ``tips`` drawn once for every tolerance."""
+        """Draw the outline of every panel as arcs within ``tolerance`` metres; results without ``tips`` are cached."""
         plain = self.drawn.plain
         if tips is None and tolerance in plain:
             return plain[tolerance][1]
         known = plain[tolerance][0] if tolerance in plain else None
-        given = self.flat.layout, self.arms, self.roots, self.begin
-        fitted = edges(*given, tolerance, tips, progress.part(0.0, 0.7), known)
+        shapes = self.flat.layout, self.arms, self.roots, self.begin
+        fitted = edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), known)
         capped = {cap.arm: cap.across for cap in self.caps}
         rim = None if self.rim is None else (self.rim, self.params.fillet)
-        drawn = outlines(*given, fitted, tips, progress.part(0.7, 1.0), capped, rim)
+        drawn = outlines(*shapes, fitted, tips, progress.part(0.7, 1.0), capped, rim)
         if tips is None:
             plain[tolerance] = fitted, drawn
         return drawn
 
     @cached_property
     def scale(self) -> Float[np.ndarray, " quads"]:
-        """Metres: diameter of every spiral, twice the mean distance from the centre to the joints."""
+        """Diameter of every spiral, twice the mean distance from the centre to the joints, metres."""
         return 2.0 * self.arms.radius.mean(axis=1)
 
     @cached_property
     def area(self) -> Float[np.ndarray, " quads"]:
-        """Square metres of material, by its outline from edge to edge, with its part of the rim; the fillets and the feet are left out."""
+        """Area of every spiral's material with its part of the rim, but without fillets and feet, square metres."""
         share = np.linspace(0.0, 1.0, 33)
         begin = np.where(self.absent, self.begin, 0.0)[..., None]
         inner = np.roll(self.roots.right, 1, axis=1)[..., None]
@@ -158,36 +147,36 @@ class SpiralDesign:
 
     @cached_property
     def thin(self) -> Int[np.ndarray, " n"]:
-        """Quads too small for the smallest width, with thinner arms than asked for."""
+        """Quads too small for the smallest width, whose arms are thinner than the settings allow."""
         return np.flatnonzero((self.width < self.params.width_min * (1.0 - 1e-6)).any(axis=1) & ~self.solid)
 
     @property
     def findings(self) -> list[Finding]:
-        """Warnings with their places: quads without a spiral."""
+        """Warning about quads without a spiral, if any."""
         return no_spiral(np.flatnonzero(self.solid))
 
     @property
     def narrowest(self) -> tuple[float, float]:
-        """Width in metres of the narrowest slot and of the narrowest piece of material, between the true edges."""
+        """Widths of the narrowest slot and of the narrowest piece of material, metres."""
         return self.measured()
 
     def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
-        """``narrowest``, looked for at the first call, with progress."""
+        """Measure ``narrowest`` between the true edges of the arms, at the first call only."""
         if self.drawn.narrowest is None:
             slot, bridge = np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
-            for part in progress.batches(len(every), TOGETHER, "the narrowest places"):
+            for part in progress.batches(len(every), BATCH, "the narrowest places"):
                 some = every[part]
                 left, right = roots.left[some], roots.right[some]
-                found = narrowest(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
-                slot, bridge = min(slot, found[0]), min(bridge, found[1])
+                own = narrowest(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
+                slot, bridge = min(slot, own[0]), min(bridge, own[1])
             other = self._gaps(slot)[1]
             slot = min(slot, float(other.min(initial=np.inf)))
             self.drawn.narrowest = slot, bridge
         return self.drawn.narrowest
 
     def narrower(self, width: float) -> Int[np.ndarray, " n"]:
-        """Quads beside whose arms there is a slot narrower than ``width`` metres, at its root or elsewhere."""
+        """Return the quads with a slot narrower than ``width`` metres beside their arms, at the root or elsewhere."""
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
         apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
@@ -197,7 +186,7 @@ class SpiralDesign:
         return np.flatnonzero(least < 0.999 * width)
 
     def _gaps(self, below: float) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """Both quads, and metres, of the gaps less than ``below`` metres between arms that are cut, of different quads."""
+        """Return both quads and the width of all gaps below ``below`` between arms of different quads, metres."""
         arms, gap = Room.gaps(self.flat, self.params, self.width, self.twist, below)
         cut = ~self.absent.ravel()[arms].any(axis=1)
         return arms[cut] // 4, gap[cut]
@@ -206,9 +195,10 @@ class SpiralDesign:
 def uniform(
     flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
 ) -> SpiralDesign:
-    """The same spiral in every quad, as far as the quads allow: each is narrowed and unwound until it can be cut.
+    """Make a design of equal spirals; where a quad lacks room, arms become thinner and twists smaller.
 
-    width : metres, the mean of the allowed range if not given; twist : radians, half of the largest if not given.
+    width : metres; default is the middle of the allowed range
+    twist : radians; default is half of the largest
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width = 0.5 * (params.width_min + params.width_max) if width is None else width
@@ -223,7 +213,7 @@ def from_curvature(
     curvature: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """The curvature-adjusted start (FlexMaps section 7): the more a place is curved, the thinner and the more wound its spiral.
+    """Make the curvature-adjusted start (FlexMaps section 7): higher curvature gives thinner arms and more twist.
 
     curvature : RMS curvature, 1/m
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
@@ -240,9 +230,9 @@ def from_spirals(
     *,
     constraints: Constraints = FREE,
 ) -> SpiralDesign:
-    """A start with these widths in metres and twists in radians, as far as they can be cut and the constraints allow.
+    """Make a start near given widths (metres) and twists (radians) that can be cut and meets the constraints.
 
-    Where quads have no room, the flat points near them are moved first: the design has flat patches of its own then.
+    If quads have no room, move the flat points near them; the design then has its own flat patches.
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
     width, twist, straight = width.copy(), twist.copy(), constraints.straight
@@ -258,7 +248,7 @@ def from_spirals(
     tight = np.array(made.faces) if isinstance(made, FlexMapsError) else np.flatnonzero(made.solid)
     if len(tight):
         moved = widened(flat, tight, progress.part(0.5, 0.6))
-        with suppress(FlexMapsError):  # what is said of the patches as they came helps more
+        with suppress(FlexMapsError):  # the error about the original patches is more helpful
             again = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
             made = again if again.solid.sum() < len(tight) else made
     if isinstance(made, SpiralDesign):
@@ -269,10 +259,10 @@ def from_spirals(
 def curvature_adjusted(
     params: SpiralParams, curvature: Float[np.ndarray, " quads"]
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-    """Widths in metres and twists in radians that go with an RMS curvature in 1/m, whether they can be cut or not.
+    """Return widths (metres) and twists (radians) for an RMS curvature C (1/m), without checks whether they can be cut.
 
-    Both are linear in c = C / C_max, where C_max is a high percentile of the curvature (``params.curvature_top``; 100 is the
-    maximum of the publication): one sharp crease would else leave all the rest of the surface at c near 0.
+    Both are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature, where the publication
+    takes the maximum (100): a single sharp crease would leave c near 0 on the rest of the surface.
     """
     curvature = np.asarray(curvature, dtype=float)
     top = float(np.percentile(curvature, params.curvature_top))
@@ -291,43 +281,51 @@ def fitted(
     free: Bool[np.ndarray, " quads"] | None = None,
     progress: Progress = SILENT,
 ) -> SpiralDesign:
-    """The design nearest to widths in metres and twists in radians that can be cut, joints and neighbours included.
+    """Make a design near given widths and twists that can be cut, joints and neighbours included.
 
-    Without ``prove`` the finished outlines are not drawn and searched for the few places that may still touch.
-    free : the spirals that may be changed, all of them if not given; the others are taken as they are
-    Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+    Parameters
+    ----------
+    flat, params : flat patches, and settings of the spirals
+    width, twist : metres, radians
+    prove : draw the finished outlines and repair the few places that still touch
+    free : spirals that may change; default is all
+    progress : called with the fraction done; may cancel
+
+    Raises
+    ------
+    FlexMapsError with the faces that are far too small for the smallest width.
     """
     free = np.ones(len(twist), dtype=bool) if free is None else free
     low, high = width_range(flat, params)
     small = hopeless(flat, params)
     refuse_many(np.flatnonzero(small & free), len(twist), too_small(flat, params, np.flatnonzero(small)))
-    if prove:  # others may have room by now
+    if prove:  # quads with solid hubs may have room in these flat patches
         width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
     width, room = np.minimum(width, most[:, None]), Room.of(flat, params)
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.closed(width, twist) & free
-    if shut.any():  # a good guess for those that are wound much too far
-        twist = np.where(shut, twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    found = opened(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
-    design = SpiralDesign(flat, params, *found)
+    if shut.any():  # a good first guess for spirals with far too much twist
+        twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
+    spirals = opened(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
+    design = SpiralDesign(flat, params, *spirals)
     return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
 
 
 def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
-    """Quads whose spiral is not a number, or thinner, wider or more wound than can be cut there.
+    """Return the quads whose spiral cannot be cut: not finite, too thin, too wide, or with too much twist.
 
-    Of slots only those in which some of ``quads`` have a part, if given.
+    quads : check only the slots beside these quads; default is all
     """
     low, high = width_range(design.flat, design.params)
     known = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
     width, twist = np.where(known[:, None], design.width, low[:, None]), np.where(known, design.twist, 0.0)
-    slack = 1e-3  # rounding, and limits that were found by iteration
+    slack = 1e-3  # for rounding, and for limits from iterations
     least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
-    # where connectors have no room, ends can be glued; it can be cut whether the elastic model knows it or not
+    # arms without room for connectors can be glued, and spirals outside the model's range can be cut
     room = Room.of(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
@@ -339,9 +337,10 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
 def proved(
     design: SpiralDesign, progress: Progress = SILENT, rounds: int = 60, free: Bool[np.ndarray, " quads"] | None = None
 ) -> SpiralDesign:
-    """Draw the outlines and unwind spirals, those that are ``free`` or any, round every place where they still touch.
+    """Draw the outlines, and unwind the spirals around every place where outlines still touch; most designs have none.
 
-    Most designs have no such place.
+    rounds : most repetitions
+    free : spirals that may change; default is all
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]
@@ -353,7 +352,7 @@ def proved(
         culprits, where = _culprits(design, part)
         if not len(culprits):
             return design
-        # unwind first, the neighbours too, whose arms pull at the joints; then make the arms thinner
+        # unwind first, neighbours too, because they determine the joints' direction; then thin the arms
         beside = np.union1d(culprits, mate[culprits])
         still = (design.twist == 0.0) | ~free
         straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.solid)[culprits]]
@@ -362,7 +361,7 @@ def proved(
         twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
         width[straight] = np.maximum(0.85 * width[straight], thinnest)
         if (twist == design.twist).all() and (width == design.width).all():
-            # nothing is left to unwind: at every such place, the nearest quad gets no spiral
+            # nothing can be unwound any further: the quad nearest to each place gets a solid hub
             worst = culprits if where is None else nearest_quads(design.flat, where, 1)
             given_up = np.zeros(len(twist), dtype=bool)
             given_up[worst] = True
@@ -371,7 +370,7 @@ def proved(
                 break
             culprits = np.flatnonzero(given_up | design.solid)
             refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
-            # what was unwound for their sake goes back
+            # restore the spirals that were unwound for these quads
             begun = solid(design.params, start.width, start.twist, given_up | design.solid)
             again = fitted(design.flat, design.params, *begun, prove=False, free=free, progress=part)
             width, twist = again.width, again.twist
@@ -380,7 +379,7 @@ def proved(
 
 
 def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
-    """Quads whose slots have no root, or beside which outlines touch, and then the places: patch, x and y in metres."""
+    """Return the quads whose slots have no root, else the quads where outlines touch and the places (as ``touching``)."""
     progress(0.0, "roots of the slots")
     culprits = np.flatnonzero(design.roots.missed.any(axis=1))
     if len(culprits):
@@ -390,10 +389,10 @@ def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray,
 
 
 def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
-    """The quads nearest to places, given as patch, x and y in metres."""
-    found = []
+    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres."""
+    nearest = []
     for patch, x, y in where:
         quads = flat.layout.patches[int(patch)]
         apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
-        found.append(quads[np.argsort(apart)[:count]])
-    return np.unique(np.concatenate(found))
+        nearest.append(quads[np.argsort(apart)[:count]])
+    return np.unique(np.concatenate(nearest))

@@ -1,8 +1,8 @@
-"""Narrow gaps between arms and sharp inner edges of their blends, with derivatives by the arms' numbers.
+"""Narrow gaps between arms, and sharp inner edges of blends, with derivatives with respect to the arms' parameters.
 
-A gap lies between a point of one arm and the nearest point of another, less half of both widths. The points stand at fixed
-parameters of the one arm, the nearest ones are found by Newton's method: there the distance is least, so its derivative is that at
-fixed parameters (envelope theorem).
+A gap is the distance of a point on one arm's centre line from the nearest point on another's, less half of both widths. The
+points lie at fixed t on the first arm; Newton's method finds the nearest point on the second arm. Because the distance is
+least there, its derivative needs no derivative of the nearest point (envelope theorem).
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from .lines import Lines, bent
 from .pairs import BESIDE, DEPTHS, ROUND, Pairs
 from .spiral import widths
 
-# Where gaps are measured: at so many t on the first arm of a pair
-_PLACES = 13
-_COARSE = 25  # points of the second arm among which the nearest is looked for where nothing tells where it is
-# Newton's steps to the nearest points: to find out which gaps are narrow, and to know those to the last digit, mostly in 4
+_PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
+_COARSE = 25  # points of the second arm that start the search for the nearest point; more start nearer and take longer
+# most Newton steps to the nearest point: a first estimate, and convergence, which mostly takes 4
 _FIRST, _LAST = 2, 40
-# Gaps may be narrower between two such places than at either, by so much of the widths of both arms: at most 0.01 was seen
+# margin for gaps that are narrower between two places than at either, in widths of both arms: at most 0.01 was seen
 _BETWEEN = 0.05
-# Newton's steps for both places at once, mostly 5, after which they are looked for one after the other
-_TOGETHER_STEPS = 12
-_CLOSE = 1e-10  # t that the last step is shorter than
-_FARTHEST = 0.15  # t that one such step goes at most
-# u of the blended end, t = share u, where its inner edge is looked at: round its sharpest turn, and at both ends
-_TURNS = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
+# most Newton steps for the places on both arms at once; mostly 5 suffice; afterwards a slower search takes over
+_JOINT_STEPS = 12
+_CLOSE = 1e-10  # tolerance on the last step, in t
+_FARTHEST = 0.15  # longest step, in t; longer steps may overshoot
+# places u = t / (length of the blend) where the inner edge is measured: around its sharpest turn, and near both ends
+_BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
 
 @dataclass(frozen=True, eq=False)
 class Narrow:
-    """Gaps of pairs of arms.
+    """Narrow gaps between pairs of arms.
 
-    pair : their numbers; t, s : places on the first and on the second arm
+    pair : index of the pair
+    t, s : places on the first and on the second arm
     side : -1 where the first arm lies on the wrong side of the second, else 1
-    gap : metres, negative where arms run through each other
+    gap : metres, negative where arms overlap
     """
 
     pair: Int[np.ndarray, " k"]
@@ -48,83 +48,83 @@ class Narrow:
     gap: Float[np.ndarray, " k"]
 
     def of(self, some: np.ndarray) -> Narrow:
-        """Some of the gaps."""
+        """Return a subset of the gaps."""
         return Narrow(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
     def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """The arms of the pairs and the places on them."""
+        """Return (arms, t) of the first arms and (arms, s) of the second arms."""
         return (pairs.one[self.pair], self.t), (pairs.two[self.pair], self.s)
 
 
 def narrow(
     lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
 ) -> Narrow:
-    """The gaps less than ``below`` metres, (n,) for every pair.
+    """Return the gaps narrower than ``below`` (n,), metres for every pair.
 
-    least : only the narrowest place of every pair, which is found sooner; all of them where arms run through each other
+    least : return only the narrowest place of every pair, which is faster; if any arms overlap, return all places
     """
     which, t, s = _near(lines, pairs, below)
     beside = pairs.kind[which] == BESIDE
-    s[beside] = _beside(lines, pairs, which[beside], t[beside], clockwise)
+    s[beside] = _estimate_beside(lines, pairs, which[beside], t[beside], clockwise)
     s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
     between = _BETWEEN * (lines.width[pairs.one[which]] + lines.width[pairs.two[which]])
     some = np.flatnonzero(gap - 2.0 * less < below[which] + between)
     which, t, s, gap, less = which[some], t[some], s[some], gap[some], less[some]
-    if least and not _through(lines, pairs, which, t, clockwise).any():
-        known = np.full(len(below), np.inf)
-        np.minimum.at(known, which, gap)
+    if least and not _passes_outside(lines, pairs, which, t, clockwise).any():
+        smallest = np.full(len(below), np.inf)
+        np.minimum.at(smallest, which, gap)
         # places that may turn out to be the narrowest of their pair
-        some = np.flatnonzero(gap - 2.0 * less <= known[which])
-        found = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
-        return found.of(found.gap < below[found.pair])
+        some = np.flatnonzero(gap - 2.0 * less <= smallest[which])
+        gaps = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
+        return gaps.of(gaps.gap < below[gaps.pair])
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
-    # and at the very narrowest place of every pair
+    # add the exact narrowest place of every pair
     lowest = _lowest(which, gap)
     narrowest = _narrowest(lines, pairs, which[lowest], t[lowest], s[lowest])
     both = zip((which, t, s, gap), (which[lowest], *narrowest), strict=True)
     which, t, s, gap = (np.concatenate(x) for x in both)
-    side = np.where(_through(lines, pairs, which, t, clockwise), -1.0, 1.0)
+    side = np.where(_passes_outside(lines, pairs, which, t, clockwise), -1.0, 1.0)
     some = np.flatnonzero((gap < below[which]) | (side < 0.0))
-    found = Narrow(which, t, s, side, gap).of(some)
-    if not (found.side < 0.0).any():
-        return found
-    # on the wrong side of the other arm, the distance of the centre lines counts against it
-    half = [0.5 * widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in found.both(pairs)]
-    return replace(found, gap=found.side * (found.gap + half[0] + half[1]) - half[0] - half[1])
+    gaps = Narrow(which, t, s, side, gap).of(some)
+    if not (gaps.side < 0.0).any():
+        return gaps
+    # on the wrong side of the other arm, the distance between the centre lines counts as negative
+    half = [0.5 * widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in gaps.both(pairs)]
+    return replace(gaps, gap=gaps.side * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
 
 
 def _narrowest_of_pairs(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> Narrow:
-    """The narrowest gap of every pair that has places here, near to the narrowest of these."""
+    """Return the narrowest gap of every pair in ``which``, searched from the narrowest of its places."""
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     lowest = _lowest(which, gap)
     which = which[lowest]
-    t, s, gap = _at_once(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
+    t, s, gap = _narrowest_jointly(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
     return Narrow(which, t, s, np.ones(len(which)), gap)
 
 
 def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
-    """Return where the gap of every pair is least."""
+    """Return the indices of the least gap of every pair."""
     order = np.lexsort((gap, which))
     return order[np.flatnonzero(np.diff(which[order], prepend=-1))]
 
 
 def _opening(lines: Lines, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Radians from the second arm to the first, against the sense in which they wind."""
+    """Return the angle from the second arm to the first, against the sense of rotation, radians."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
-def _beside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """About where the facing arm of a quad is nearest: where it passes at the same angle."""
+def _estimate_beside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+    """Estimate the nearest point of the facing arm of the same quad: the point at the same polar angle."""
     one, two = pairs.one[which], pairs.two[which]
     opening = _opening(lines, one, two, clockwise)
     level = t + opening / np.maximum(np.abs(lines.wind[one]), 1e-9)
-    # of straight arms the foot of the perpendicular
+    # for straight arms, the foot of the perpendicular
     foot = lines.radius[one] / lines.radius[two] * np.maximum(np.cos(opening), 0.0)
     return np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
 
 
-def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
-    """Where the facing arm of a quad passes outside of the arm that it faces."""
+def _passes_outside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+    """Return a mask of places where the facing arm of the same quad lies outside the first arm, so that arms overlap."""
     one, two = pairs.one[which], pairs.two[which]
     level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
     beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
@@ -132,41 +132,41 @@ def _through(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clock
 
 
 def _near(lines: Lines, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places of pairs that may be near, and about where the second arm is nearest."""
-    found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    """Return pair, t and a coarse s of all places where gaps may be narrower than ``below`` (broad phase)."""
+    places: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for kind in np.unique(pairs.kind):
         here = np.flatnonzero(pairs.kind == kind)
         t, s = np.linspace(0.0, DEPTHS[kind, 0], _PLACES), np.linspace(0.0, DEPTHS[kind, 1], _COARSE)
-        # every arm is drawn once
+        # sample every arm once
         arms, back = np.unique([pairs.one[here], pairs.two[here]], return_inverse=True)
         one, two = back.reshape(2, -1)
-        p, q = _drawn(lines, arms, t), _drawn(lines, arms, s)
+        p, q = _sample(lines, arms, t), _sample(lines, arms, s)
         widest = np.maximum(lines.width[arms], lines.end.width[arms])
         enough = below[here] + 0.5 * (widest[one] + widest[two])
-        # between two points that are a step apart an arm may be nearer by what half of the step takes off
+        # between two samples the arm may be nearer than at either of them, by up to half of their distance
         enough = enough**2 + 0.3 * (np.abs(np.diff(q, axis=0)).max(axis=0) ** 2)[two]
-        if kind == ROUND:  # which lie in one plane as they are
-            kept = np.maximum(_parted(p, q, one, two), 0.0) ** 2 < enough
+        if kind == ROUND:  # both arms of these pairs lie in one frame, so that separating lines can rule pairs out
+            kept = np.maximum(_separation(p, q, one, two), 0.0) ** 2 < enough
             here, one, two, enough = here[kept], one[kept], two[kept], enough[kept]
-        for first in range(0, len(here), _TOGETHER):
-            part = slice(first, first + _TOGETHER)
+        for first in range(0, len(here), _BATCH):
+            part = slice(first, first + _BATCH)
             some = here[part]
-            # the pairs come last: long runs of plain sums
+            # pairs along the last axis, so that numpy sums long contiguous runs
             there = pairs.turn[some] * q[:, two[part]] + pairs.shift[some]
             apart = _squares(p[:, one[part]], there)
             place, row = np.nonzero(apart.min(axis=1) < enough[part])
-            found.append((some[row], t[place], s[apart[place, :, row].argmin(axis=1)]))
-    if not found:
+            places.append((some[row], t[place], s[apart[place, :, row].argmin(axis=1)]))
+    if not places:
         return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
-    return tuple(np.concatenate(x) for x in zip(*found, strict=True))  # type: ignore[return-value]
+    return tuple(np.concatenate(x) for x in zip(*places, strict=True))  # type: ignore[return-value]
 
 
-_WAYS = np.exp(0.25j * np.pi * np.arange(4))  # across which arms are looked at for lines that part them
-_TOGETHER = 100  # pairs whose points are compared at once, so that they stay in the processor's cache
+_NORMALS = np.exp(0.25j * np.pi * np.arange(4))  # normals of the separating lines that are tried
+_BATCH = 100  # pairs whose points are compared at once, few enough for the processor's cache
 
 
 def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Float[np.ndarray, "i j n"]:
-    """Squared distances of all points in a column of p from all in that of q."""
+    """Return the squared distances of all points in every column of p from all points in the same column of q."""
     out, aside = (x.copy()[:, None] - y.copy() for x, y in ((p.real, q.real), (p.imag, q.imag)))
     np.square(out, out=out)
     np.square(aside, out=aside)
@@ -174,23 +174,23 @@ def _squares(p: Complex[np.ndarray, "i n"], q: Complex[np.ndarray, "j n"]) -> Fl
     return out
 
 
-def _parted(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Metres between two lines that part the points p of arms ``one`` from the points q of arms ``two``; negative where none do."""
+def _separation(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Return the width in metres of a strip that separates points p of arms ``one`` from q of arms ``two``; negative if none does."""
     far = np.full(len(one), -np.inf)
-    for way in _WAYS:
-        first, second = ((x * np.conj(way)).real for x in (p, q))
+    for normal in _NORMALS:
+        first, second = ((x * np.conj(normal)).real for x in (p, q))
         far = np.maximum(far, first.min(axis=0)[one] - second.max(axis=0)[two])
         far = np.maximum(far, second.min(axis=0)[two] - first.max(axis=0)[one])
     return far
 
 
-def _drawn(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
-    """Points of arms (N,) at evenly spaced t from 0 on, (M, N)."""
+def _sample(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
+    """Return points (M, N) of arms (N,) at t (M,), which must start at 0 and be evenly spaced."""
     centre, slope, share = lines.centre[arms], lines.end.slope[arms], lines.end.share[arms]
     spoke = lines.radius[arms] * np.exp(1j * lines.angle[arms])
     further, longest = np.exp(1j * lines.wind[arms] * t[1]), share.max()
     out = np.empty((len(t), len(arms)), dtype=complex)
-    # one place after the other, so that what is worked on stays in the processor's cache
+    # one t at a time, so that the arrays stay in the processor's cache
     for row, place in zip(out, t, strict=True):
         np.multiply(1.0 - place, spoke, out=row)
         row += centre
@@ -203,11 +203,13 @@ def _drawn(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Comple
 def _nearest(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where on the second arm the gap to the places t of the first is least, the gap in metres, and about how much less the next
-    step would make it."""
+    """Find the place on the second arm that is nearest to t on the first, by Newton's method.
+
+    Return s, the gap in metres, and an estimate of the gap's decrease in one more step.
+    """
     one, two, kind = pairs.one[which], pairs.two[which], pairs.kind[which]
     p, _, _, half = lines.at(one, t)[:4]
-    # seen from the second arm
+    # transform to the frame of the second arm
     p, last = (p - pairs.shift[which]) * np.conj(pairs.turn[which]), DEPTHS[kind, 1]
     gap = less = before = np.zeros(len(s))
     farthest = np.full(len(s), _FARTHEST)
@@ -234,8 +236,10 @@ def _nearest(
 def _narrowest(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where between the places beside t gaps are least, on either arm, and how wide they are there: by Newton's method along the
-    first arm, within the bracket that the slope leaves."""
+    """Find the narrowest gap between the places before and after t on the first arm; return t, s and the gap in metres.
+
+    Newton's method along the first arm, safeguarded by a bracket.
+    """
     depth = DEPTHS[pairs.kind[which], 0]
     step = depth / (_PLACES - 1)
     low, high = np.maximum(t - step, 0.0), np.minimum(t + step, depth)
@@ -256,16 +260,19 @@ def _narrowest(
     return t, s, gap
 
 
-def _at_once(
+def _narrowest_jointly(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As ``_narrowest``, by Newton's method for the places on both arms at once; known : gaps at t, which are no narrower."""
+    """Return the results of ``_narrowest`` faster, by Newton's method for the places on both arms at once.
+
+    known : gaps at t, upper bounds for the result
+    """
     kind = pairs.kind[which]
     last, step = DEPTHS[kind, 1], DEPTHS[kind, 0] / (_PLACES - 1)
     low, high = np.maximum(t - step, 0.0), np.minimum(t + step, DEPTHS[kind, 0])
     out = t.copy(), s.copy(), known.copy()
     moving, before, far = np.arange(len(t)), np.zeros(len(t)), 2.0 * step
-    for _ in range(_TOGETHER_STEPS):
+    for _ in range(_JOINT_STEPS):
         at, there = out[0][moving], out[1][moving]
         gap, (by_t, by_s), (own, cross, other) = _bends(lines, pairs, which[moving], at, there)
         held = ((there <= 0.0) & (by_s > 0.0)) | ((there >= last[moving]) & (by_s < 0.0))
@@ -283,12 +290,12 @@ def _at_once(
         moving = moving[moved > _CLOSE]
         if not len(moving):
             break
-    # what has not come to rest in a few steps, or only where the gap is wider, is looked for along the first arm
+    # use the safeguarded search where Newton's method did not converge, or converged to a wider gap
     lost = out[2] > known + 1e-12
     lost[moving] = True
     if lost.any():
-        found = _narrowest(lines, pairs, which[lost], t[lost], s[lost])
-        for whole, part in zip(out, found, strict=True):
+        again = _narrowest(lines, pairs, which[lost], t[lost], s[lost])
+        for whole, part in zip(out, again, strict=True):
             whole[lost] = part
     return out
 
@@ -296,9 +303,9 @@ def _at_once(
 def _along(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First and second derivative of gaps by t on the first arm, while the nearest points on the second follow."""
+    """Return the first and second derivative of gaps with respect to t; the nearest point on the second arm follows."""
     _, (by_t, _), (own, cross, other) = _bends(lines, pairs, which, t, s)
-    # an end of the second arm stays where it is
+    # a nearest point at an end of the second arm does not follow
     free = (s > 0.0) & (s < DEPTHS[pairs.kind[which], 1])
     return by_t, own - np.where(free, cross**2 / np.maximum(other, 1e-12), 0.0)
 
@@ -306,9 +313,9 @@ def _along(
 def _bends(
     lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Gaps in metres, their first derivatives by t and by s, and their second ones by t twice, by both and by s twice.
+    """Return gaps in metres, first derivatives (by t, by s) and second derivatives (by t twice, by both, by s twice).
 
-    The last is kept above a quarter of what it would be far away, so that steps towards the nearest point go the right way.
+    The second derivative by s is kept above a quarter of its value for straight arms, so that Newton steps descend.
     """
     turn = pairs.turn[which]
     p, p1, p2, half, half1, half2 = lines.at(pairs.one[which], t)
@@ -325,8 +332,11 @@ def _bends(
 
 
 def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives of gaps by the numbers of the first and of the second arm, (K, lines.COUNT) each, and by the nearest point of
-    the second, and where that lies (both complex, in the first arm's frame)."""
+    """Return the derivatives of gaps.
+
+    With respect to the parameters of the first and of the second arm, (K, lines.COUNT) each, and to the nearest point of the
+    second arm; last, that point. The last two are complex, in the first arm's frame.
+    """
     (one, t), (two, s) = gaps.both(pairs)
     turn = pairs.turn[gaps.pair]
     place = turn * lines.points(two, s) + pairs.shift[gaps.pair]
@@ -340,10 +350,14 @@ def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np
 def sharp(
     lines: Lines, arms: Int[np.ndarray, " n"], below: Float[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Where in their blends arms keep less than ``below``, (n,), of the radius of curvature on their inner edge: the arm, u, the share."""
+    """Find the places in blends where the inner edge is sharp.
+
+    Sharp means that the radius of curvature of the inner edge over that of the centre line is less than ``below`` (n,).
+    Return the arm, u and that ratio of every such place.
+    """
     end = lines.end
-    i = np.broadcast_to(arms[:, None], (len(arms), len(_TURNS)))
-    u = np.broadcast_to(_TURNS, i.shape)
+    i = np.broadcast_to(arms[:, None], (len(arms), len(_BLEND_PLACES)))
+    u = np.broadcast_to(_BLEND_PLACES, i.shape)
     _, d1, d2, half = lines.at(i, end.share[i] * u)[:4]
     left = 1.0 - half * np.abs((np.conj(d1) * d2).imag) / np.abs(d1) ** 3
     some = left < below[:, None]
@@ -351,7 +365,7 @@ def sharp(
 
 
 def sharp_slopes(lines: Lines, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k numbers"]:
-    """Derivatives of the share of ``sharp`` by the numbers of the arms' ends."""
+    """Return the derivatives of the ratios of ``sharp`` with respect to the parameters of the arms' blends."""
     end, uu = lines.end, u * u
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]
     t = share * u
@@ -363,7 +377,7 @@ def sharp_slopes(lines: Lines, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " 
     pure = d1 - first, d2 - second
     third = (3.0 * wind**2 * lines.radius[i] - 1j * wind**3 * r) * turn
     moves = [q1[:, None] * end.slope_by[i], (q2 / share)[:, None] * end.slope_by[i]]
-    # with the share, t moves at the same u
+    # at a fixed u, t changes with the length of the blend
     moves[0] += (pure[1] * u)[:, None] * end.share_by[i]
     moves[1] += (third * u - second / share)[:, None] * end.share_by[i]
     for k in range(2):
@@ -376,7 +390,7 @@ def sharp_slopes(lines: Lines, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " 
     change = (np.conj(moves[0]) * d2[:, None] + np.conj(d1)[:, None] * moves[1]).imag / (size**3)[:, None]
     change -= (3.0 * bent / size**5)[:, None] * (np.conj(d1)[:, None] * moves[0]).real
     joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
-    # the width at the same u does not hang on the share
+    # at a fixed u, the width does not depend on the length of the blend
     wide = 0.5 * joint[:, None] * end.width_by[i]
     wide[:, 0] += 0.5 * (1.0 - joint)
     return -np.sign(bent)[:, None] * (half[:, None] * change + wide * (bent / size**3)[:, None])

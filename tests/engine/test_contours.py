@@ -39,7 +39,7 @@ def _buffered(made, fillet):
 def test_panel_equals_the_union_of_its_arms(flat_grid, degrees, move, clockwise):
     params = SpiralParams(clockwise=clockwise, slot_min=0.0002, fillet=0.0001)
     flat = flat_grid(2, 2, move=move)
-    bound = design.twist_bound(flat, params, np.full((4, 4), 0.0012)).min()
+    bound = slots.twist_bound(flat, params, np.full((4, 4), 0.0012)).min()
     made = SpiralDesign(flat, params, np.full((4, 4), 0.0012), np.full(4, min(np.radians(degrees), 0.95 * bound)))
     (panel,) = _polygons(made, 1e-6)
     assert panel.is_valid

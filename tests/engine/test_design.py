@@ -12,18 +12,18 @@ from shapely import LineString
 @pytest.mark.parametrize(("scale", "degrees"), [(0.010, (341, 285, 243, 212, 187)), (0.015, (516, 432, 371, 324, 288))])
 def test_twist_limit_in_closed_form(scale, degrees):
     widths = np.array([0.001, 0.00125, 0.0015, 0.00175, 0.002])
-    np.testing.assert_allclose(np.degrees(design.twist_limit(scale, widths, 0.0003)), degrees, atol=0.6)
+    np.testing.assert_allclose(np.degrees(slots.twist_limit(scale, widths, 0.0003)), degrees, atol=0.6)
 
 
 def test_no_twist_where_arms_fill_the_quad():
-    assert design.twist_limit(0.004, 0.003, 0.0003) == 0.0
+    assert slots.twist_limit(0.004, 0.003, 0.0003) == 0.0
 
 
 @pytest.mark.parametrize("move", [None, lambda p: p @ np.array([[1.0, 0.05], [0.15, 1.1]])], ids=["square", "sheared"])
 def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     flat, params = flat_grid(1, 1, 0.01, move=move), SpiralParams()
     width = np.full((1, 4), 0.0015)
-    bound = design.twist_bound(flat, params, width)
+    bound = slots.twist_bound(flat, params, width)
     assert 0.0 < bound[0] < 2 * np.pi
     arms = spiral.arms(flat, params, width, bound)
     whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
@@ -33,20 +33,20 @@ def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     assert min(gaps) == pytest.approx(params.slot_min, abs=3e-6)
     # the closed form for regular spirals is a little more generous, for it looks at the tip alone
     if move is None:
-        assert bound[0] < design.twist_limit(0.01, width[0, 0], params.slot_min)
-        assert bound[0] > 0.85 * design.twist_limit(0.01, width[0, 0], params.slot_min)
+        assert bound[0] < slots.twist_limit(0.01, width[0, 0], params.slot_min)
+        assert bound[0] > 0.85 * slots.twist_limit(0.01, width[0, 0], params.slot_min)
 
 
 def test_bound_stops_at_the_largest_twist_asked_for(flat_grid):
     flat = flat_grid(2, 2, 0.03)
-    np.testing.assert_array_equal(design.twist_bound(flat, SpiralParams(twist_max=3.0), np.full((4, 4), 0.001)), 3.0)
+    np.testing.assert_array_equal(slots.twist_bound(flat, SpiralParams(twist_max=3.0), np.full((4, 4), 0.001)), 3.0)
 
 
 def test_what_fits_as_it_is_asked_for_stays(flat_grid):
     flat, params, width = flat_grid(3, 1, 0.01), SpiralParams(), np.full((3, 4), 0.0015)
-    bound = design.twist_bound(flat, params, width)
+    bound = slots.twist_bound(flat, params, width)
     asked = bound * [0.3, 0.999, 1.2]
-    found = design.twist_bound(flat, params, width, most=asked)
+    found = slots.twist_bound(flat, params, width, most=asked)
     np.testing.assert_array_equal(found[:2], asked[:2])
     assert found[2] == pytest.approx(bound[2], abs=2e-3)
 
