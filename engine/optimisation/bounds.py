@@ -1,8 +1,8 @@
-"""Bounds of a search that are exact at every step: the box of the coordinates, and the room between the arms.
+"""Exact bounds of a search at every step: the box of the coordinates, and the clearance between the arms.
 
-The room of a gap is a smooth function of the design (see ``spirals.room``). Near a design it is linear, so that a step keeps
-``rooms + slopes step >= 0``; what curvature is left after the step is taken back along the slopes, and where that does
-not help, spirals go part of the way only. So every design on the way can be cut.
+The clearance of a gap is a smooth function of the design (see ``spirals.room``). A step keeps its linearisation
+``room + slope @ step >= 0``. Gaps that still close, because clearance is curved, are opened again along the slopes; where that
+fails, single spirals take only part of the step. So every design of the search can be cut.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from ..linalg import Pattern, SparseCholesky
 from ..spirals.room import Terms
 
 Product = Callable[[np.ndarray], np.ndarray]
-# How often a step is sought at the most, again where it has run into bounds. A third of the coordinates lie at an end of their range: with one round
-# steps brought 1 to 90 % of the fall that the bounds allow
-ROUNDS = 2
-TURNS = 1  # looks at where its direction leads before it is followed
-LOOK = 5  # rounds of conjugate gradients that tell what a direction would run into
-BENT = 6  # halvings of a step until the model falls along the way that is bent at the bounds
-WORTH = 0.05  # share of the model's fall that another round must bring
-CG_PRECISION = 0.1  # share of the gradient that a step may leave
-# The same where rooms are opened. What nearly alike rows miss unlike much would else take moves that are many times as long as
-# the step: on a surface of 986 quads they took half of every step away, with this 3 to 10 %
-SOFT = 0.1
-MORE = 1.0 + SOFT  # of what is missing is asked for, which opens a room by itself at once
-RESTORED = 8  # times that a step is brought back along the slopes of the rooms that it has closed
-HALVINGS = 6  # of a spiral's own share of the step before it stays where it is
-LONGEST = 50  # rounds in which spirals are found that have to go less far
-# Added to the products of the rows of unit length, so that alike ones, of the four slots of a regular quad, do no harm
-ALIKE = 1e-6
-DENSE = 250  # rows up to which their products are factored as a full matrix, which is quicker there
-TOUCHING = 1e-3  # room below which a gap counts as closed by a step towards it; the same unit as of the coordinates
-LEFT = 5e-4  # room that is left where a step has been brought back, likewise
+# Largest number of rounds a step; each starts again with the bounds that the one before has reached. A third of the coordinates are
+# at an end of their range: with one round, steps brought 1 to 90 % of the decrease that the bounds allow
+MAX_ROUNDS = 2
+PROBES = 1  # short solves that find the bounds which a direction would run into, before the full solve
+PROBE_ITERATIONS = 5  # of conjugate gradients in such a short solve
+MAX_BACKTRACKS = 6  # halvings of a projected step until the model decreases
+MIN_GAIN = 0.05  # share of the decrease so far that a round must bring for another one to follow
+CG_PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, at which conjugate gradients stop
+# Tikhonov term where clearances are restored. Nearly parallel rows that lack unlike amounts would else ask for moves many times as
+# long as the step: on a surface of 986 quads these undid half of every step, with this term 3 to 10 %
+RESTORE_RIDGE = 0.1
+OVERSHOOT = 1.0 + RESTORE_RIDGE  # factor on the missing clearance that makes up for the Tikhonov term on a single gap
+MAX_RESTORATIONS = 8  # times that closed clearances are opened along their slopes
+HALVINGS = 6  # of the share of a step that a spiral takes, before it takes none
+MAX_SHORTENINGS = 50  # rounds that look for spirals which must take a smaller share
+# Added to the diagonal of the Gram matrix of unit rows: the four slots of a regular quad have the same row, which makes it singular
+RIDGE = 1e-6
+DENSE = 250  # rows up to which the Gram matrix is factored dense, which is quicker there
+CLOSED_BELOW = 1e-3  # clearance, in units of the coordinates, below which a gap counts as an active bound
+MIN_CLEARANCE = 5e-4  # clearance, in units of the coordinates, that a restored gap gets
 
 
 @dataclass(frozen=True, eq=False)
 class Rooms:
-    """The rooms near a design, in rows of unit length.
+    """Clearances of the gaps near a design, linearised, each scaled so that its gradient has unit length.
 
-    room : what is left, in units of the coordinates; slope : derivatives by all coordinates
+    room : clearances, in units of the coordinates; slope : (rows, coordinates) their derivatives
     """
 
     room: Float[np.ndarray, " rows"]
@@ -53,7 +53,7 @@ class Rooms:
 
     @classmethod
     def of(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> Rooms:
-        """From rooms and slopes in any unit; what no coordinate changes is left out."""
+        """Normalise clearances and their derivatives, given in any unit; leave out gaps that no coordinate changes."""
         length = _lengths(slope)
         kept = length > 0.0
         if not kept.all():
@@ -62,27 +62,28 @@ class Rooms:
 
     @classmethod
     def none(cls, size: int) -> Rooms:
-        """For so many coordinates."""
+        """Return no clearances, for ``size`` coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
     def scaled(self, units: Float[np.ndarray, " coordinates"]) -> Rooms:
-        """The same, by coordinates in these units; rows are not of unit length any more."""
+        """Return the derivatives by coordinates in these units; rows then no longer have unit length."""
         return Rooms(self.room, _scale_columns(self.slope, units))
 
     def of_rows(self, rows: np.ndarray) -> Rooms:
         return Rooms(self.room[rows], self.slope[rows])
 
     def part(self, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
-        """The slopes with zeros for coordinates that are not free."""
+        """Return ``slope`` with zeros for coordinates that are not free."""
         return _scale_columns(self.slope, free)
 
 
 def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
+    """Return the Euclidean norm of every row."""
     row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
     return np.sqrt(np.bincount(row, rows.data * rows.data, rows.shape[0]))
 
 
-# these two go without products of sparse matrices, whose making costs more than their numbers
+# these two change the stored numbers directly, because building a sparse product costs more than its arithmetic
 def _scale_columns(rows: csr_array, factor: np.ndarray) -> csr_array:
     return csr_array((rows.data * factor[rows.indices], rows.indices, rows.indptr), shape=rows.shape)
 
@@ -93,7 +94,7 @@ def _scale_rows(rows: csr_array, factor: np.ndarray) -> csr_array:
 
 
 def lowest(terms: Terms) -> Terms:
-    """Of the gaps of two arms, which are measured at several places, only the narrowest."""
+    """Keep the narrowest gap of every two arms, out of the several places where it is measured."""
     order = np.lexsort((terms.value, *terms.arms.T))
     arms = terms.arms[order]
     first = np.ones(len(order), dtype=bool)
@@ -104,30 +105,30 @@ def lowest(terms: Terms) -> Terms:
 
 
 class Projection:
-    """Onto the steps that leave rows as they are; the least step that changes them by so much."""
+    """Orthogonal projection onto the null space of ``rows``, and their least-norm solution, both with a Tikhonov term ``soft``."""
 
-    def __init__(self, rows: csr_array, soft: float = ALIKE):
+    def __init__(self, rows: csr_array, soft: float = RIDGE):
         length = _lengths(rows)
         self._length = np.where(length > 0.0, length, 1.0)
         self._rows = _scale_rows(rows, 1.0 / self._length)
         self._back = self._rows.T
-        self._solve = _factored(self._rows @ self._back, soft)
+        self._solve = _make_solver(self._rows @ self._back, soft)
 
     def multipliers(self, way: np.ndarray) -> Float[np.ndarray, " rows"]:
-        """The combination of the rows, in rows of unit length, that is nearest to a way."""
+        """Return the coefficients of the combination of unit rows that is nearest to the vector ``way``."""
         return self._solve(self._rows @ way)
 
     def along(self, way: np.ndarray) -> np.ndarray:
-        """What of a way leaves the rows as they are."""
+        """Return the component of ``way`` that leaves the values of the rows unchanged."""
         return way - self._back @ self.multipliers(way)
 
     def least(self, change: Float[np.ndarray, " rows"]) -> np.ndarray:
-        """The shortest way that changes the rows by so much."""
+        """Return the shortest vector that changes the values of the rows by ``change``."""
         return self._back @ self._solve(change / self._length)
 
 
-def _factored(square: csr_array, soft: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Return what solves with a positive semidefinite matrix to whose diagonal ``soft`` is added."""
+def _make_solver(square: csr_array, soft: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Factor a positive semidefinite matrix plus ``soft`` on its diagonal; return a function that solves with it."""
     count = square.shape[0]
     if 0 < count <= DENSE:
         full = square.toarray()
@@ -151,23 +152,34 @@ def bounded_step(
     most: int,
     units: Float[np.ndarray, " coordinates"] | None = None,
 ) -> Float[np.ndarray, " coordinates"]:
-    """The step that nearly minimises a convex quadratic model within the bounds.
+    """Return the step that nearly minimises a convex quadratic model within the box and the clearances.
 
-    product : of the model's matrix; most : rounds of conjugate gradients
-    units : of the coordinates, in which it is sought and in which what a bound takes away is least; those of the box if None
-    Conjugate gradients among the coordinates and rooms that are free, a search along the way that is bent at the bounds, and
-    again with what is free then (Moré and Toraldo 1991). The model falls in every round.
+    Conjugate gradients on the free coordinates and gaps, a line search projected onto the bounds, then again with the bounds that are
+    free now (Moré and Toraldo 1991). The model decreases in every round.
+
+    Parameters
+    ----------
+    x : present coordinates, in [0, 1]
+    gradient : of the model at ``x``
+    product : of the model's matrix with a vector (coordinates,)
+    rooms : linearised clearances at ``x``
+    most : largest number of iterations of conjugate gradients
+    units : of the coordinates, which precondition the search and define the norm of projections; ones if None
+
+    Returns
+    -------
+    The step; ``x`` plus the step lies in the box.
     """
     if units is not None:
-        product, rooms = _scaled(product, units), rooms.scaled(units)
+        product, rooms = _scale_product(product, units), rooms.scaled(units)
     unit = np.ones_like(x) if units is None else units
     low, high = -x / unit, (1.0 - x) / unit
     step, slope, fallen = np.zeros_like(x), unit * gradient, 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         ends = np.where(step <= low, -1.0, np.where(step >= high, 1.0, 0.0))
-        way = _way(slope, ends, rooms.slope[rooms.room + rooms.slope @ step < TOUCHING], product, most)
-        for turn in range(BENT):
-            trial = _inside(step + 0.5**turn * way, low, high, rooms)
+        way = _search_direction(slope, ends, rooms.slope[rooms.room + rooms.slope @ step < CLOSED_BELOW], product, most)
+        for turn in range(MAX_BACKTRACKS):
+            trial = _project(step + 0.5**turn * way, low, high, rooms)
             pulled = product(trial - step)
             fall = float((trial - step) @ (slope + 0.5 * pulled))
             if fall < 0.0:
@@ -175,21 +187,22 @@ def bounded_step(
         else:
             break
         step, slope, fallen = trial, slope + pulled, fallen + fall
-        if fall > WORTH * fallen:
+        if fall > MIN_GAIN * fallen:
             break
-    return np.clip(unit * step, -x, 1.0 - x)  # without what rounding adds
+    return np.clip(unit * step, -x, 1.0 - x)  # rounding may leave the box
 
 
-def _scaled(product: Product, units: np.ndarray) -> Product:
+def _scale_product(product: Product, units: np.ndarray) -> Product:
+    """Return the product with the matrix by coordinates in these units."""
     return lambda way: units * product(units * way)
 
 
-def _way(
+def _search_direction(
     slope: np.ndarray, ends: Float[np.ndarray, " coordinates"], closed: csr_array, product: Product, most: int
 ) -> Float[np.ndarray, " coordinates"]:
-    """The way to the model's minimum that leaves the box nowhere and closes none of the closed rooms further.
+    """Return the direction to the model's minimum that neither leaves the box nor narrows a closed gap.
 
-    ends : -1 and 1 where coordinates are at the lower and the upper end of their range, else 0
+    ends : -1 and 1 where coordinates are at the lower and the upper end of their range, else 0; closed : slopes of closed gaps
     """
     fixed, onto = ends * slope < 0.0, None
 
@@ -200,7 +213,7 @@ def _way(
     held = np.zeros(closed.shape[0], dtype=bool)
     if len(held):
         held = Projection(_scale_columns(closed, ~fixed)).multipliers(np.where(fixed, 0.0, slope)) > 0.0
-    for most_now in (LOOK,) * TURNS + (most,):
+    for most_now in (PROBE_ITERATIONS,) * PROBES + (most,):
         onto = Projection(_scale_columns(closed[held], ~fixed)) if held.any() else None
         way = conjugate_gradients(product, along, -along(slope), min(most_now, most))
         out, further = ~fixed & (ends * way > 0.0), ~held & (closed @ way < 0.0)
@@ -208,17 +221,17 @@ def _way(
     return way
 
 
-def _inside(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -> Float[np.ndarray, " coordinates"]:
-    """A step brought back into the box and to the rooms that it closes."""
+def _project(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -> Float[np.ndarray, " coordinates"]:
+    """Bring a step back into the box, and open the gaps that it closes."""
     step = np.clip(step, low, high)
-    for _ in range(RESTORED):
-        closed = rooms.room + rooms.slope @ step < -0.5 * TOUCHING
+    for _ in range(MAX_RESTORATIONS):
+        closed = rooms.room + rooms.slope @ step < -0.5 * CLOSED_BELOW
         if not closed.any():
             break
         rows = rooms.of_rows(closed)
         free = (step > low) & (step < high)
-        onto = Projection(rows.part(free), SOFT)
-        step = np.clip(step + onto.least(-MORE * (rows.room + rows.slope @ step)), low, high)
+        onto = Projection(rows.part(free), RESTORE_RIDGE)
+        step = np.clip(step + onto.least(-OVERSHOOT * (rows.room + rows.slope @ step)), low, high)
     return step
 
 
@@ -228,7 +241,10 @@ def conjugate_gradients(
     rhs: np.ndarray,
     most: int,
 ) -> np.ndarray:
-    """Solve product(v) = rhs among the ways that the projection ``along`` leaves, to a share of the right-hand side."""
+    """Solve product(v) = rhs in the subspace that ``along`` projects onto, to a relative residual of ``CG_PRECISION``.
+
+    ``most`` : largest number of iterations; ``rhs`` lies in that subspace.
+    """
     v, r = np.zeros_like(rhs), rhs.copy()
     p, rr = r.copy(), float(r @ r)
     goal = CG_PRECISION**2 * float(rhs @ rhs)
@@ -249,13 +265,13 @@ def conjugate_gradients(
 
 @dataclass(frozen=True, eq=False)
 class Within:
-    """What ``restored`` asks of a problem.
+    """Clearances of a problem, as ``restored`` needs them.
 
-    rooms : those that coordinates close, or would nearly, by the ``own`` first coordinates; of the rooms in which some spirals have a
-        part, if given
-    shut : which spirals have a part in a closed one, likewise
-    spread : the share of every coordinate from those of the spirals; spirals : how many there are
-    own : so many of the coordinates, as many for each spiral, may be moved to open a room
+    rooms : from coordinates, and spirals or None for all, to the clearances of closed and nearly closed gaps in which these spirals
+        have an arm, by the first ``own`` coordinates
+    shut : from coordinates, and spirals or None for all, to a mask of the spirals that have an arm in a closed gap
+    spread : from shares of the step, one a spiral, to one a coordinate
+    spirals : number of spirals; own : number of coordinates that may move to open a gap, equally many for each spiral
     """
 
     rooms: Callable[[np.ndarray, np.ndarray | None], Rooms]
@@ -268,24 +284,24 @@ class Within:
 def restored(
     x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: Within
 ) -> Float[np.ndarray, " coordinates"]:
-    """Coordinates of a design that can be cut, near to x; ``inner`` are those of one that can."""
+    """Return the coordinates of a design near ``x`` that can be cut; ``inner`` are the coordinates of a design that can be cut."""
     x, own, quads = x.copy(), within.own, None
-    for _ in range(RESTORED):
+    for _ in range(MAX_RESTORATIONS):
         near = within.rooms(x, quads)
         closed = near.room <= 0.0
         if not closed.any():
             return x
         rows = near.of_rows(closed)
-        x[:own] = np.clip(x[:own] + Projection(rows.slope, SOFT).least(MORE * (LEFT - rows.room)), 0.0, 1.0)
-        # whatever closes now has a part in what was moved
+        x[:own] = np.clip(x[:own] + Projection(rows.slope, RESTORE_RIDGE).least(OVERSHOOT * (MIN_CLEARANCE - rows.room)), 0.0, 1.0)
+        # only gaps at spirals that have just moved can have closed
         quads = (abs(rows.slope).sum(axis=0) > 0.0).reshape(within.spirals, -1).any(axis=1)
     share, quads, found = np.ones(within.spirals), None, x
-    for turn in range(LONGEST):
+    for turn in range(MAX_SHORTENINGS):
         quads = within.shut(found, quads)
         if not quads.any():
             return found
         if turn > HALVINGS and not share[quads].any():
-            break  # what closes does not hang on them
+            break  # the remaining closed gaps do not depend on these spirals
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
         found = inner + within.spread(share) * (x - inner)
     return inner

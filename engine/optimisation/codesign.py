@@ -1,8 +1,8 @@
-"""Co-design: spirals and the flat rest shape of their patches sought together, beyond FlexMaps section 7.
+"""Co-design: optimise spirals and the flat rest shape of their patches together, beyond FlexMaps section 7.
 
-A flat shape that is not quite the unrolled surface makes the panels pull each other into shape: where spirals alone are at
-the end of what they can be, small changes of their quads still lower the mismatch. Topology, seams and the limits that the
-layout keeps stay as they are.
+Panels whose flat shape differs slightly from the unrolled surface pull each other into shape. Small changes of the flat quads
+therefore lower the mismatch even where all spirals are at their bounds. The topology, the seams and the limits of the layout
+do not change.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import Point, Problem
 from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace
 
-SPAN = 0.5  # range of a flat vertex, as a share of an edge
-SEAM = 0.06  # largest difference of a seam's sides, as a share of their length, where it was not more before
-MOVING = "Flat shapes"
-# How often at the most strains are pressed back anew, and the share of the mismatch that the steps before must bring
-TIMES, ENOUGH = 4, 0.05
+SPAN = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
+SEAM = 0.06  # largest difference between the two sides of a seam, as a share of their length, unless it was larger before
+MOVING = "Flat shapes"  # shown with the progress
+# Largest number of rounds with renewed weights and multipliers, and the share of the mismatch that a round must bring for another one
+MAX_RENEWALS, MIN_FALL = 4, 0.05
 
 
 def refine(
@@ -42,11 +42,20 @@ def refine(
     progress: Progress = SILENT,
     first: FlatPatches | None = None,
 ) -> FlatPoint:
-    """The best spirals and flat shapes near to a design whose equilibrium is ``start``.
+    """Return the best spirals and flat shapes near a design; ``designed`` turns the result into a design.
 
-    method : one of ``optimisers``; trace, accepted : as there; first : the flat patches before earlier runs moved them, so
-    that limits which they exceed do not creep. ``designed`` makes a design of what is returned.
-    Raises FlexMapsError for the rod model, whose rods answer to the size of the whole spiral.
+    Parameters
+    ----------
+    problem : of the spirals alone
+    start : equilibrium of ``design`` in ``problem``
+    design, params : with the flat shapes to begin with; the settings
+    method : one of ``optimisers``; trace, accepted : as there
+    progress : reports progress and raises Cancelled
+    first : the flat patches before earlier runs moved them, so that limits which they exceed do not creep
+
+    Raises
+    ------
+    FlexMapsError : the elastic model is not the one of arms
     """
     if not isinstance(start.model, ArmModel):
         raise FlexMapsError(
@@ -54,38 +63,38 @@ def refine(
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
     limits, free = (params.distortion_limit, SEAM), problem.space.free
-    # a rim follows the border, whose flat shape stays therefore
+    # a rim is made for the border's flat shape, so the border must not move
     flat = FlatRange.of(design.flat, SPAN, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
-    here = whole.at(_stacked(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    for k in range(TIMES):
+    here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
+    for k in range(MAX_RENEWALS):
         steps = len(trace.rows)
-        found = method(here.problem, here, params, trace, accepted, progress.part(k / TIMES, (k + 1) / TIMES))
+        found = method(here.problem, here, params, trace, accepted, progress.part(k / MAX_RENEWALS, (k + 1) / MAX_RENEWALS))
         assert isinstance(found, FlatPoint)
         if len(trace.rows) == steps or problem.work.over:
             return found
         fall, here = here.mismatch.value - found.mismatch.value, found.renewed()
-        if fall < ENOUGH * here.mismatch.value or here.mismatch.value < GOAL:
+        if fall < MIN_FALL * here.mismatch.value or here.mismatch.value < GOAL:
             break
     return here
 
 
 def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
-    """A share of the way from the start of ``refine`` to what it found."""
-    here = found.problem.at(_stacked(start, found.problem.flat.flat), start.equilibrium.pose, progress)
+    """Return the point a share of the way from the start of ``refine`` to its result ``found``."""
+    here = found.problem.at(_with_flat_coordinates(start, found.problem.flat.flat), start.equilibrium.pose, progress)
     x = found.problem.within(here.x + share * (found.x - here.x), here)
     return found.problem.at(x, start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
-def _stacked(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
-    """Coordinates of spirals in their flat shapes as they are."""
+def _with_flat_coordinates(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
+    """Return the coordinates of a point, followed by those of flat vertices that have not moved."""
     return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
 def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
-    """A point as a design, ``design`` being the one that the search began with; None where patches overlap themselves.
+    """Return the design of a point; None where patches overlap themselves. ``design`` : the one that the search began with.
 
-    It can be cut as it is, but for arms that only come near each other since the flat shapes have moved.
+    The design can be cut, except where arms have come too near each other because the flat shapes have moved.
     """
     flat, (width, twist) = moved_flat(point, design), point.spirals
     free = point.problem.space.free
@@ -93,9 +102,9 @@ def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
 
 
 def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:
-    """The flat shapes of a point; those of the design where the search leaves them as they are.
+    """Return the flat shapes of a point, or the design's where the search does not move them.
 
-    None where patches came to overlap themselves, which nothing on the way forbids.
+    None where a patch overlaps itself, which no bound of the search prevents.
     """
     if not isinstance(point, FlatPoint):
         return design.flat
@@ -106,7 +115,7 @@ def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:
 
 
 def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
-    """Points (P, 2) with the area centroid of every patch at its origin."""
+    """Return points (P, 2) moved so that the area centroid of every patch is at its origin."""
     layout = flat.layout
     u = points[layout.flat_corners]
     one, two = u[:, 2] - u[:, 0], u[:, 3] - u[:, 1]
@@ -119,7 +128,7 @@ def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
 
 
 def flat_report(before: FlatPatches, after: FlatPatches) -> dict[str, Any]:
-    """What became of the flat shapes, for the ``optimise`` block of report.json; strains are shares."""
+    """Return how the flat shapes have changed, for the ``optimise`` block of report.json; strains are shares of lengths."""
     sides = [np.linalg.norm(np.roll(f.corners, -1, axis=1) - f.corners, axis=2) for f in (before, after)]
     grown = np.abs(sides[1] / sides[0] - 1.0)
     report: dict[str, Any] = {"flat_strain_median": float(np.median(grown)), "flat_strain_max": float(grown.max())}

@@ -1,8 +1,8 @@
-"""What flat patches may be when they move for the sake of the match: nearly isometric, with seams that still fit.
+"""Barriers that keep moving flat patches nearly isometric, with seams that still fit.
 
-Two measures are kept below limits by barriers: the distortion of every quad as in ``flatten`` and how much the lengths of
-both sides of every cut edge differ. -log(1 - measure / limit) is the measure itself while it is small and infinite at the
-limit, so that flat shapes stay as true as the match lets them.
+Two measures have limits: the distortion of every quad, as in ``flatten``, and the difference in length between the two sides of
+every cut edge. The log barrier -log(1 - measure / limit) is about measure / limit while that is small, so that flat shapes stay as
+true as the match allows, and infinite at the limit.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
 
-SLACK = 1.02  # how far quads and seams that are beyond the limit may go above what they were
+EXCEEDED_BY = 1.02  # times its first value that the measure of a quad or seam may reach where that is already beyond the limit
 
 
 @dataclass(frozen=True, eq=False)
 class FlatLimits:
-    """layout : the patches; energy : (F,) largest distortions; seam : (C,) largest differences of both sides of cut edges, as
-    shares of their lengths on the surface
+    """Limits of the flat shapes.
+
+    layout : the patches; energy : (F,) largest distortion of every quad
+    seam : (C,) largest difference in length between the sides of every cut edge, as a share of its length on the surface
     """
 
     layout: PatchLayout
@@ -34,8 +36,8 @@ class FlatLimits:
 
     @classmethod
     def of(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
-        """Limits for all, or what the patches had before where that was more."""
-        return cls(flat.layout, np.maximum(energy, SLACK * flat.energy), np.maximum(seam, SLACK * seam_mismatch(flat)))
+        """Return these limits, or the present values where those already violate them."""
+        return cls(flat.layout, np.maximum(energy, EXCEEDED_BY * flat.energy), np.maximum(seam, EXCEEDED_BY * seam_mismatch(flat)))
 
     @cached_property
     def triangles(self) -> CornerTriangles:
@@ -43,56 +45,56 @@ class FlatLimits:
 
     @cached_property
     def share(self) -> Float[np.ndarray, "quads 4"]:
-        """(F, 4): twice the area of the corner triangles over that of their quad."""
+        """Weights (F, 4) of the corner triangles in their quad, by area; they sum up to 2."""
         area = self.triangles.area
         return 2.0 * area / area.sum(axis=1, keepdims=True)
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """(C, 2) and (C, 2): flat vertices at the start and at the end of both sides of every cut edge."""
+        """Flat vertices (C, 2) at the start and (C, 2) at the end of both sides of every cut edge."""
         mesh, cut = self.layout.mesh, self.layout.cut
         quad, side = mesh.edge_quads[cut], mesh.edge_sides[cut]
         return self.layout.flat_corners[quad, side], self.layout.flat_corners[quad, NEXT[side]]
 
     @cached_property
     def surface(self) -> Float[np.ndarray, " cuts"]:
-        """(C,) metres: the cut edges on the surface."""
+        """Lengths of the cut edges on the surface, metres."""
         return self.layout.mesh.edge_lengths[self.layout.cut]
 
 
 @dataclass(frozen=True, eq=False)
 class FlatCost:
-    """Barriers of flat points (P,), complex metres: the mean over all quads and the mean over all cut edges."""
+    """Sum of the barriers' mean over all quads and their mean over all cut edges; points : (P,) metres, as complex numbers."""
 
     limits: FlatLimits
     points: Complex[np.ndarray, " points"]
 
     @classmethod
     def of(cls, limits: FlatLimits, points: Float[np.ndarray, "points 2"]) -> FlatCost:
-        """Of points (P, 2) metres."""
+        """Return the cost of points (P, 2) metres."""
         return cls(limits, points[:, 0] + 1j * points[:, 1])
 
     @cached_property
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
-        """a and b (F, 4) of every corner triangle, as in ``arap``."""
+        """Coefficients a and b (F, 4) of the map of every corner triangle, z -> a z + b conj(z), as in ``triangles``."""
         return self._maps(self.points)
 
     @cached_property
     def energy(self) -> Float[np.ndarray, " quads"]:
-        """(F,) distortion."""
+        """Distortion (ARAP energy) of every quad."""
         a, b = self.maps
         return (self.limits.share * ((np.abs(a) - 1.0) ** 2 + np.abs(b) ** 2)).sum(axis=1)
 
     @cached_property
     def apart(self) -> Float[np.ndarray, " cuts"]:
-        """(C,) difference of both sides, as a share."""
+        """Difference in length between the two sides of every cut edge, as a share of its length on the surface."""
         start, end = self.limits.ends
         length = np.abs(self.points[end] - self.points[start])
         return (length[:, 0] - length[:, 1]) / self.limits.surface
 
     @cached_property
     def left(self) -> tuple[np.ndarray, np.ndarray]:
-        """(F,) and (C,): shares of the limits that are left; negative beyond them."""
+        """Slack of the limits of quads (F,) and cut edges (C,), as shares of the limits; negative beyond them."""
         return 1.0 - self.energy / self.limits.energy, 1.0 - (self.apart / self.limits.seam) ** 2
 
     @property
@@ -101,24 +103,24 @@ class FlatCost:
 
     @cached_property
     def value(self) -> float:
-        """Infinite at the limits and beyond."""
+        """Value of the barriers; infinite at the limits and beyond."""
         if not self.inside:
             return np.inf
         return -sum(float(np.log(part).mean()) for part in self.left if len(part))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) per metre."""
+        """Gradient of the value (P, 2) by the points, per metre."""
         a, b = self.maps
         inner = self._strains_back(np.abs(a) - 1.0, b, self._slopes[0])
         return inner + self._apart_back(self._slopes[1] * self.apart)
 
     @cached_property
     def hessian(self) -> csr_array:
-        """(2 P, 2 P) the Hessian without the curvature of the strains themselves, by x and y of every point in turn."""
+        """Hessian (2 P, 2 P) without the second derivatives of the strains (Gauss-Newton), in the order point, x, y."""
         (rooms, gaps), (a, b), t = self._slopes, self.maps, self.limits.triangles
         n, w = len(a), self.limits.share
-        # each quad has 8 coordinates; d, before: (8, 4) what the two edges of the corner triangles change by
+        # d, before: (8, 4) derivatives of both edges of the corner triangles by the 8 coordinates of their quad
         unit = np.zeros((8, 4), dtype=complex)
         unit[np.arange(8), np.arange(8) // 2] = np.tile([1.0, 1.0j], 4)
         d = unit[:, NEXT] - unit
@@ -127,7 +129,7 @@ class FlatCost:
         db = t.along_bar[:, None] * d + t.against_bar[:, None] * before
         stretch = (a.conj()[:, None] * da).real / np.abs(a)[:, None]
         slope = (w[:, None] * ((np.abs(a) - 1.0)[:, None] * stretch + (b.conj()[:, None] * db).real)).sum(axis=2)
-        # the last column is the barriers' own curvature: the square of their slope
+        # the last column is the second derivative of the logarithm, which is its slope squared
         root = np.sqrt(rooms[:, None] * w)[:, None]
         steeper = np.sqrt(n) * rooms[:, None, None] * slope[:, :, None]
         factor = np.concatenate([root * stretch, root * db.real, root * db.imag, steeper], axis=2)
@@ -136,16 +138,16 @@ class FlatCost:
         weight = np.sqrt(gaps + len(gaps) * (gaps * self.apart) ** 2)
         apart = weight[:, None] * np.concatenate([along, -along], axis=1).reshape(-1, 8)
         size = 2 * len(self.points)
-        quads = _spread(factor @ factor.swapaxes(1, 2), corner, size)
-        return quads + _spread(apart[:, :, None] * apart[:, None], np.concatenate([end, start], axis=1), size)
+        quads = _assemble(factor @ factor.swapaxes(1, 2), corner, size)
+        return quads + _assemble(apart[:, :, None] * apart[:, None], np.concatenate([end, start], axis=1), size)
 
     def product(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) product of ``hessian`` with (P, 2)."""
+        """Return the product (P, 2) of ``hessian`` with a change of the points (P, 2)."""
         return (self.hessian @ change.ravel()).reshape(-1, 2)
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Twice the derivatives of the value by the distortions (F,) and by the squared differences (C,)."""
+        """Twice the derivatives of the value by the distortions (F,), and by the squared differences (C,) of the cut edges."""
         room, gap = self.left
         by_gap = 2.0 / (max(len(gap), 1) * gap * self.limits.seam**2)
         return 2.0 / (len(room) * room * self.limits.energy), by_gap
@@ -157,34 +159,39 @@ class FlatCost:
         return t.along * d + t.against * before, t.along_bar * d + t.against_bar * before
 
     def _strains_back(self, stretch: np.ndarray, shear: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """The gradient by the points of changes of |a| and b, of quantities weighted by (F,) and the triangles' shares."""
+        """Return the transposed product (P, 2) by the points, from quantities (F, 4) by |a| and b of the corner triangles.
+
+        weight : (F,) of every quad, beside the weights of its triangles
+        """
         t, a, w = self.limits.triangles, self.maps[0], weight[:, None] * self.limits.share
         pa, pb = w * stretch * a / np.abs(a), w * shear
         pull = t.along.conj() * pa + t.along_bar.conj() * pb
         pull += (t.against.conj() * pa + t.against_bar.conj() * pb)[:, NEXT]
-        return self._summed(self.limits.layout.flat_corners, pull[:, PREVIOUS] - pull)
+        return self._sum_at_points(self.limits.layout.flat_corners, pull[:, PREVIOUS] - pull)
 
     def _apart_back(self, apart: np.ndarray) -> np.ndarray:
+        """Return the transposed product (P, 2) by the points, from quantities (C,) by ``apart``."""
         start, end = self.limits.ends
         pull = self._directions @ np.array([1.0, 1.0j]) * (apart / self.limits.surface)[:, None] * [1.0, -1.0]
-        return self._summed(end, pull) - self._summed(start, pull)
+        return self._sum_at_points(end, pull) - self._sum_at_points(start, pull)
 
     @cached_property
     def _directions(self) -> Float[np.ndarray, "cuts 2 2"]:
-        """(C, 2, 2) unit vectors along both sides of every cut edge."""
+        """Unit vectors (C, 2, 2) along both sides of every cut edge."""
         start, end = self.limits.ends
         along = self.points[end] - self.points[start]
         along = along / np.abs(along)
         return np.stack([along.real, along.imag], axis=2)
 
-    def _summed(self, vertices: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    def _sum_at_points(self, vertices: np.ndarray, pull: np.ndarray) -> np.ndarray:
+        """Return the sum (P, 2) at every point of complex numbers, one for each entry of ``vertices``."""
         of, count = vertices.ravel(), len(self.points)
         parts = (np.bincount(of, part.ravel(), count) for part in (pull.real, pull.imag))
         return np.stack(list(parts), axis=1)
 
 
-def _spread(blocks: Float[np.ndarray, "n 8 8"], points: Int[np.ndarray, "n 4"], size: int) -> csr_array:
-    """Return the sum of blocks by x and y of four points each as a matrix (size, size)."""
+def _assemble(blocks: Float[np.ndarray, "n 8 8"], points: Int[np.ndarray, "n 4"], size: int) -> csr_array:
+    """Return the matrix (size, size) that sums up blocks by x and y of four points each."""
     index = (2 * points[:, :, None] + np.arange(2)).reshape(-1, 8)
     row, column = np.broadcast_arrays(index[:, :, None], index[:, None])
     return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))

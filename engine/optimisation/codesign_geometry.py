@@ -1,8 +1,8 @@
-"""How the flat rest shape of the patches enters an elastic model, and how its forces change with it.
+"""Derivatives of an elastic model's joints by the flat rest shape of the patches.
 
-A spiral's flat quad matters for the equilibrium only through the ways from its centre to its joints and the directions of
-the edges there: three numbers for either side of a joint. By those what happens in the joints is derived with central
-differences, all joints at once; from the flat vertices to those numbers it is geometry.
+A spiral's flat quad affects the equilibrium only through the levers from its centre to its joints and the directions of the
+edges there: three numbers for each side of a joint. The derivatives by those are central differences, for all joints at once;
+the derivatives of those numbers by the flat vertices are exact.
 """
 
 from __future__ import annotations
@@ -19,36 +19,42 @@ from ..mechanics.assembly import Assembly, Nodes, Pose
 from ..mechanics.rim import RimJoints
 from ..patches.layout import PatchLayout
 
-STEP = 3e-5  # of the central differences, in radii and radians: what cutting off and rounding cost is alike
+STEP = 3e-5  # of the central differences, in radii and radians; smaller ones suffer from rounding, larger ones from truncation
 
 
 def by_geometry(
     model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
 ) -> Float[np.ndarray, "joints r 2 3"]:
-    """(m, r, 2, 3): derivative of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
+    """Return the derivatives of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
 
-    By the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per radian). The joints are those between
-    spirals and, behind them, those of arms at the border with a rim, of which nothing on the rim's side counts.
-    measure : (m, r) of a model in which every joint has two spirals of its own, and of the pose of those
+    Parameters
+    ----------
+    model, pose : of the whole piece
+    measure : from a model in which every joint has two spirals of its own, and their pose, to the quantities (m, r)
+
+    Returns
+    -------
+    Derivatives (m, r, 2, 3) by the side of the joint, then x and y of its lever (per metre) and the direction of its edge (per
+    radian). First the joints between spirals, then those of border arms with a rim, where the rim's side has no meaning.
     """
     model = model.without_strips
-    assembly, placed = _taken_apart(model.assembly, pose.whole)
+    assembly, placed = _separate_joints(model.assembly, pose.whole)
     alone = model.varied(assembly)
     parts = []
     for side in (0, 1):
         for k in range(3):
             step = STEP * alone.assembly.radius[:, side] if k < 2 else np.full(len(alone.pairs), STEP)
             ahead, behind = (
-                measure(alone.varied(_changed(alone.assembly, side, k, sign * step)), placed) for sign in (1.0, -1.0)
+                measure(alone.varied(_perturb(alone.assembly, side, k, sign * step)), placed) for sign in (1.0, -1.0)
             )
             parts.append((ahead - behind) / (2.0 * step[:, None]))
     return np.stack(parts, axis=2).reshape(*parts[0].shape, 2, 3)
 
 
-def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
-    """Every joint with two spirals of its own, so that what a model finds of the spirals is that of each joint, and their pose.
+def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
+    """Give every joint two spirals of its own, so that a change of one side affects this joint only; return their pose too.
 
-    The nodes of a rim come behind all spirals, as in ``Assembly.whole``.
+    The nodes of a rim follow all spirals, as in ``Assembly.whole``.
     """
     inner, ties = assembly.pairs[: assembly.inner], assembly.pairs[assembly.inner :]
     body = np.concatenate([inner.ravel(), ties[:, 0], ties[:, 1]])
@@ -65,8 +71,8 @@ def _taken_apart(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
     return alone, replace(own, nodes=Nodes.of(own, hubs, nodes))
 
 
-def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
-    """With x, y or the direction of the edge (k = 0, 1, 2) of one side of all joints changed by (m,)."""
+def _perturb(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
+    """Change x, y or the direction of the edge (k = 0, 1, 2) on one side of all joints by ``step`` (m,)."""
     if k < 2:
         lever = assembly.lever.copy()
         lever[:, side, k] += step
@@ -78,10 +84,17 @@ def _changed(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembl
 
 
 def geometry_by_points(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:
-    """(6 m, 2 P): derivative of the joints' rest geometry by the flat vertices (P, 2) in metres.
+    """Return the derivatives of the joints' rest geometry by the flat vertices.
 
-    Rows in the order joint, side, then as the last axis of ``by_geometry``; columns in the order vertex, x, y. The rim itself stays, so
-    that its joints' second sides have rows of zeros.
+    Parameters
+    ----------
+    layout, points : the patches and their flat vertices (P, 2), metres
+    rim : the joints of border arms with a rim, if there is one
+
+    Returns
+    -------
+    Derivatives (6 m, 2 P); rows in the order joint, side, last axis of ``by_geometry``, columns in the order vertex, x, y. The
+    rim does not move, so the rows of its side are 0.
     """
     mesh = layout.mesh
     inner = ~mesh.border
@@ -93,7 +106,7 @@ def geometry_by_points(layout: PatchLayout, points: np.ndarray, rim: RimJoints |
     first = 3 * first[:, None]
     corner = layout.flat_corners[quad]
     nth = (np.arange(4) - side[:, None]) % 4
-    # the middle of the side less the middle of the quad
+    # a lever is the midpoint of the edge, 1/2 of two corners, minus the centre of the quad, 1/4 of four
     share = np.where(nth < 2, 0.25, -0.25)
     start, end = (np.take_along_axis(corner, (side[:, None] + i) % 4, 1)[:, 0] for i in (0, 1))
     along = points[end] - points[start]

@@ -1,7 +1,7 @@
-"""Inverse design in which the flat rest shape of the patches moves too, in the same terms as ``inverse``.
+"""Inverse design with the flat rest shape of the patches as further unknowns; extends ``inverse``.
 
-The coordinates are those of the spirals as in ``DesignSpace``, then x and y of every flat vertex, 1/2 where it
-was, 0 and 1 at the ends of its range. So they are a box again and every optimiser takes them.
+The coordinates of the spirals come first, as in ``DesignSpace``, then x and y of every flat vertex: 1/2 at its first
+place, 0 and 1 at the ends of its range. So the bounds are a box, which every optimiser accepts.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ from .open_slots import Closing, Opening
 from .terms import Rows
 from .work import GEOMETRY, VARIED
 
-# of the barriers, as a share of the mismatch. With 0.05 quads came so near to their limits in the first steps that the next ones
-# hardly moved them: a surface of 986 quads ended at 0.28 mm instead of 0.26
+# Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
+# next ones: a surface of 986 quads ended at 0.28 mm instead of 0.26
 WEIGHT = 0.5
-# What of a point changes with the weights in its objective, or asks the point itself for its derivatives
+# Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
 WEIGHED = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
 
 
 @dataclass(frozen=True, eq=False)
 class FlatRange:
-    """Where the flat vertices may go, and what it costs.
+    """Range of the flat vertices, and the cost of moving them.
 
-    flat : the patches as they were; span : (P,) metres, range of every vertex along x and along y
+    flat : the patches before they move; span : (P,) metres, largest shift of every vertex along x and along y
     limits : of distortion and seams; weight : of their barriers in the objective
     """
 
@@ -65,10 +65,16 @@ class FlatRange:
         *,
         border: bool = True,
     ) -> FlatRange:
-        """span : as a share of the shortest mean edge of a vertex's quads; energy, seam : as in ``FlatLimits.of``
+        """Return the range of the vertices of flat patches.
 
-        first : the patches before they were moved at all, whose own measures count where they are beyond the limits
-        free : the quads whose vertices may move, where all quads of a vertex are; all if not given
+        Parameters
+        ----------
+        flat : the patches
+        span : largest shift of a vertex along x or y, as a share of the shortest mean edge of its quads
+        energy, seam : as in ``FlatLimits.of``
+        weight : of the barriers in the objective
+        first : the patches before any run moved them; limits that they already violate are relaxed to their values
+        free : mask of the quads that may move; a vertex moves if all of its quads may. All by default
         border : whether vertices at the open border may move
         """
         length = np.linalg.norm(np.roll(flat.corners, -1, axis=1) - flat.corners, axis=2).mean(axis=1)
@@ -83,19 +89,22 @@ class FlatRange:
         return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) metres of coordinates (P, 2)."""
+        """Return the points (P, 2), metres, of coordinates (P, 2)."""
         return self.flat.points + self.shift(x - 0.5)
 
     def shift(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2) metres that a change of the coordinates (P, 2) moves the vertices; its own transpose."""
+        """Return the shifts (P, 2) of the vertices, metres, for a change (P, 2) of their coordinates; the map is symmetric."""
         return 2.0 * self.span[:, None] * change
 
     def cost(self, x: np.ndarray) -> FlatCost:
-        """Of coordinates (P, 2)."""
+        """Return the barriers' cost at coordinates (P, 2)."""
         return FlatCost.of(self.limits, self.points(x))
 
     def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """(P, 2): x if it keeps the limits, else a point between it and ``inner``, which does: so steps stay downhill."""
+        """Return x (P, 2) if it keeps the limits, else a point between it and ``inner``, which keeps them.
+
+        A shortened step keeps its direction, so a descent direction stays one.
+        """
         share = 1.0
         while share > 1e-3:
             found = inner + share * (x - inner)
@@ -107,10 +116,7 @@ class FlatRange:
 
 @dataclass(frozen=True, eq=False)
 class FlatBarriers:
-    """The barriers of the flat shapes as a cost of all coordinates, of which the last are those of the flat vertices.
-
-    own : how many come before them
-    """
+    """Barriers of the flat shapes as a cost of all coordinates; own : number of the spirals' coordinates, which come first."""
 
     range: FlatRange
     cost: FlatCost
@@ -122,12 +128,13 @@ class FlatBarriers:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        return self._behind(self.cost.gradient)
+        return self._pad(self.cost.gradient)
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        return self._behind(self.cost.product(self.range.shift(change[self.own :].reshape(-1, 2))))
+        return self._pad(self.cost.product(self.range.shift(change[self.own :].reshape(-1, 2))))
 
-    def _behind(self, by_points: np.ndarray) -> np.ndarray:
+    def _pad(self, by_points: np.ndarray) -> np.ndarray:
+        """Return derivatives by the points (P, 2) as weighted derivatives by all coordinates."""
         return np.concatenate([np.zeros(self.own), self.range.weight * self.range.shift(by_points).ravel()])
 
 
@@ -174,7 +181,7 @@ class FlatProblem(Problem):
         iterations: int | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """As ``Problem.at``, with the coordinates of the flat vertices behind those of the spirals."""
+        """Return the point at these coordinates of spirals and flat vertices; arguments as in ``Problem.at``."""
         n = self.own
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
@@ -201,7 +208,10 @@ class FlatProblem(Problem):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatPoint(Point):
-    """``Point`` with flat vertices, and the stance on these; ``progress`` is asked whether to stop while the geometry is derived."""
+    """``Point`` with flat vertices.
+
+    assembly, stance : with the moved flat shapes; progress : raises Cancelled while derivatives by the geometry are computed
+    """
 
     problem: FlatProblem
     assembly: Assembly
@@ -209,23 +219,23 @@ class FlatPoint(Point):
     progress: Progress = SILENT
 
     def reweighted(self) -> FlatPoint:
-        """Return the same point where the barriers weigh as its mismatch asks for."""
+        """Return this point with the weight of the barriers set from its mismatch."""
         flat = replace(self.problem.flat, weight=WEIGHT * self.mismatch.value)
-        return self._derived(replace(self, problem=replace(self.problem, flat=flat)))
+        return self._with_cached(replace(self, problem=replace(self.problem, flat=flat)))
 
     def renewed(self) -> FlatPoint:
-        """Return the same point where the barriers weigh as its mismatch asks for, and strains push back as they ask for."""
-        return self._derived(self.reweighted().pressed())
+        """Return this point with the weight of the barriers set from its mismatch, and the multipliers from its strains."""
+        return self._with_cached(self.reweighted().pressed())
 
-    def _derived(self, point: FlatPoint) -> FlatPoint:
-        """Return the same point in another problem with what was derived at this equilibrium and no weight changes."""
+    def _with_cached(self, point: FlatPoint) -> FlatPoint:
+        """Copy to ``point``, the same equilibrium with other weights, all cached values that do not depend on the weights."""
         derived = self.__dict__.keys() - point.__dict__.keys() - WEIGHED
         point.__dict__.update({name: self.__dict__[name] for name in derived})
         return point
 
     @property
     def own(self) -> int:
-        """How many of the coordinates are those of the spirals; those of the flat vertices follow."""
+        """Number of the spirals' coordinates; those of the flat vertices follow."""
         return self.problem.own
 
     @property
@@ -235,8 +245,11 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """(m, r, 6) change of the joints' gradients (12), those of a rim's ties included, with their rest geometry; of both arms' wrenches (12) where strains count, of
-        their shares of the softest eigenvalues where these are low, and of their tips' motions (12) where slots close."""
+        """Derivatives (m, r, 6), by the rest geometry, of the quantities of every joint, ties to a rim included.
+
+        In this order: the joint's gradient (12); the wrenches of both arms (12), where strains count; the joint's share of every
+        soft eigenvalue, where some are low; the motions of both tips (12), where slots close.
+        """
         strained, pairs = self.strains is not None, self._joints
         assert isinstance(self.model, ArmModel)
 
@@ -269,23 +282,23 @@ class FlatPoint(Point):
 
     @cached_property
     def _by_points(self) -> csr_array:
-        """(6 m, 2 P) change of the rest geometry with the flat vertices."""
+        """Derivatives (6 m, 2 P) of the rest geometry by the flat vertices."""
         flat = self.problem.flat
         return geometry_by_points(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
 
     @property
     def _joints(self) -> Int[np.ndarray, "joints 2"]:
-        """The bodies of all joints that the flat shapes change: without the rim's strips."""
+        """Bodies of all joints except a rim's strips, which do not depend on the flat shapes."""
         return self.assembly.without_strips.pairs
 
     @property
     def _per_coordinate(self) -> dia_array:
-        """(2 P, 2 P) metres that the flat vertices move with their coordinates."""
+        """Derivatives (2 P, 2 P) of the flat vertices, metres, by their coordinates."""
         return diags_array(np.repeat(2.0 * self.problem.flat.span, 2))
 
     @cached_property
     def _by_flats(self) -> csr_array:
-        """(6 m, 2 P) change of the rest geometry with the coordinates of the flat vertices."""
+        """Derivatives (6 m, 2 P) of the rest geometry by the coordinates of the flat vertices."""
         return csr_array(self._by_points @ self._per_coordinate)
 
     @cached_property
@@ -303,7 +316,7 @@ class FlatPoint(Point):
 
     @cached_property
     def _held(self) -> csr_array | None:
-        """(6 n, coordinates) how clamped supports turn with the coordinates; None where there are none."""
+        """Derivatives (6 n, coordinates) of the poses of clamped supports by the coordinates; None without such supports."""
         if self.stance is None or not self.stance.loads.fixed[:, 3].any():
             return None
         bodies = self.assembly.whole.size
@@ -312,7 +325,7 @@ class FlatPoint(Point):
 
     @property
     def _by_supports(self) -> csr_array:
-        """(6 n, 6 n) change of the hubs' forces with increments of the clamped supports; no others enter."""
+        """Hessian (6 n, 6 n) of the joints at clamped supports: derivatives of the forces by the supports' increments."""
         assert self.stance is not None
         clamped, pairs = np.flatnonzero(self.stance.loads.fixed[:, 3]), self.model.pairs
         beside = np.flatnonzero(np.isin(pairs, clamped).any(axis=1))

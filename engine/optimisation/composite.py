@@ -1,7 +1,7 @@
-"""Steps of a composite model: slots, strains and centres follow a step to first order, and the objective is evaluated exactly of them.
+"""Steps of a composite model: slots, strains and centres are linearised, and the objective is evaluated exactly at these.
 
-A quadratic model at the start of a step knows nothing of arms and slots that come near their limits along it. Here the terms
-are expanded again where the last part of the step has led, without another equilibrium (Lewis and Wright 2016, A Proximal Method for
+A quadratic model at the start of a step does not see arms and slots that come near their limits along it. Here the step is made in
+parts, and the terms are expanded again after every part, without another equilibrium (Lewis and Wright 2016, A Proximal Method for
 Composite Minimization).
 """
 
@@ -18,19 +18,19 @@ from .costs import Cost
 from .inverse import Point
 from .terms import Term, turning
 
-PARTS = 6  # expansions of a step at the most
-# Share of the fall so far that a part must bring for another one to follow. With 0.1 steps of slender pieces go farther than the hubs follow
-# to first order: a saddle of 196 quads ended at 1.26 mm instead of 1.18, a shell of 1296 at 1.58 instead of 1.29
-LEAST = 0.3
-SHORTER, HALVINGS = 0.4, 5  # share of a part that is tried next where the model rises along the whole, and how often
+MAX_PARTS = 6  # largest number of parts, and expansions, of a step
+# Share of the decrease so far that a part must bring for another one to follow. With 0.1, steps of slender pieces go farther than the
+# linearised motion of the hubs holds: a saddle of 196 quads ended at 1.26 mm instead of 1.18, a shell of 1296 at 1.58 instead of 1.29
+MIN_GAIN = 0.3
+SHORTER, HALVINGS = 0.4, 5  # factor on a part along which the model does not decrease, and largest number of trials
 
 
 @dataclass(frozen=True, eq=False)
-class Ahead:
-    """The model after a step.
+class ModelState:
+    """The model after a step of the coordinates.
 
-    step : of the coordinates; moves : (n, 6) of the hubs, which follow to first order
-    value : of the objective; damped : with the damping
+    moves : (n, 6) linearised increments of the hubs; terms, costs : of the objective there
+    value : of the objective; damped : the same plus the damping
     """
 
     step: Float[np.ndarray, " coordinates"]
@@ -43,9 +43,11 @@ class Ahead:
 
 @dataclass(frozen=True, eq=False)
 class CompositeModel:
-    """The objective near a point, damped in the coordinates and in the turns of the hubs.
+    """The objective near a point, damped in the coordinates and in the rotations of the hubs.
 
-    most : rounds of conjugate gradients; units : of the coordinates; watch : asks whether to stop
+    damping : weight of half the squared step of the coordinates; following : weight of half the hubs' squared rotations, radians
+    most : largest number of iterations of conjugate gradients; units : of the coordinates, see ``bounded_step``
+    watch : raises Cancelled
     """
 
     point: Point
@@ -55,34 +57,34 @@ class CompositeModel:
     units: Float[np.ndarray, " coordinates"]
     watch: Callable[[], None]
 
-    def start(self) -> Ahead:
+    def start(self) -> ModelState:
         """Return the model at the point itself."""
         point = self.point
         moves = np.zeros((point.problem.assembly.whole.size, 6))
-        return Ahead(np.zeros_like(point.x), moves, list(point.terms), point.costs, point.value, point.value)
+        return ModelState(np.zeros_like(point.x), moves, list(point.terms), point.costs, point.value, point.value)
 
-    def after(self, step: np.ndarray, moves: np.ndarray) -> Ahead:
+    def after(self, step: np.ndarray, moves: np.ndarray) -> ModelState:
         """Return the model after a step."""
         terms = [term.ahead(moves, step) for term in self.point.terms]
         costs = self.point.problem.costs(self.point.x + step)
         value = sum(term.value for term in terms) + sum(cost.value for cost in costs)
         turns = 0.5 * self.following * float((moves[:, 3:] ** 2).sum())
-        return Ahead(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
+        return ModelState(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
 
-    def minimised(self) -> Ahead:
-        """Return the model after a step that nearly minimises it within the box, the rooms and the limits of the flat shapes."""
+    def minimised(self) -> ModelState:
+        """Return the model after a step that nearly minimises it within the box, the clearances and the limits of the flat shapes."""
         start = here = self.start()
-        for _ in range(PARTS):
-            further = self._further(here)
+        for _ in range(MAX_PARTS):
+            further = self._next_part(here)
             if further is None:
                 break
             fall, here = here.damped - further.damped, further
-            if fall < LEAST * (start.damped - here.damped) or self.point.problem.work.over:
+            if fall < MIN_GAIN * (start.damped - here.damped) or self.point.problem.work.over:
                 break
         return here
 
-    def _further(self, here: Ahead) -> Ahead | None:
-        """Return the model after a part of the step more; None where no part of it lowers the model."""
+    def _next_part(self, here: ModelState) -> ModelState | None:
+        """Return the model after one more part of the step; None where no fraction of that part lowers the damped model."""
         point, problem, rooms = self.point, self.point.problem, self.point.rooms
         at = point.x + here.step
 

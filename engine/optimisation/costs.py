@@ -1,4 +1,4 @@
-"""What a design costs beside its mismatch, whatever its equilibrium: functions of the coordinates alone."""
+"""Costs of a design that do not depend on its equilibrium: functions of the coordinates alone."""
 
 from __future__ import annotations
 
@@ -15,21 +15,25 @@ from .design_space import DesignSpace
 
 
 class Cost(Protocol):
-    """A share of the objective with its derivatives by the coordinates."""
+    """A summand of the objective, with its derivatives by the coordinates."""
 
     @property
     def value(self) -> float: ...
 
     @property
     def gradient(self) -> np.ndarray:
-        """By every coordinate."""
+        """Gradient by all coordinates."""
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        """Of its Hessian, or of a positive semidefinite part of it, with a change of the coordinates."""
+        """Return the product of the Hessian, or of a positive semidefinite part of it, with a change of the coordinates."""
 
 
 def differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
-    """(2 m, size) from coordinates to how much the widths of the arms that meet, and the twists of their spirals, differ."""
+    """Return the matrix (2 m, size) from coordinates to the differences across every joint.
+
+    The first m rows give the difference in width of the two arms, the others the difference in twist of their spirals, both in
+    coordinates. size : number of all coordinates
+    """
     each = space.each
     column = np.concatenate([assembly.sides % space.groups, np.full_like(assembly.sides, each - 1)])
     column += each * np.tile(assembly.pairs, (2, 1))
@@ -40,9 +44,9 @@ def differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class Roughness:
-    """How much spirals that are joined differ: the mean over the joints of half of the squares.
+    """Penalty on differences between joined spirals: half the sum of their squares, as a mean over the joints.
 
-    apart : ``differences``; weight : in the objective; x : the coordinates; free : 0 for those that must stay, else 1
+    apart : ``differences``; weight : in the objective; x : the coordinates; free : 0 for coordinates that must not change, else 1
     """
 
     apart: csr_array
@@ -56,14 +60,15 @@ class Roughness:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        return self.free * self._back(self.x)
+        return self.free * self._gram_product(self.x)
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        return self.free * self._back(self.free * change)
+        return self.free * self._gram_product(self.free * change)
 
     @property
     def _scale(self) -> float:
         return 2.0 * self.weight / self.apart.shape[0]
 
-    def _back(self, change: np.ndarray) -> np.ndarray:
+    def _gram_product(self, change: np.ndarray) -> np.ndarray:
+        """Return the product of the whole Hessian with a change of all coordinates."""
         return self._scale * (self.apart.T @ (self.apart @ change))

@@ -1,4 +1,4 @@
-"""Largest strains of a piece at rest if it were larger or of a thinner sheet, without another search for its shape."""
+"""Largest strain of a piece that is scaled up or cut from a thinner sheet, without optimising it again."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from .remedies import Eased
 
 
 def eased(simulation: Simulation) -> Eased | None:
-    """Return the largest strain, as a share of what the material bears, by times the size and metres of the sheet.
+    """Return a function from a factor on the size, and a thickness in metres, to the largest strain over the material's limit.
 
-    Of a larger piece hubs keep their directions and their distances grow with the size, so that arms are bent as they were over other
-    lengths; a thinner one is brought to rest anew, from where it rests. Widths and twists stay. None for the rod model, and with a rim, whose nodes would have to come to rest first.
+    A larger piece keeps the rotations of its hubs, and their distances grow with the size: arms bend by the same angles over greater
+    lengths. A thinner piece gets a new equilibrium, sought from its present pose. Widths and twists do not change.
+    None for the rod model, and with a rim, whose nodes would need an equilibrium first.
     """
     old = simulation.model
     if not isinstance(old, ArmModel) or simulation.assembly.rim is not None:

@@ -1,4 +1,4 @@
-"""Cholesky factors of the equilibria that were asked for last, each of them its owner's alone."""
+"""Cache of the Cholesky factors that were used last, each kept for the equilibrium that owns it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from ..arrays import Bool
 from ..mechanics.newton_system import NewtonSystem
 
-MOST = 2  # factors at a time: of the point that steps go out from, and of the one that is tried
+MAX_FACTORS = 2  # for the present point of a search and for the trial point; each takes memory
 
 
 @dataclass(eq=False)
 class Factor:
-    """A linear system, and the object whose factor it holds; None while it changes."""
+    """A linear system; owner : the object whose factor it holds, None if nobody's yet."""
 
     system: NewtonSystem
     owner: object = None
@@ -23,11 +23,12 @@ class Factor:
 
 @dataclass(eq=False)
 class Factors:
-    """Linear systems that share a pattern; a new factor takes the place of the one that was not used for longest.
+    """Cache of factors with one sparsity pattern; a new factor replaces the least recently used.
 
-    Whoever has lost its factor that way factors again, so that nobody ever solves with the factor of another one.
+    An owner whose factor was replaced gets it computed again, so no owner ever solves with another's factor.
 
-    pairs : (m, 2) int; fixed : (n, 6) bool, what supports hold; held : (n, 6) bool, increments that stay zero; kept : in the order in which they were last used
+    pairs : (m, 2) int, bodies of every joint; fixed : (n, 6) bool, components that supports hold
+    held : (n, 6) bool, increments that stay 0; kept : factors, the least recently used first
     """
 
     pairs: np.ndarray
@@ -36,16 +37,23 @@ class Factors:
     kept: list[Factor] = field(default_factory=list)
 
     def free(self) -> Factor:
-        """A system for one more factor, without an owner until one is noted."""
-        factor = Factor(NewtonSystem(self.pairs, self.held)) if len(self.kept) < MOST else self.kept.pop(0)
+        """Return a system to factor anew; the caller sets its owner."""
+        factor = Factor(NewtonSystem(self.pairs, self.held)) if len(self.kept) < MAX_FACTORS else self.kept.pop(0)
         factor.owner = None
         self.kept.append(factor)
         return factor
 
     def of(self, owner: object, blocks: Callable[[], np.ndarray]) -> NewtonSystem:
-        """The system with the factor of an owner, whose matrix has the joints' blocks (m, 12, 12).
+        """Return the system with the factor of an owner.
 
-        Raises ValueError where that is not positive definite.
+        Parameters
+        ----------
+        owner : an equilibrium, recognised by identity
+        blocks : computes the blocks (m, 12, 12) of the owner's matrix, a joint each; called where the factor was replaced
+
+        Raises
+        ------
+        ValueError : the matrix is not positive definite
         """
         for factor in self.kept:
             if factor.owner is owner:

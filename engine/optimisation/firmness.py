@@ -1,11 +1,12 @@
-"""A barrier that keeps equilibria away from where they snap: log barriers on their softest eigenvalues, as a term of the objective.
+"""Stability barrier: a term of the objective that keeps equilibria away from snapping, by their smallest eigenvalues.
 
-With the Hessian H and its convex part C, the softest modes have H v = lambda C v, and half of the square of
-log((enough - m) / (lambda - m)) is added for every lambda below ``enough``. Their derivatives along an increment or a coordinate p,
+With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the squares of
+log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``LEAST``. By an increment or a coordinate p,
 
-    d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1,
+    d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1.
 
-come from central differences along v, as third derivatives of the energy are symmetric; the way through the equilibrium is the adjoint's.
+These are central differences along v, because third derivatives of the energy are symmetric. The adjoint adds the part of the
+derivatives that acts through the equilibrium.
 """
 
 from __future__ import annotations
@@ -23,22 +24,25 @@ from ..mechanics.elastic import summed
 from ..mechanics.newton_system import NewtonSystem
 from .terms import Change, Term
 
-# Eigenvalue from which on a shape is stable enough, in shares of the convex part; a larger one makes short searches of stable pieces
-# worse (of two by 10 and 16 %), a smaller one leaves shapes that differ from the real piece's by some hundredths of their size
-ENOUGH, MORE = 0.1, 0.3
-MODES, MORE_MODES = 4, 8  # softest ones that count; with fewer, others take their place from step to step
-# Weight of the barrier in mismatches of the start of each stage. By this one a result with an eigenvalue of 0.01 counts as 1.8 times as far
-# from the target as one with 0.1: in solids of a saddle of 64 quads the latter was 1.25 times as near though it was predicted 1.45 times as
-# far. With 0.03 a lattice ended at 0.024; a larger one makes pieces stiffer and less like their target
+# Eigenvalue, relative to the convex part, from which on a shape is stable enough; the second where steps were refused as unstable. Larger
+# ones make short searches of stable pieces worse (two by 10 and 16 %), smaller ones leave shapes some hundredths of the size off the real piece's
+ENOUGH, STRONG_ENOUGH = 0.1, 0.3
+MODES, STRONG_MODES = 4, 8  # numbers of softest modes that count; with fewer, the set changes from step to step
+# Weight of the barrier, in mismatches of the start of each stage. With it a result with an eigenvalue of 0.01 counts as 1.8 times as far
+# from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
+# as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
 WEIGHT = 0.3
-LEAST = 0.008  # eigenvalue that the logarithm never reaches: a little below the one at which steps are refused
-NEAREST = 0.002  # room above it below which the logarithm goes on in a straight line
-TURN = 3e-3  # radians, largest turn of the central differences, or shift of neighbours in their distances
+LEAST = 0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
+TANGENT_BELOW = 0.002  # distance above ``LEAST`` below which the logarithm continues as its tangent
+DIFFERENCE_TURN = 3e-3  # size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances
 
 
 @dataclass(frozen=True, eq=False)
 class Firmness:
-    """How stable equilibria should be; weight : of the barrier in the objective; enough, modes : as above."""
+    """Required stability of equilibria.
+
+    weight : of the barrier in the objective; enough : eigenvalue of a stable shape; modes : number of softest modes that count
+    """
 
     weight: float
     enough: float = ENOUGH
@@ -46,17 +50,17 @@ class Firmness:
 
     @classmethod
     def from_mismatch(cls, mismatch: float, *, strong: bool = False) -> Firmness:
-        """Return the firmness of a stage that starts with this mismatch; strong : where steps were refused as unstable."""
-        return cls(WEIGHT * mismatch, MORE, MORE_MODES) if strong else cls(WEIGHT * mismatch)
+        """Return the requirement for a stage that starts with this mismatch; strong : steps were refused as unstable before."""
+        return cls(WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(WEIGHT * mismatch)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the logarithms of eigenvalues (k,), and their derivatives."""
+        """Return the logarithms (k,) of eigenvalues, see above, and their derivatives by these."""
         room = rises - LEAST
-        near = np.maximum(room, NEAREST)
-        return np.log((enough - LEAST) / near) + (near - room) / NEAREST, -1.0 / near
+        near = np.maximum(room, TANGENT_BELOW)
+        return np.log((enough - LEAST) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
 
     def merit(self, rises: Float[np.ndarray, " k"]) -> float:
-        """Return how many times its mismatch a result with these eigenvalues counts, when results are compared."""
+        """Return the factor on the objective of a result with these eigenvalues, for comparing results; 1 if stable enough."""
         below = rises[rises < ENOUGH]
         return 1.0 + 0.5 * WEIGHT * float((self.rows(below, ENOUGH)[0] ** 2).sum())
 
@@ -65,7 +69,7 @@ class Firmness:
 class SoftModes:
     """The softest modes of an equilibrium.
 
-    ways : (k, n, 6) of unit length in the convex part; rises : (k,) their eigenvalues; steps : (k,) of central differences along them
+    ways : (k, n, 6) eigenvectors, v . C v = 1; rises : (k,) eigenvalues; steps : (k,) lengths of central differences along ``ways``
     """
 
     ways: Float[np.ndarray, "k spirals 6"]
@@ -74,7 +78,7 @@ class SoftModes:
 
     @classmethod
     def from_equilibrium(cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: Firmness) -> SoftModes:
-        """Return the modes below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
+        """Return the modes with eigenvalues below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
         here = model.expand(model.start(pose))
         count = min(asked.modes, max(len(system.free) - 2, 1))
         ways, rises = system.softest_of_minimum(system.values(here.hessian), system.values(here.convex), count)
@@ -84,14 +88,17 @@ class SoftModes:
         length = float(np.linalg.norm(centres[b] - centres[a], axis=1).mean())
         turns, shifts = np.abs(ways[..., 3:]), np.abs(ways[:, b, :3] - ways[:, a, :3]) / length
         largest = np.maximum(turns.max(axis=(1, 2), initial=0.0), shifts.max(axis=(1, 2), initial=0.0))
-        return cls(ways, rises, TURN / largest)
+        return cls(ways, rises, DIFFERENCE_TURN / largest)
 
     def joints(self, pairs: np.ndarray) -> Float[np.ndarray, "k joints 12"]:
-        """Return the motions of both hubs of every joint."""
+        """Return the increments of both hubs of every joint in the modes."""
         return self.ways[:, pairs].reshape(len(self.ways), -1, 12)
 
     def variations(self, model: ArmModel, pose: Pose, pairs: np.ndarray) -> Float[np.ndarray, "joints k"]:
-        """Return what every joint adds to the eigenvalues while the hubs ``pairs`` (m, 2) move as in the modes; model and pose may number theirs otherwise."""
+        """Return the share of every joint in the eigenvalues, v . H v - lambda v . C v.
+
+        pairs : (m, 2) hubs of every joint in the numbering of ``ways``; that of ``model`` and ``pose`` may differ
+        """
         here, at = model.expand(model.start(pose)), self.joints(pairs)
         whole, convex = (np.einsum("kmi,mij,kmj->mk", at, of, at, optimize=True) for of in (here.hessian, here.convex))
         return whole - self.rises * convex
@@ -111,7 +118,7 @@ class SoftModes:
             pull = model.expand(there).hessian @ at
             pull -= 2.0 * rise * np.swapaxes(model.strain_rates(there), 1, 2) @ stress
             found += sign / (2.0 * size) * summed(pull[..., 0], pairs, len(way))
-        # turns do not commute: what the differences along v leave out of those along other increments
+        # rotations do not commute: second derivatives along v and along another increment differ by this term
         turned = summed((np.swapaxes(rates, 1, 2) @ stress)[..., 0], pairs, len(way))[:, 3:]
         found[:, 3:] -= 0.5 * rise * np.cross(turned, way[:, 3:])
         return found
@@ -131,7 +138,10 @@ class SoftModes:
     def by_spirals(
         self, model: ArmModel, pose: Pose, slopes: Float[np.ndarray, "joints 2 5 _"]
     ) -> Float[np.ndarray, "k coordinates"]:
-        """Return ``by_design`` by the coordinates of the spirals; slopes : of widths and twists on both sides by these."""
+        """Return the derivatives of the eigenvalues by the spirals' coordinates, at fixed hubs.
+
+        slopes : derivatives of the widths and twists on both sides of every joint by the coordinates of these spirals
+        """
         joints, each, assembly = self.by_design(model, pose)[:, :, :, None] @ slopes, slopes.shape[-1], model.assembly
         column = (each * assembly.owners[..., None] + np.arange(each)).ravel()
         return np.array([np.bincount(column, one.ravel(), each * assembly.spirals) for one in joints])
@@ -139,9 +149,10 @@ class SoftModes:
 
 @dataclass(frozen=True, eq=False)
 class StabilityBarrier(Term):
-    """The barrier at one equilibrium, as a term.
+    """The barrier at one equilibrium, as a term of the objective.
 
-    changes : derivatives of the eigenvalues by the hubs (k, n, 6) and by the coordinates (k, c)
+    asked : required stability; rises : (k,) eigenvalues below it
+    changes : computes the derivatives of ``rises`` by the hubs (k, n, 6), and by the coordinates at fixed hubs (k, coordinates)
     """
 
     asked: Firmness
@@ -158,6 +169,7 @@ class StabilityBarrier(Term):
 
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the logarithms by the hubs and by the coordinates."""
         by_hubs, by_own = self._by_eigenvalue
         slope = self._rows[1]
         return slope[:, None, None] * by_hubs, slope[:, None] * by_own
@@ -168,7 +180,7 @@ class StabilityBarrier(Term):
 
     @property
     def merit(self) -> float:
-        """The barrier by which results of searches are compared."""
+        """Factor on the objective by which results of searches are compared."""
         return self.asked.merit(self.rises)
 
     @property
@@ -182,9 +194,10 @@ class StabilityBarrier(Term):
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> StabilityBarrier:
         by_hubs, by_own = self._by_eigenvalue
         rises = self.rises + np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change
-        # the logarithm ends where eigenvalues are large enough
+        # the logarithm is defined up to ``enough`` only
         return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
     def _back(self, rows: Float[np.ndarray, " k"]) -> Change:
+        """Return the weighted transposed product with the logarithms' derivatives."""
         by_hubs, by_own = self._slopes
         return Change(self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own)

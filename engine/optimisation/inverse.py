@@ -1,4 +1,4 @@
-"""From design coordinates to the mismatch with the target and back: equilibrium, adjoint and tangent (eq. 7 to 10)."""
+"""Objective of a design by its equilibrium, with gradient (adjoint) and Gauss-Newton products (tangent); eq. 7 to 10."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ from .open_slots import Closing, Narrow, Opening
 from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
-# Share of its stiffness that an equilibrium has to spare (see ``Equilibrium.spare``): a piece nearer to where it snaps is thrown
-# into another shape by the hundredth part of a millimetre that proving it may change. Most surfaces end at 0.3 to 0.8
+# Smallest stability margin of an equilibrium, as a share of its stiffness (see ``Equilibrium.spare``). Below it, changes of 0.01 mm, as
+# proving a design makes them, let a piece snap into another shape. Most surfaces end at 0.3 to 0.8
 MARGIN = 0.01
-NEARLY = 1e-3  # room, in smallest slots, below which rooms are looked at where some are closed
+NEARLY = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is asked: spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
+    """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
-    opening : how wide slots should stay in space; None lets them close
-    bearing : what strains of the arms should stay below; None lets them be strained
-    firmness : how stable equilibria should be; None asks for no more than that steps keep ``MARGIN``
-    work : counts what has been done for all points; room : what keeps designs such that they can be cut, None for any
-    stance : where supports are held; None leaves them where a search for an equilibrium starts
+    opening : required width of slots in space; None lets slots close; bearing : limit of the arms' strains; None for no limit
+    firmness : required stability of equilibria; None requires ``MARGIN`` only; simulate : settings of equilibria
+    work : counter of the work for all points; room : clearances of a design; None does not check whether designs can be cut
+    stance : poses of the supports; None holds them where the search for an equilibrium starts
+    shared, sums : caches, see ``factors`` and ``joint_sum``
     """
 
     assembly: Assembly
@@ -68,7 +68,7 @@ class Problem:
     stance: Stance | None = None
 
     def factors(self, start: Pose) -> Factors:
-        """For all points with the same supports, which are held alike so that their equilibria lie in the same place."""
+        """Return the factors of all points with these supports; points share the held increments too, so equilibria do not drift."""
         fixed, pairs = self.loads.fixed, self.assembly.whole.pairs
         for known in self.shared:
             if np.array_equal(known.fixed, fixed):
@@ -78,33 +78,33 @@ class Problem:
 
     @property
     def own(self) -> int:
-        """How many of the coordinates are those of the spirals; those of the flat vertices follow, where these may move."""
+        """Number of the spirals' coordinates; those of the flat vertices follow, where these may move."""
         return self.space.each * self.assembly.size
 
     @property
     def joint_sum(self) -> JointSum:
-        """For the change of the hubs' forces with the design."""
+        """Sparsity pattern of the derivatives of the hubs' forces by the spirals' coordinates."""
         if not self.sums:
             self.sums.append(JointSum(self.assembly.whole, self.space.each))
         return self.sums[0]
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
-        """What the design with these coordinates costs beside its mismatch."""
+        """Return the costs at coordinates x that do not depend on the equilibrium."""
         if not self.smoothness:
             return ()
-        free = np.ones(len(x))  # flat vertices, which come last, do not enter
+        free = np.ones(len(x))  # the entries of flat vertices, at the end, have no effect
         free[: self.own] = self._spread(self.space.free.astype(float))[: self.own]
         return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
 
     def rooms(self, x: np.ndarray) -> Rooms:
-        """The rooms near the design with these coordinates."""
+        """Return the linearised clearances at coordinates x."""
         if self.room is None:
             return Rooms.none(len(x))
         terms = lowest(self.room.terms(*self.space.design(x), least=True))
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x))
 
     def by_coordinates(self, x: np.ndarray) -> csr_array:
-        """(5 n, coordinates) derivatives of all widths, and then of all twists, by the coordinates."""
+        """Return the derivatives (5 n, coordinates) of all widths (4 n), then of all twists (n), by the coordinates."""
         slopes = self.space.slopes(x)
         n, _, each = slopes.shape
         column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
@@ -113,7 +113,7 @@ class Problem:
         return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
 
     def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
-        """Coordinates near to x of a design that can be cut; those of ``inner`` can."""
+        """Return the coordinates of a design near x that can be cut; the design of ``inner`` can be cut."""
         if self.room is None:
             return x
         self.work.add(ROOMS, self.assembly.size)
@@ -121,25 +121,25 @@ class Problem:
         return restored(x, inner.x, within)
 
     def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Coordinates between two designs, as near to x as the limits of flat shapes allow, which ``inner`` keeps."""
+        """Return coordinates between ``inner`` and x, as near x as the limits of flat shapes allow; ``inner`` keeps these."""
         return x
 
     def _room(self, x: np.ndarray) -> Room:
-        """What keeps designs in the flat shapes with these coordinates such that they can be cut."""
+        """Return the clearances of designs in the flat shapes at coordinates x."""
         assert self.room is not None
         return self.room
 
     def _closing(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
-        """The rooms that are closed or nearly, by the spirals' coordinates; those in which some quads have a part, if given."""
+        """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
         terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _shut(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
-        """The spirals that have a part in a closed room, likewise; without those that are kept, which cannot open it."""
+        """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
         return self._room(x).closed(*self.space.design(x), quads) & self.space.free
 
     def _spread(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
-        """For every coordinate what is given for the spirals."""
+        """Return values of the spirals repeated for each of their coordinates."""
         return np.repeat(share, self.space.each)
 
     def at(
@@ -150,7 +150,7 @@ class Problem:
         iterations: int | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> Point:
-        """The point with these coordinates, its equilibrium sought from a pose and a predicted step (n, 6) from there."""
+        """Return the point at coordinates x; its equilibrium is sought from the pose ``start`` plus ``step``, at most ``iterations``."""
         model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
         found, factors = self.rest(model, self.stance, start, progress, iterations, step)
         return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
@@ -164,7 +164,7 @@ class Problem:
         iterations: int | None,
         step: np.ndarray | None,
     ) -> tuple[Equilibrium, Factors]:
-        """The equilibrium of a model in a stance, sought as in ``at``, and where its factor is kept."""
+        """Return the equilibrium of a model on its supports, sought as in ``at``, and the cache of its factor."""
         if stance is not None:
             start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
@@ -178,7 +178,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One design with its equilibrium. The derivatives belong to converged equilibria."""
+    """One design with its equilibrium; derivatives are defined at converged equilibria only."""
 
     problem: Problem
     x: np.ndarray
@@ -189,18 +189,18 @@ class Point:
 
     @property
     def system(self) -> NewtonSystem:
-        """The linear system with the factor of this point."""
+        """Linear system with the factor of this equilibrium's Hessian."""
         return self.factors.of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def prepare(self, progress: Progress) -> None:
-        """Derive, with progress, what the derivatives need: on thousands of spirals it takes a while."""
+        """Compute and cache the parts of the gradient, reporting progress: thousands of spirals take a while."""
         for part in ("terms", "_forces", "system", "gradient"):
             progress(0.0)
             getattr(self, part)
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
-        """What there is to say about the equilibrium."""
+        """Terms of the objective that depend on the equilibrium."""
         found: list[Term] = [Apart(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
             found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
@@ -208,15 +208,15 @@ class Point:
 
     @cached_property
     def value(self) -> float:
-        """The objective: what there is to say about the equilibrium, and what the design costs by itself."""
+        """The objective: the sum of all terms and costs."""
         return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
 
     def merit(self, strictness: float, found: Mismatch | None = None, strain: float | None = None) -> float:
-        """The objective by which designs of different problems are compared (see ``Bearing.merit``).
+        """Return the objective that compares designs of different problems; smaller is better (see ``Bearing.merit``).
 
-        With another mismatch and another largest strain: of the same design, simulated.
+        found, strain : mismatch and largest strain of the same design, simulated; the point's own by default
         """
-        # barriers keep the way within its bounds and say nothing of where it has come to
+        # barriers of the flat shapes guide a search and say nothing about its result
         costs = Problem.costs(self.problem, self.x)
         value = (found or self.mismatch).value + sum(cost.value for cost in costs)
         value += 0.0 if self._closing is None else self._closing.value
@@ -227,21 +227,21 @@ class Point:
         return self.problem.bearing.merit(value, largest, strictness)
 
     def weighed(self, mismatch: float) -> Point:
-        """The same point in a search that starts with this mismatch, which decides what excesses of strain weigh.
+        """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
 
-        A lack of stability weighs nothing in the first stage, so that it turns no piece that ends stable into another way.
+        In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
         bearing = self.problem.bearing
         bearing = None if bearing is None else replace(bearing, weight=WEIGHT * mismatch)
         return replace(self, problem=replace(self.problem, bearing=bearing, firmness=Firmness(0.0)))
 
     def firmed(self, *, strong: bool) -> Self:
-        """The same point in a stage that starts here; strong : that keeps farther away from where pieces snap."""
+        """Return this point in a stage that starts here; strong : the stage keeps a greater distance from snapping."""
         firmness = Firmness.from_mismatch(self.mismatch.value, strong=strong)
         return replace(self, problem=replace(self.problem, firmness=firmness))
 
     def pressed(self) -> Self:
-        """The same point, where what is still strained too much is pushed back with more force."""
+        """Return this point with the multipliers of the strain limits updated, see ``Bearing.pressed``."""
         bearing = self.problem.bearing
         if self.strains is None or bearing is None:
             return self
@@ -249,22 +249,22 @@ class Point:
 
     @cached_property
     def distance(self) -> float:
-        """RMS distance of the hubs to the target, in distances of neighbours."""
+        """RMS distance of the hubs from the target, in mean distances of neighbours."""
         return self.problem.target.distance(self.equilibrium.pose)
 
     @property
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
-        """Widths (n, 4) metres and twists (n,) radians."""
+        """Widths (n, 4), metres, and twists (n,), radians."""
         return self.problem.space.design(self.x)
 
     @cached_property
     def rooms(self) -> Rooms:
-        """The rooms near the design."""
+        """Linearised clearances of the design."""
         return self.problem.rooms(self.x)
 
     @cached_property
     def costs(self) -> tuple[Cost, ...]:
-        """What the design costs beside its mismatch."""
+        """Costs that do not depend on the equilibrium."""
         return self.problem.costs(self.x)
 
     @cached_property
@@ -273,14 +273,14 @@ class Point:
 
     @cached_property
     def strains(self) -> Strains | None:
-        """Of the arms; None where they do not count."""
+        """Strains of the arms; None where they do not count."""
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
             return None
         return Strains.of(self.model.assembly, self._changes, self.problem.bearing.material)
 
     @cached_property
     def _modes(self) -> SoftModes | None:
-        """The softest modes where they are less stable than asked for; None where all are stable enough."""
+        """Softest modes that are less stable than required; None if there are none."""
         asked, found = self.problem.firmness, self.equilibrium
         if asked is None or not found.converged or found.spare >= asked.enough or not isinstance(self.model, ArmModel):
             return None
@@ -290,12 +290,12 @@ class Point:
 
     @cached_property
     def barrier(self) -> StabilityBarrier | None:
-        """What keeps the equilibrium away from where it snaps; None where it is stable enough."""
+        """Stability barrier of the equilibrium; None where it is stable enough."""
         asked, modes = self.problem.firmness, self._modes
         return None if asked is None or modes is None else StabilityBarrier(asked, modes.rises, self._by_modes)
 
     def _by_modes(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
-        """Derivatives of the softest eigenvalues by the hubs, and by the coordinates where the hubs stand still."""
+        """Return the derivatives of the softest eigenvalues by the hubs, and by the coordinates at fixed hubs."""
         modes, pose = self._modes, self.equilibrium.pose
         assert modes is not None and isinstance(self.model, ArmModel)
         self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
@@ -318,7 +318,7 @@ class Point:
         return None if self._closing is None else Narrow(self._closing, self._slots_by_x)
 
     def _slots_by_x(self, closing: Closing) -> csr_array:
-        """(K, coordinates) how widths of slots change with the coordinates where the hubs stand still."""
+        """Return the derivatives (K, coordinates) of the slots' widths by the coordinates at fixed hubs."""
         return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
@@ -328,11 +328,11 @@ class Point:
 
     @cached_property
     def _forces(self) -> csr_array:
-        """(6 n, coordinates) change of the hubs' forces with the coordinates."""
+        """Derivatives (6 n, coordinates) of the hubs' forces by the coordinates."""
         return self._forces_by_spirals()
 
     def _forces_by_spirals(self) -> csr_array:
-        """(6 n, K n) the same with those of the spirals."""
+        """Return the derivatives (6 n, K n) of the hubs' forces by the spirals' coordinates, K a spiral."""
         arms = isinstance(self.model, ArmModel)
         by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
         blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
@@ -340,36 +340,36 @@ class Point:
 
     @cached_property
     def _back_forces(self) -> csr_array:
-        """The transpose of ``_forces``."""
+        """Transpose of ``_forces``."""
         return csr_array(self._forces.T)
 
     @cached_property
     def _slopes(self) -> Float[np.ndarray, "joints 2 5 _"]:
-        """(m, 2, 5, K) of widths and twist (rows) by coordinates (columns) of both spirals of every joint."""
+        """Derivatives (m, 2, 5, K) of widths and twist by the coordinates, for both spirals of every joint."""
         return self.problem.space.slopes(self.x)[self.problem.assembly.whole.owners]
 
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) how the hubs, and the nodes of a rim, move, to first order, when the coordinates change (eq. 8, forward)."""
+        """Return the linearised increments (n, 6) of hubs and rim nodes for a change of the coordinates (eq. 8, tangent)."""
         moves = -self.system.solve((self._forces @ change).reshape(-1, 6))
         return moves if self._held is None else moves + (self._held @ change).reshape(-1, 6)
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Change with the coordinates of a quantity that changes with the hubs by (n, 6) (eq. 8, backward)."""
+        """Return the derivative by the coordinates of a quantity with derivative ``pull`` (n, 6) by the hubs (eq. 8, adjoint)."""
         found = -(self._back_forces @ self.system.solve(pull).ravel())
         return found if self._held is None else found + pull.ravel() @ self._held[: pull.size]
 
     @property
     def _held(self) -> csr_array | None:
-        """(6 n, coordinates) how the supports move with the coordinates; None where they stay."""
+        """Derivatives (6 n, coordinates) of the supports' poses by the coordinates; None where these do not move."""
         return None
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
-        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        """Return the derivatives of the strains of some arms, numbered 2 e + side of the joint e."""
         assert self.strains is not None
         return self._rows_of_spirals(arms // 2, self.strains.slopes(arms))
 
     def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
-        """Derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
+        """Return the derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
         problem, whole = self.problem, self.problem.assembly.whole
         hubs = rows_in_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
@@ -377,23 +377,23 @@ class Point:
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:
-        """Of the objective by the coordinates, by one adjoint solve (eq. 10)."""
+        """Gradient of the objective by the coordinates, with one adjoint solve (eq. 10)."""
         return sum((cost.gradient for cost in self.costs), self.back([term.gradient for term in self.terms]))
 
     def gauss_newton(self, change: np.ndarray) -> Float[np.ndarray, " coordinates"]:
-        """Product of the objective's Gauss-Newton matrix with a change of the coordinates: one tangent and one adjoint solve."""
+        """Return the product of the objective's Gauss-Newton matrix with a change; takes one tangent and one adjoint solve."""
         return self.product(change, self.terms, self.costs)
 
     def product(
         self, change: np.ndarray, terms: Sequence[Term], costs: Sequence[Cost], turn_damping: float = 0.0
     ) -> Float[np.ndarray, " coordinates"]:
-        """Product with the matrix of these terms and costs, and of half of ``turn_damping`` times the hubs' squared turns (radians)."""
+        """Return the Gauss-Newton product of these terms and costs plus half of ``turn_damping`` times the hubs' squared rotations."""
         self.problem.work.add(PRODUCT, len(self.problem.assembly.width))
         moves = self.moves(change)
         parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in terms)]
         return sum((cost.product(change) for cost in costs), self.back(parts))
 
     def back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
-        """By the coordinates, of what changes like this with hubs and coordinates."""
+        """Return the gradient by the coordinates of a sum of parts that depend on hubs and coordinates."""
         hubs, own = total(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + own

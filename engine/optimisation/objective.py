@@ -1,4 +1,4 @@
-"""How far an equilibrium is from the target, and how that changes with the design (FlexMaps section 7, eq. 6 to 10)."""
+"""Mismatch between an equilibrium and the target, with its derivatives by the hubs' centres (FlexMaps section 7, eq. 6 to 10)."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .wishes import Wishes
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What the centres of the spirals are compared with.
+    """Target of the spirals' centres, and the measure of a mismatch.
 
     pairs : (m, 2) int, joined spirals; points : (n, 3) metres, the target of every centre
-    lies : from 0, how the surface bends: Laplacian coordinates alone (eq. 9), to 1, where it lies: places alone. Laplacian
-        coordinates hardly feel bends that are longer than some 30 spirals, so that a piece may match in all of them and
-        still lie far away. In between, slopes count too: the differences of neighbours. Together they are a norm of
-        Sobolev in which what is longer than (1 - lies) / lies spirals counts by its place and what is shorter by its bends
-    free : the object may lie anywhere: before comparing it is turned, and shifted, onto the target
-    wishes : places where some spirals shall come to beside that; urge : how much their mean square distance counts, in ``unit``
+    lies : 0 compares curvature: Laplacian coordinates (eq. 9); 1 compares positions. Laplacian coordinates hardly see bends longer
+        than about 30 spirals, so a piece may match in all of them and still lie far from the target. Values in between compare
+        slopes too, the differences of neighbours. This is a Sobolev norm: deviations longer than (1 - lies) / lies spirals
+        count by position, shorter ones by curvature
+    free : whether the object may lie anywhere; it is then rotated and shifted onto the target before comparing
+    wishes : further target places of some spirals; urge : weight of their mean square distance, in ``unit``
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -37,25 +37,27 @@ class Target:
 
     @cached_property
     def unit(self) -> float:
-        """Metres, the distance that counts as one: the mean distance of joined spirals."""
+        """Unit of length of the mismatch, metres: the mean distance of joined spirals."""
         a, b = self.pairs.T
         return float(np.linalg.norm(self.points[b] - self.points[a], axis=1).mean())
 
     @cached_property
     def weights(self) -> tuple[float, float, float]:
-        """Of bends, slopes and places; their squares sum up to 1."""
+        """Weights of curvature, slopes and positions; their squares sum up to 1."""
         bends, slopes, places = (1.0 - self.lies) ** 2, self.lies * (1.0 - self.lies), self.lies**2
         norm = float(np.sqrt(bends**2 + slopes**2 + places**2))
         return bends / norm, slopes / norm, places / norm
 
     @cached_property
     def operator(self) -> csr_array:
-        """(m, n): takes centres to the coordinates that are compared, over ``unit`` and the root of n; places come last, and then those
-        of which somebody wishes something, over the root of their number.
+        """Matrix (rows, n) from the centres to the compared coordinates, divided by ``unit`` and by the square root of n.
+
+        Rows in the order Laplacian coordinates, slopes, positions (each if its weight is not 0), then the spirals with wishes,
+        divided by the square root of their number instead.
         """
         n, m = len(self.points), max(len(self.pairs), 1)
         ends = np.tile([-1.0, 1.0], len(self.pairs)), (np.repeat(np.arange(len(self.pairs)), 2), self.pairs.ravel())
-        slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # as much as one for every spiral
+        slopes = csr_array(ends, shape=(len(self.pairs), n)) * np.sqrt(n / m)  # so that m rows count like n
         places = csr_array((np.ones(n), (np.arange(n), np.arange(n))), shape=(n, n))
         parts = zip(self.weights, (uniform_laplacian(self.pairs, n), slopes, places), strict=True)
         compared = vstack([weight * part for weight, part in parts if weight]) / (self.unit * np.sqrt(n))
@@ -66,7 +68,7 @@ class Target:
 
     @property
     def _wish(self) -> float:
-        """What the distance of one spiral from its wished place counts, a metre."""
+        """Factor on the distance of one spiral from its wished place, per metre."""
         assert self.wishes is not None
         return self.urge / (self.unit * np.sqrt(max(len(self.wishes.quads), 1)))
 
@@ -77,7 +79,7 @@ class Target:
 
     @cached_property
     def wanted(self) -> Float[np.ndarray, "joints 3"]:
-        """(m, 3) the target's coordinates."""
+        """Compared coordinates (rows, 3) of the target."""
         found = self.centred(self.operator @ self.points)
         if self.wishes is not None:
             quads, places = self.wishes.quads, self.wishes.places
@@ -85,7 +87,7 @@ class Target:
         return found
 
     def centred(self, values: np.ndarray) -> np.ndarray:
-        """Compared rows (m, 3), places without their mean where the object is free."""
+        """Return compared coordinates (rows, 3) with the mean of the positions subtracted, where the object is free."""
         if not (self.free and self.weights[2]):
             return values
         end = len(values) - (0 if self.wishes is None else len(self.wishes.quads))
@@ -94,23 +96,23 @@ class Target:
         return np.concatenate([values[:first], places - places.mean(axis=0), values[end:]])
 
     def laid(self, pose: Pose) -> Pose:
-        """A pose laid over the target where nothing holds the object."""
+        """Return a pose aligned with the target where the object is free, else the pose itself."""
         return pose.aligned(self.points) if self.free else pose
 
     def distance(self, pose: Pose) -> float:
-        """RMS distance of a pose's centres to the target's, in units of ``unit``."""
+        """Return the RMS distance of a pose's centres from the target's, in units of ``unit``."""
         return float(np.sqrt(((self.laid(pose).centres - self.points) ** 2).sum(axis=1).mean())) / self.unit
 
     @property
     def reach(self) -> float:
-        """How far the wishes lie from the target, RMS over all spirals, in units of ``unit``."""
+        """Distance of the farthest wish from the target, in units of ``unit``; 0 without wishes."""
         if self.wishes is None:
             return 0.0
         apart = self.wishes.places - self.points[self.wishes.quads]
         return float(np.sqrt((apart**2).sum(axis=1).max(initial=0.0))) / self.unit
 
     def compare(self, centres: Float[np.ndarray, "spirals 3"]) -> Mismatch:
-        """The mismatch of centres (n, 3) metres."""
+        """Return the mismatch of centres (n, 3), metres."""
         own = self.centred(self.operator @ centres)
         rotation = nearest_rotation(own.T @ self.wanted) if self.free else np.eye(3)
         return Mismatch(self, own @ rotation.T, rotation)
@@ -118,9 +120,9 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Mismatch:
-    """One comparison: value = half the mean square of the residual, in units of ``Target.unit``.
+    """One comparison with the target; its value is half the sum of the squared residuals.
 
-    own : (m, 3) the centres' coordinates, turned by ``rotation`` onto the target's
+    own : (rows, 3) compared coordinates of the centres, rotated by ``rotation`` (3, 3) onto the target's
     """
 
     target: Target
@@ -129,7 +131,7 @@ class Mismatch:
 
     @property
     def residual(self) -> Float[np.ndarray, "joints 3"]:
-        """(m, 3)"""
+        """Differences (rows, 3) of the compared coordinates, scaled as in ``Target.operator``."""
         return self.own - self.target.wanted
 
     @property
@@ -138,14 +140,14 @@ class Mismatch:
 
     @property
     def rmse(self) -> float:
-        """Metres, of the Laplacian coordinates where those are compared."""
+        """RMSE of the Laplacian coordinates, metres; of the positions where Laplacian coordinates are not compared."""
         weight = self.target.weights[0] or self.target.weights[2]
         compared = self.residual[: len(self.target.points)]
         return float(np.sqrt((compared**2).sum())) * self.target.unit / weight
 
     @property
     def wished(self) -> float:
-        """Metres, RMS distance of the spirals that somebody wishes something of to where they are wished."""
+        """RMS distance of the spirals with wishes from their wished places, metres; 0 without wishes."""
         wishes = self.target.wishes
         if wishes is None:
             return 0.0
@@ -154,26 +156,27 @@ class Mismatch:
 
     @property
     def gradient(self) -> Float[np.ndarray, "spirals 3"]:
-        """(n, 3) per metre of the centres; the best rotation adds nothing to it (envelope theorem)."""
+        """Gradient of the value by the centres, per metre; the best rotation adds nothing to it (envelope theorem)."""
         return self.backward(self.residual, project=False)
 
     @cached_property
     def _turns(self) -> Float[np.ndarray, "_ some"]:
-        """(3n, k) orthonormal: what small turns of the whole do to the residual; none where it is held."""
+        """Orthonormal basis (3 rows, k) of the residual's changes under small rotations of the piece; empty where it is held."""
         if not self.target.free:
             return np.zeros((self.own.size, 0))
         turned = np.stack([np.cross(axis, self.own).ravel() for axis in np.eye(3)], axis=1)
         return np.linalg.qr(turned)[0]
 
     def forward(self, shift: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-        """(m, 3) change of the residual with shifts (n, 3) metres of the centres, best rotation included to first order."""
+        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres, with the best rotation."""
         return self._without_turns(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
 
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
-        """The transpose of ``forward``."""
+        """Return the transposed product of ``forward``; without ``project``, that of the change at a fixed rotation."""
         kept = self._without_turns(change) if project else change
         return self.target.back @ self.target.centred(kept @ self.rotation)
 
     def _without_turns(self, change: np.ndarray) -> np.ndarray:
+        """Subtract from a change of the residual the component that a small rotation of the piece undoes."""
         flat = change.ravel()
         return (flat - self._turns @ (self._turns.T @ flat)).reshape(change.shape)

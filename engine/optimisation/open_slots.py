@@ -1,6 +1,6 @@
-"""Slots that stay open in the assembled shape: a penalty on how narrow they become there, with exact derivatives.
+"""Penalty on slots that become too narrow in the assembled shape, with exact derivatives.
 
-Elastic models know nothing of contact, so what they find where arms run through each other is no shape of any piece.
+Elastic models know no contact: an equilibrium in which arms run through each other is not a shape that the piece can take.
 """
 
 from __future__ import annotations
@@ -27,24 +27,25 @@ from ..spirals.shapes import Shapes
 from ..spirals.slots import slot_needed
 from .terms import Change, Rows, Term
 
-# Share of the smallest flat slot below which a slot in space begins to cost something. From half of it the search ended on a
-# sphere of 150 spirals at 1.03 times the error, and the deepest of its closed slots, all between different spirals, closed by
-# 0.44 instead of 0.38 mm.
-OPEN = 1.0
-# Of slots that are too narrow against the mismatch. On that sphere 0.02 to 0.2 change neither the error, by more than 0.1 %, nor
-# how many slots end closed: none within spirals, 4 between them. On a body of 986 spirals with three holes 0.2 ends, after as
-# much work, at 1.13 times the error, with 2 closed instead of 4.
+# Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a
+# sphere of 150 spirals ended at 1.03 times the error, and the worst of its closed slots, all between different spirals, overlapped
+# by 0.44 instead of 0.38 mm
+WIDTH_SHARE = 1.0
+# Weight of the penalty against the mismatch; more opens more slots and matches worse. On that sphere 0.02 to 0.2 change the error by
+# less than 0.1 %, and 4 slots end closed, all between spirals. On a body of 986 spirals with three holes 0.2 gives, for the same
+# work, 1.13 times the error and 2 closed slots instead of 4
 SLOT_WEIGHT = 0.05
-LOOK = 3.0  # times the smallest flat slot, below which slots are followed along a step: more see more of what it would close, and cost more
+# Width, in smallest flat slots, below which slots are followed along a step: larger values see more slots that a step would close, and cost more
+LOOK_AHEAD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Opening:
-    """What slots of a design should be in space.
+    """Required widths of a design's slots in space, and how they are estimated.
 
-    width : metres that they should be wide; shapes : what the flat quads give to their arms
-    params : of the spirals
-    excess : metres, overestimate of the slot whose outer arm this is; None if not measured
+    shapes : geometry of the arms in the flat quads; slots : estimates widths from the motions of the arms' tips
+    width : metres, required width of every slot; params : of the spirals
+    excess : metres by which the estimate of the slot with this outer arm is too large; None if not measured
     """
 
     shapes: Shapes
@@ -57,14 +58,14 @@ class Opening:
     def of(cls, design: SpiralDesign) -> Opening:
         p = design.params
         slots = Slots(p.blend, p.fillet, p.thickness, p.clockwise)
-        return cls(Shapes.of(design.flat, p), slots, OPEN * slot_needed(p), p)
+        return cls(Shapes.of(design.flat, p), slots, WIDTH_SHARE * slot_needed(p), p)
 
     def moved(self, flat: FlatPatches) -> Opening:
-        """The same on other flat shapes of the same patches."""
+        """Return the requirement for other flat shapes of the same patches."""
         return replace(self, shapes=Shapes.of(flat, self.params))
 
     def at(self, model: ArmModel, pose: Pose) -> Closing:
-        """Of the spirals of a model whose hubs stand in a pose."""
+        """Return the narrow slots of a model in a pose."""
         motions = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
         arm, own = 4 * whole.pairs + whole.sides, whole.pairs < whole.spirals
@@ -75,23 +76,23 @@ class Opening:
         return Closing(self, found, joint[found.arms], model, pose)
 
     def with_excess(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
-        """Return a copy whose estimates are corrected to slots that were measured in this state."""
+        """Return a copy whose estimates are corrected by the exact ``slots`` in this state."""
         exact = slots.width[: len(self.shapes.mate)]
         found, least = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
         np.minimum.at(least, found.arms[:, 0], found.values)
         outer, excess = slots.arms[: len(exact), 0], np.zeros(len(exact))
-        both = np.isfinite(least[outer]) & np.isfinite(exact)  # neither wide open nor beside arms that are not cut
+        both = np.isfinite(least[outer]) & np.isfinite(exact)  # wide slots have no estimate, and slots beside uncut arms no exact width
         excess[outer[both]] = np.maximum(least[outer[both]] - exact[both], 0.0)
         return replace(self, excess=excess)
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:
-        """Return the places where slots are narrow, from the motions of the tips."""
+        """Return the places where slots are narrow, from the motions of the tips; ``known`` : 0 for tips at the border."""
         most = 0.0 if self.excess is None else float(self.excess.max())
-        found = self.slots.below(LOOK * self.width + most, self._numbers(model), known)
+        found = self.slots.below(LOOK_AHEAD * self.width + most, self._numbers(model), known)
         return found if self.excess is None else replace(found, values=found.values - self.excess[found.arms[:, 0]])
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
-        """Of every arm, in the order of ``blends``."""
+        """Return the numbers that describe every arm, in the order of ``blends``."""
         shapes, assembly = self.shapes, model.assembly
         n = assembly.spirals
         width, wind = assembly.width[:n].ravel(), self.sign * np.repeat(assembly.twist[:n], 4)
@@ -107,18 +108,19 @@ class Opening:
 
     @property
     def sign(self) -> float:
+        """Sign of twists in the geometry of the arms: -1 for clockwise spirals."""
         return -1.0 if self.slots.clockwise else 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """The places where slots are narrower than they should be, and what they cost.
+    """The K places where slots are narrow, and their penalty.
 
-    The cost is a third of the mean over all slots of the cubes of what is missing, in units of what there should be, and goes
-    on in a straight line where slots are closed. So a step feels in time what it would close.
+    The penalty is a third of the cube of the missing share of the required width, as a mean over all slots; beyond a closed slot it
+    continues as the tangent. So it rises smoothly before a slot closes.
 
-    found : the K places; joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1 at the border
-    model, pose : of the spirals
+    found : widths of the places, with derivatives; model, pose : of the piece
+    joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1 at the border
     """
 
     opening: Opening
@@ -133,13 +135,14 @@ class Closing:
 
     @cached_property
     def motions(self) -> TipMotions:
-        """The motions of the tips with their derivatives, which only steps that are taken need."""
+        """Motions of the tips with their derivatives, which are expensive and needed for accepted steps only."""
         known = self.model
         parts = (known.compliance.values, known.compliance_by, known.at_joint)
         return TipMotions.of(known.assembly, *parts, self.pose)
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
+        """Missing share of the required width of every place; above 1 where arms overlap."""
         return np.maximum(1.0 - self.found.values / self.opening.width, 0.0)
 
     @property
@@ -151,34 +154,34 @@ class Closing:
         return self.cost(self.missing)
 
     def cost(self, missing: Float[np.ndarray, " k"]) -> float:
-        """Return what slots cost of which these shares are missing."""
+        """Return the penalty at these missing shares of the width."""
         near = np.minimum(missing, 1.0)
         return self._unit * float((near**3 / 3.0 + missing - near).sum())
 
     def slope(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return the derivative of the cost by the widths."""
+        """Return the derivatives of the penalty by the widths."""
         return -self._unit / self.opening.width * np.minimum(missing, 1.0) ** 2
 
     def curvature(self, missing: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """Return its second derivative; on the straight line that of a parabola with the same slope, so that Gauss-Newton steps go down."""
+        """Return the second derivatives by the widths; on the tangent those of a parabola of equal slope, so that steps descend."""
         straight = 1.0 / np.maximum(missing, 1.0)
         return self._unit / self.opening.width**2 * np.where(missing < 1.0, 2.0 * missing, straight)
 
     @cached_property
     def by_pose(self) -> csr_array:
-        """(K, 6 n) of the widths by the increments of the hubs."""
+        """Derivatives (K, 6 n) of the widths by the increments of the hubs."""
         through = (self._by_motion @ self._at_tips(self.motions.by_pose))[:, :, 0]
-        column = 6 * self._of(self.assembly.pairs)[..., None] + np.arange(6)
+        column = 6 * self._of_tips(self.assembly.pairs)[..., None] + np.arange(6)
         return self._rows(through.reshape(*column.shape), column, 6 * self.assembly.size)
 
     @cached_property
     def by_design(self) -> csr_array:
-        """(K, 5 n) of the widths by the widths of all arms, four of a spiral in a row, and then by all twists."""
+        """Derivatives (K, 5 n) of the slots' widths by the widths of all arms (spiral by spiral), then by all twists."""
         found, mate, count = self.found, self.opening.shapes.mate, self.assembly.spirals
         arms = 4 * count
         flat = self._at_tips(self.motions.by_design.reshape(*self.motions.by_design.shape[:3], 10))
         through = (self._by_motion @ flat)[:, :, 0].reshape(len(found.values), 2, 2, 5)
-        spiral = self._of(self.assembly.owners)[..., None]
+        spiral = self._of_tips(self.assembly.owners)[..., None]
         column = np.concatenate([4 * spiral + np.arange(4), arms + spiral], axis=-1)
         by, own = found.slopes[1], found.arms
         direct = np.stack([by[..., OWN_WIDTH], by[..., MATE_WIDTH], by[..., OWN_WIND], by[..., MATE_WIND]], axis=-1)
@@ -188,9 +191,10 @@ class Closing:
         return self._rows(through, column, 5 * count) + self._rows(direct, at, 5 * count)
 
     def by_flat(self, by_geometry: Float[np.ndarray, "joints 12 6"], geometry_by_points: csr_array) -> csr_array:
-        """(K, 2 P) of the widths by the flat points.
+        """Return the derivatives (K, 2 P) of the widths by the flat points, at a fixed pose.
 
-        by_geometry : (m, 12, 6) of both tips' motions by the rest geometry of their joint; geometry_by_points : (6 m, 2 P)
+        by_geometry : (m, 12, 6) derivatives of both tips' motions by the rest geometry of their joint
+        geometry_by_points : (6 m, 2 P) derivatives of the rest geometry by the flat points
         """
         tips, joint = by_geometry.reshape(-1, 6, 6), self.joint
         through = (self._by_motion @ np.where((joint >= 0)[..., None, None], tips[joint], 0.0))[:, :, 0]
@@ -207,16 +211,16 @@ class Closing:
         return self.found.slopes[0][:, :, None]
 
     def _at_tips(self, values: np.ndarray) -> np.ndarray:
-        """(K, 2, ...) of what there is of both tips (m, 2, ...) of every joint; nothing at the border."""
+        """Return values (m, 2, ...) of both tips of every joint as (K, 2, ...) at the arms of the places; 0 at the border."""
         chosen = values.reshape(-1, *values.shape[2:])[self.joint]
         return np.where((self.joint >= 0)[(..., *(None,) * (chosen.ndim - 2))], chosen, 0.0)
 
-    def _of(self, pairs: Int[np.ndarray, "joints 2"]) -> Int[np.ndarray, "k 2 2"]:
-        """What joints have on both sides, of the joints of both arms."""
+    def _of_tips(self, pairs: Int[np.ndarray, "joints 2"]) -> Int[np.ndarray, "k 2 2"]:
+        """Return the entries of ``pairs`` (both sides of a joint) at the joints of both arms of every place."""
         return pairs[np.maximum(self.joint, 0) // 2]
 
     def _rows(self, values: np.ndarray, column: np.ndarray, columns: int) -> csr_array:
-        """A row for every place, from values and columns (K, ...)."""
+        """Return a sparse matrix with a row for every place, from values and column numbers (K, ...)."""
         count = len(self.found.values)
         row = np.broadcast_to(np.arange(count).reshape(-1, *(1,) * (values.ndim - 1)), values.shape)
         return coo_array((values.ravel(), (row.ravel(), column.ravel())), shape=(count, columns)).tocsr()
@@ -224,10 +228,10 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Narrow(Term):
-    """What too narrow slots cost, as a term of the objective of a point.
+    """Penalty on narrow slots, as a term of the objective.
 
-    slopes : (K, coordinates) of their widths by the coordinates at a fixed pose, asked for when there are derivatives
-    widths : (K,) metres after a step, None for those of ``closing``
+    slopes : computes the derivatives (K, coordinates) of the widths by the coordinates at fixed hubs
+    widths : (K,) metres after a step; None for those of ``closing``
     """
 
     closing: Closing
@@ -240,7 +244,7 @@ class Narrow(Term):
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
-        """Shares of the widths that are missing."""
+        """Missing shares of the required width."""
         return (
             self.closing.missing
             if self.widths is None
@@ -261,7 +265,7 @@ class Narrow(Term):
 
     @cached_property
     def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        """Nonzero second derivatives by the widths of slots, and the rows of these widths."""
+        """Second derivatives by the widths that are not 0, and the derivatives of these widths."""
         return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:

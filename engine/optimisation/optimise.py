@@ -1,4 +1,4 @@
-"""Inverse design: the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
+"""Inverse design: find the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
 
 from __future__ import annotations
 
@@ -39,22 +39,23 @@ ENDS = {
     "nothing": "No better design was found; the design is unchanged.",
     "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
 }
-OPENING_SLOTS = "Opening slots"  # what the progress says
-LOADS = (0.1, 0.3, 0.6, 1.0)  # shares in which the loads are put on where all at once lead to no equilibrium
-TRIES = 3  # designs that are proved, the best first, until one keeps its shape
-# Largest ratio of the first start's mismatch to the smallest one, and of a second start's objective to the first's. The objective alone,
-# where closing slots and strain count beside the mismatch, led a vessel of two walls into a collapsed shape; the mismatch alone made
-# results of two other surfaces worse by a third
-NEARBY = 1.5
-ALIKE = 0.01  # of the range of widths and twists by which starts differ at the most that count as one; not measured
-SAME = 0.02  # share by which the mismatch of the result may differ from that of the search, which is less exact
+OPENING_SLOTS = "Opening slots"  # shown with the progress
+LOAD_SHARES = (0.1, 0.3, 0.6, 1.0)  # shares of the loads that are applied one after the other if the full loads lead to no equilibrium
+MAX_PROOFS = 3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes an equilibrium
+# Largest ratio of the first start's mismatch to the smallest mismatch, and of a second start's objective to the first's. Ranking by the
+# objective alone, which also counts closing slots and strain, led a vessel of two walls into a collapsed shape; by the mismatch alone, it
+# made results of two other surfaces worse by a third
+START_RATIO = 1.5
+SAME_START = 0.01  # largest difference of coordinates, in [0, 1], between starts that count as equal; not measured
+RESULT_TOL = 0.02  # relative difference of merit below which a proved design counts as good as the search's, and two designs as similar
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What there is to see after a step: the target's vertices (V, 3) metres as the hubs carry them, and the spirals.
+    """Snapshot of an optimisation after a step, for display.
 
-    width : (F, 4) metres; twist : (F,) radians; rmse : metres, of the coordinates that are matched; step : number of steps
+    vertices : (V, 3) metres, the target's vertices moved with the hubs; width : (F, 4) metres; twist : (F,) radians
+    rmse : metres, of the compared coordinates; step : number of steps so far
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -66,13 +67,12 @@ class Look:
 
 @dataclass(frozen=True, eq=False)
 class Optimisation:
-    """The best design that was found.
+    """Result of an optimisation.
 
-    before, after : the start and the result, simulated
-    trace : seconds, objective and RMSE of every step, rejected and unstable ones counted
-    start : which start was taken: "curvature", "uniform" or "given"; "stiff" or "soft" where those have no equilibrium
-    point : of the search that the result was
-    ended : why it ended, one of ``ENDS``
+    before, after : the given design and the best design, simulated
+    trace : seconds, objective and RMSE of every accepted step; counts of rejected and unstable steps
+    method : name of the optimiser; start : "curvature", "uniform" or "given"; "stiff" or "soft" if those have no equilibrium
+    point : the result's point of the search; ended : reason for the end, a key of ``ENDS``
     """
 
     before: Simulation
@@ -85,23 +85,23 @@ class Optimisation:
 
     @property
     def at_bound(self) -> Int[np.ndarray, "quads _"]:
-        """(F, groups of arms + 1) int, -1 and 1 where widths and twist are at their lower or upper bound."""
+        """Coordinates (F, groups of arms + 1) at a bound: -1 at the lower, 1 at the upper, 0 in between."""
         x = self.point.problem.space.by_spiral(self.point.x)
         return np.where(x <= 0.0, -1, np.where(x >= 1.0, 1, 0))
 
     @property
     def gradient(self) -> Float[np.ndarray, "quads _"]:
-        """(F, groups of arms + 1) of the objective by the design's coordinates: where a bound holds the match back."""
+        """Gradient (F, groups of arms + 1) of the objective by the coordinates; not 0 where a bound limits the match."""
         return self.point.problem.space.by_spiral(self.point.gradient)
 
     @property
     def finished(self) -> bool:
-        """False if it was stopped before its end."""
+        """Whether the search ended by itself, not by a cancel."""
         return self.ended != STOPPED
 
     @cached_property
     def end(self) -> str:
-        """Why it ended, as a sentence."""
+        """Reason for the end, as a sentence."""
         stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
         return ENDS[
             "snapping" if stuck and len(snapping(self.after.equilibrium, self.after.softest)[0]) else self.ended
@@ -112,7 +112,7 @@ class Optimisation:
         return self.after.design
 
     def report(self) -> dict[str, Any]:
-        """The ``optimise`` block of report.json."""
+        """Return the ``optimise`` block of report.json."""
         before, after = self.before.match, self.after.match
         flat = (self.before.design.flat, self.after.design.flat)
         moved = codesign.flat_report(*flat) if flat[0] is not flat[1] else {}
@@ -165,24 +165,39 @@ def optimise(
     wishes: Wishes | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
-    """Improve a design until its equilibrium matches the target as well as the method finds, or its time is over.
+    """Improve a design until its equilibrium matches the target as well as possible, or the time limit has passed.
 
-    Arguments as in ``simulate``; ``wishes`` are places where some spirals shall come to. Starts from the given design, the
-    curvature-adjusted one or the uniform one, see ``_best_starts``; from a painted one always. With ``codesign`` and the arm model the flat shapes move too. Shows a ``Look`` after every step.
-    The result is never worse than the given design. Without ``prove`` it is as the search left it: to compare designs, that is
-    enough, and saves a fifth of a short search. When it is stopped it returns the best design so far, or raises
-    Cancelled if there is none yet. Raises FlexMapsError if no start has an equilibrium.
+    The result is never worse than the given design. With ``params.codesign`` and the arm model the flat shapes move too.
+
+    Parameters
+    ----------
+    design, target : the design to improve, and the surface with the same quads
+    material, params, physics : the material, the settings of the search and those of its equilibria
+    supports, force : as in ``simulate``
+    prove : mend outlines that touch, and simulate the result; False saves a fifth of a short search, and serves comparisons
+    constraints : spirals that must be kept, straight or as wide as possible
+    wishes : further target places of some spirals
+    progress : shows a ``Look`` after every step; after a cancel the best design so far is returned
+
+    Returns
+    -------
+    The best design found from the given, the curvature-adjusted or the uniform design; from a painted one only.
+
+    Raises
+    ------
+    FlexMapsError : no start has an equilibrium, or the arguments do not fit each other
+    Cancelled : the user cancels before there is an equilibrium to return
     """
     _check(design, target, constraints, wishes)
     work = Work.of(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
-    farthest = _farthest(points.get("given"), problem)
+    farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
-    # now rather than at the end, where somebody who stopped it would have to wait for this
+    # simulated now: at the end, a user who cancels would have to wait for it
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     within = progress.part(0.1, 0.12)
     before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
@@ -194,13 +209,13 @@ def optimise(
         vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
         progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
-    search = Search(task, trace, accepted, _farthest(given, problem), design.flat)
+    search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
     try:
         name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
-        found = _proved(search, progress.part(0.9, 1.0)) if prove else _held(search)
+        found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
     except Cancelled:
-        trace.ended, found = STOPPED, _so_far(search, *latest)
+        trace.ended, found = STOPPED, _best_so_far(search, *latest)
     was = Found(before, given, search.farthest)
     strictness = LOOSE if trace.ended == STOPPED else LENIENT
     if found is None or not found.merit(strictness) < was.merit(strictness):
@@ -215,7 +230,7 @@ def optimise(
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:
     """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
-    unseen = replace(progress, shown=None)  # who watches an optimisation is shown designs, and these are poses
+    unseen = replace(progress, shown=None)  # the view of an optimisation expects designs, and would get poses
     try:
         return other_rests(simulation, physics, unseen)
     except Cancelled:
@@ -223,6 +238,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
 
 
 def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wishes: Wishes | None) -> None:
+    """Raise FlexMapsError where the arguments do not fit each other."""
     if len(target.quads) != len(design.width):
         raise FlexMapsError(
             f"The target has {len(target.quads)} quads and the design {len(design.width)} spirals; lay out the panels again"
@@ -233,33 +249,33 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
         wishes.check(len(design.width))
 
 
-def _farthest(given: Point | None, problem: Problem) -> float:
-    """Return the largest RMS distance from the target of a sound result, in distances of neighbours; without limit if there is no given design."""
+def _distance_limit(given: Point | None, problem: Problem) -> float:
+    """Return the largest allowed RMS distance of a result from the target, in distances of neighbours; infinite without a given design."""
     return np.inf if given is None else max(FARTHER * given.distance, NEAR) + problem.target.reach
 
 
 def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
-    """Return the sound starts to search from: one, or two where another design begins nearly as well.
+    """Return the names of one or two starts to search from, out of those within the allowed distance.
 
-    The first has the least objective among those that match the target nearly as well as the best, the second the least of the others.
-    A second start takes a fifth of the search from the first. Without it, two surfaces on which it begins far worse ended as near or nearer.
+    The first has the smallest objective among the starts that match nearly as well as the best. A second one follows if it differs and
+    its objective is nearly as small. It costs the first a fifth of its time; surfaces whose second start is far worse do not gain by it.
     """
     sound = {name: point for name, point in points.items() if point.distance <= farthest}
-    limit = NEARBY * min(point.mismatch.value for point in sound.values())
+    limit = START_RATIO * min(point.mismatch.value for point in sound.values())
     first = min(sound, key=lambda name: (sound[name].mismatch.value > limit, sound[name].value))
     others = [
         name
         for name in sound
-        if np.abs(sound[name].x - sound[first].x).max() > ALIKE and sound[name].value <= NEARBY * sound[first].value
+        if np.abs(sound[name].x - sound[first].x).max() > SAME_START and sound[name].value <= START_RATIO * sound[first].value
     ]
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
-def _proved(search: Search, progress: Progress) -> Found | None:
-    """The best design that keeps its shape when its outlines are drawn and mended where they touch; None if none can be."""
+def _prove_best(search: Search, progress: Progress) -> Found | None:
+    """Return the best design after proving it, which mends outlines that touch; None if no design can be cut."""
     found: list[Found] = []
     strictness = _strictness(search)
-    for held in _unlike(search.held, strictness)[:TRIES]:
+    for held in _drop_similar(search.held, strictness)[:MAX_PROOFS]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
@@ -267,41 +283,41 @@ def _proved(search: Search, progress: Progress) -> Found | None:
         except FlexMapsError:
             continue
         found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 0.9)), held.point, search.farthest))
-        if found[-1].merit(strictness) <= (1.0 + SAME) * held.merit(strictness):
+        if found[-1].merit(strictness) <= (1.0 + RESULT_TOL) * held.merit(strictness):
             break
     best = min(found, key=lambda one: one.merit(strictness), default=None)
     return None if best is None else opened(search, best, progress.at(0.9, OPENING_SLOTS))
 
 
-def _held(search: Search) -> Found | None:
-    """The best design as the search left it; None where none keeps its shape."""
+def _best_unproved(search: Search) -> Found | None:
+    """Return the best design of the search without a proof; None if the best has no equilibrium near the target."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
     return Found(search.task.rested(best.design, best.point), best.point, search.farthest) if best.sound else None
 
 
 def _strictness(search: Search) -> float:
-    """A search whose time was over before its strains were down goes on from here when somebody asks for more."""
+    """Return the penalty on excess strain when ranking results; lenient after the time limit, as the next run goes on from there."""
     return LENIENT if search.trace.ended == "time" else STRICT
 
 
-def _unlike(held: list[Held], strictness: float) -> list[Held]:
-    """The designs, the best first, without those nearly as good as the one before: where that loses its shape they do too."""
+def _drop_similar(held: list[Held], strictness: float) -> list[Held]:
+    """Sort designs, the best first, and drop those with nearly the merit of a better one: they would fail the same proof."""
     unlike: list[Held] = []
     for one in sorted(held, key=lambda one: one.merit(strictness)):
-        if not unlike or one.merit(strictness) > (1.0 + SAME) * unlike[-1].merit(strictness):
+        if not unlike or one.merit(strictness) > (1.0 + RESULT_TOL) * unlike[-1].merit(strictness):
             unlike.append(one)
     return unlike
 
 
-def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
-    """The latest design, or the best that was known to be better; whoever has stopped the search does not want to wait.
+def _best_so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
+    """Return the better of the latest design and the best stored one, with as little computation as possible after a cancel.
 
-    What is known to be at rest is not simulated again, and where a design that can be cut is as good as the latest, that is it.
+    Known equilibria are used again, and the latest point is not made a design if a stored design is as good.
     """
     task, found = search.task, list[Found]()
     if search.held and search.best.value < np.inf:
         found.append(Found(task.rested(search.best.design, search.best.point), search.best.point, search.farthest))
-    if not found or found[0].merit(LOOSE) > (1.0 + SAME) * point.merit(LOOSE):
+    if not found or found[0].merit(LOOSE) > (1.0 + RESULT_TOL) * point.merit(LOOSE):
         latest = codesign.designed(point, design)
         if latest is not None:
             found.append(Found(task.rested(latest, point), point, search.farthest))
@@ -311,9 +327,14 @@ def _so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
 def starts(
     problem: Problem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, Point]:
-    """The starts that have an equilibrium, by name; only the given design if it is to be improved further.
+    """Return the starts that have an equilibrium, by name.
 
-    Where none of them has one, evenly stiff and evenly soft spirals are tried, and loads that grow little by little.
+    They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
+    If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
+
+    Raises
+    ------
+    FlexMapsError : there is none
     """
     space, pose = problem.space, target_pose(target, design.flat.corners)
     places = {"given": space.coordinates(design.width, design.twist)}
@@ -323,7 +344,7 @@ def starts(
     points: dict[str, Point] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
-        own, x = _with_room(problem, design, x, within)
+        own, x = _make_fabricable(problem, design, x, within)
         point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
@@ -331,7 +352,7 @@ def starts(
         if points:
             break
         within = progress.at(0.9, "Starting shapes, one load after the other")
-        point = _loaded(*_with_room(problem, design, x, within), pose, within)
+        point = _load_in_parts(*_make_fabricable(problem, design, x, within), pose, within)
         if point.equilibrium.converged:
             points[name] = point
     if not points:
@@ -341,10 +362,10 @@ def starts(
     return points
 
 
-def _with_room(
+def _make_fabricable(
     problem: Problem, design: SpiralDesign, x: np.ndarray, progress: Progress
 ) -> tuple[Problem, Float[np.ndarray, " coordinates"]]:
-    """The nearest design that can be cut: the problem with a space that holds it, and its coordinates there."""
+    """Return the problem with a space that contains the nearest design that can be cut, and that design's coordinates."""
     problem.work.add(FIT, problem.assembly.size)
     wanted, free = problem.space.design(x), problem.space.free
     made = fitted(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
@@ -352,9 +373,9 @@ def _with_room(
     return replace(problem, space=space), space.coordinates(made.width, made.twist)
 
 
-def _loaded(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:
-    """The point with these coordinates, its loads put on in parts."""
-    shares = LOADS if problem.loads.force.any() else LOADS[-1:]
+def _load_in_parts(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:
+    """Return the point at coordinates x, its loads applied in parts."""
+    shares = LOAD_SHARES if problem.loads.force.any() else LOAD_SHARES[-1:]
     for share in shares:
         part = replace(problem, loads=replace(problem.loads, force=share * problem.loads.force))
         point = part.at(x, pose, progress)

@@ -1,4 +1,4 @@
-"""Two ways to the best design behind one interface: Gauss-Newton in a box, and L-BFGS-B (FlexMaps section 7).
+"""Two optimisers with one interface: Gauss-Newton in a box, and L-BFGS-B (FlexMaps section 7).
 
 Both take a problem and a converged starting point, call ``accepted`` with every better point, and return the best.
 """
@@ -22,26 +22,25 @@ from .composite import CompositeModel
 from .inverse import Point, Problem
 from .scaling import Bending
 
-TURN_MOST = 0.3  # radians that a hub may turn between the designs of two equilibria by the linear prediction
-ENOUGH = 1e-3  # RMSE in distances of neighbours below which no cutter could tell the difference
-STOPPED = "stopped"  # why a search ended that was cancelled
-GOAL = 0.5 * ENOUGH**2  # the mismatch there
-JUMP = 0.5  # distances of neighbours that a hub may come to lie from where the tangent predicted it, beside its shift
-# Newton iterations after which an equilibrium is given up: a piece that snaps over takes many. Of 400 steps that were taken
-# from where the tangent predicted them, on 8 surfaces, none took more than 8; those given up cost up to half of the time
+MAX_TURN = 0.3  # radians, largest predicted rotation of a hub in one step; larger steps leave the tangent's range
+EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
+STOPPED = "stopped"  # ``Trace.ended`` of a cancelled search
+GOAL = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
+MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
+# Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
+# 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
 INNER_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 
 
 @dataclass
 class Trace:
-    """What happened on the way.
+    """Record of a search, shared by all of its stages.
 
-    rows : seconds, objective and RMSE (metres) of every accepted point
-    rejected : steps that were not taken because the objective rose; unstable : because no equilibrium was found, or another
-        one than the nearest
-    ended : why the last search ended, a word of ``newton``
-    bending, damping : how the objective bends and how much steps are damped, by the number of coordinates: what one stage has
-        learned serves the next
+    began : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
+    evaluations : number of trial points; rejected : number of steps refused because the objective rose
+    unstable : number of steps refused because there was no equilibrium, or only one beyond a snap
+    ended : reason for the end of the last stage, a word of ``newton`` or ``STOPPED``
+    bending, damping : curvature estimates and damping by the number of coordinates, which later stages start from
     """
 
     began: float = field(default_factory=time.perf_counter)
@@ -54,10 +53,11 @@ class Trace:
     damping: dict[int, float] = field(default_factory=dict)
 
     def note(self, point: Point) -> None:
+        """Add an accepted point to ``rows``."""
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
 
     def bending_of(self, size: int) -> Bending:
-        """Along so many coordinates."""
+        """Return the curvature estimate for this number of coordinates."""
         return self.bending.setdefault(size, Bending(size))
 
 
@@ -73,11 +73,11 @@ def gauss_newton(
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> Point:
-    """Damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
+    """Take damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
 
-    The next equilibrium is sought from the pose that the tangent predicts; where none is found, turns are damped more.
+    The next equilibrium is sought from the pose that the tangent predicts; if none is found, rotations are damped more.
     """
-    search = _Search(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
+    search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
     if params.iterations and not problem.work.over:
         goal = GOAL if params.stop else -np.inf
@@ -90,7 +90,7 @@ def gauss_newton(
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A step of the coordinates, the hubs' moves (n, 6) that follow to first order, and the fall that is predicted."""
+    """A step of the coordinates; moves : (n, 6) linearised increments of the hubs; gain : predicted decrease of the objective."""
 
     step: Float[np.ndarray, " coordinates"]
     moves: np.ndarray
@@ -98,10 +98,11 @@ class _Proposal:
 
 
 @dataclass(eq=False)
-class _Search:
-    """The objective as a function of designs with their equilibria (a ``newton.Problem``).
+class _GaussNewtonProblem:
+    """The objective as a function of points, for ``newton.minimise`` (a ``newton.Problem``).
 
-    best : the best one so far; bending : how the objective bends along its coordinates
+    note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
+    step_number : number of accepted steps
     """
 
     params: OptimiseParams
@@ -121,7 +122,7 @@ class _Search:
         return self.progress.at(done, f"Step {self.step_number}, RMSE {rmse:.4g} mm")
 
     def watch(self, point: Point, history: list[Iteration]) -> None:
-        pass  # every equilibrium on the way asks whether to stop
+        pass  # the progress of every equilibrium already raises Cancelled
 
     def expand(self, point: Point) -> Local:
         within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point
@@ -149,10 +150,10 @@ class _Search:
         return _Proposal(step, moves, point.value - model.after(step, moves).value)
 
     def tried(self, here: Local, proposal: _Proposal) -> Point | None:
-        return _predicted(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
+        return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
 
     def gentle(self, here: Local, proposal: _Proposal) -> float:
-        return here.energy / (TURN_MOST**2 * len(proposal.moves))
+        return here.energy / (MAX_TURN**2 * len(proposal.moves))
 
     def rejected(self) -> None:
         self.trace.rejected += 1
@@ -165,34 +166,33 @@ class _Search:
             self.note(point)
 
 
-def _predicted(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:
-    """The point one step on; None where no equilibrium that is safely stable is found near what the tangent predicts."""
+def _take_step(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:
+    """Return the point after a step; None if there is no sufficiently stable equilibrium near the pose that the tangent predicts."""
     trace.evaluations += 1
     turn = np.linalg.norm(moves[:, 3:], axis=1).max()
-    if turn > 4.0 * TURN_MOST:
+    if turn > 4.0 * MAX_TURN:
         trace.unstable += 1
         return None
-    moves = moves * min(1.0, TURN_MOST / max(turn, 1e-300))
+    moves = moves * min(1.0, MAX_TURN / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
     spare = min(here.equilibrium.spare, inverse.MARGIN)
     lost = not trial.equilibrium.converged or trial.equilibrium.spare < spare
-    if lost or (jumped(here, trial, moves) and not _nearer(trial, here)):
+    if lost or (jumped(here, trial, moves) and not _is_better(trial, here)):
         trace.unstable += 1
         return None
     return trial
 
 
-def _nearer(there: Point, here: Point) -> bool:
-    """Whether another equilibrium is worth going to: it is better in the objective and nearer to the target."""
+def _is_better(there: Point, here: Point) -> bool:
+    """Return whether a point beyond a snap is worth taking: lower in the objective and nearer to the target."""
     return there.value < here.value and there.distance < here.distance
 
 
 def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> bool:
-    """Whether another equilibrium was found than the one that the moves (n, 6) from ``here`` predict.
+    """Return whether the equilibrium ``there`` lies beyond a snap, away from the pose that the increments ``moves`` predict.
 
-    What the tangent does not tell is a fraction of what it does, but the way to another equilibrium is at least as long as
-    a spiral is wide.
+    The error of the linear prediction is a fraction of the predicted shift; another equilibrium is at least about a spiral's width away.
     """
     target, pose = there.problem.target, here.equilibrium.pose
     predicted = pose.moved(moves)
@@ -200,7 +200,7 @@ def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> 
         np.linalg.norm(target.laid(one).centres - target.laid(two).centres, axis=1).max()
         for one, two in ((there.equilibrium.pose, predicted), (predicted, pose))
     ]
-    return bool(shifts[0] > JUMP * target.unit + shifts[1])
+    return bool(shifts[0] > MAX_JUMP * target.unit + shifts[1])
 
 
 @one_thread
@@ -212,9 +212,9 @@ def lbfgs(
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> Point:
-    """L-BFGS-B with an equilibrium at every evaluation, the publication's way; kept as the baseline.
+    """Run L-BFGS-B with an equilibrium at every evaluation, as in the publication; kept as the baseline.
 
-    Where no equilibrium is found, and beyond the limits of flat shapes, the objective counts as ten times the start's.
+    Without an equilibrium, and beyond the limits of flat shapes, the objective is replaced by ten times the start's.
     """
     from scipy.optimize import minimize
 
@@ -244,7 +244,7 @@ def lbfgs(
     bounds = [(0.0, 1.0)] * start.x.size
     try:
         found = minimize(value, start.x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        # 1 tells of too many steps; a line search that finds nothing better, 2, is how it ends with these options
+        # status 1 is the iteration limit; 2, a line search without a decrease, is the normal end with these options
         trace.ended = ITERATIONS if found.status == 1 else CONVERGED
     except StopIteration:
         trace.ended = TIME

@@ -1,10 +1,10 @@
-"""The grain of every panel for itself: how panels are turned on the sheet so that the piece comes nearer to its target.
+"""A grain direction for every panel: rotate panels on the sheet so that the piece comes nearer to its target.
 
-A panel's grain is a direction in its flat frame, the same in all (``SpiralParams.grain``); so a panel gets another one by being turned
-in its frame, and whatever lays frames along the grain keeps it. What a turn changes are the compliances of the panel's own arms. From
-an equilibrium with forces g = 0 and Hessian H, other arms leave forces dg at the same pose, and one Newton step -H^-1 dg tells where the
-hubs go. All panels' steps are added, and the turns chosen that bring the sum nearest to the target, panel by panel; the equilibrium
-then tells whether it did.
+The grain is one direction in the flat frames of all panels (``SpiralParams.grain``). A panel gets another grain by being rotated in
+its frame; nesting, which aligns frames with the grain, keeps the rotation. It changes the compliances of the panel's own arms only. From
+an equilibrium with forces g = 0 and Hessian H, other arms cause forces dg at the same pose, and one Newton step -H^-1 dg predicts the
+shifts of the hubs. The shifts of all panels add up. Panel by panel the angle is chosen with which the sum is nearest to the target, and
+a new equilibrium confirms or refuses the choice.
 """
 
 from __future__ import annotations
@@ -28,16 +28,20 @@ from ..simulation.simulate import Simulation, simulate
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 
-# radians that panels may be turned; a sheet with a grain is the same after half a turn
+# candidate rotations of a panel, radians; half a turn leaves the grain unchanged
 TURNS = {"crossed": (0.5 * np.pi,), "free": tuple(np.radians(np.arange(15.0, 180.0, 15.0)).tolist())}
-ROUNDS = 3  # how often panels are turned anew from the equilibrium that was found; it ends where nothing gets nearer. Not measured
-SWEEPS = 6  # over all panels, or until none changes; not measured
-WORTH = 1e-3  # share of the mismatch that a turn has to bring to be taken; by eye
+MAX_ROUNDS = 3  # largest number of rounds, each from the equilibrium of the last; more take longer and may come nearer. Not measured
+MAX_SWEEPS = 6  # largest number of passes over all panels in a round; not measured
+MIN_GAIN = 1e-3  # share of the mismatch by which a rotation must lower it to be accepted; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class PanelGrain:
-    """turns : radians that every panel was turned; before, after : metres RMS from the target, with one grain for all and with these"""
+    """A design with rotated panels.
+
+    turns : radians by which every panel is rotated
+    before, after : RMS distance from the target, metres, with one grain for all panels and with ``turns``
+    """
 
     design: SpiralDesign
     turns: Float[np.ndarray, " patches"]
@@ -45,8 +49,8 @@ class PanelGrain:
     after: float
 
 
-def turned(flat: FlatPatches, turns: Float[np.ndarray, " patches"]) -> FlatPatches:
-    """The same patches, every one turned by radians in its frame."""
+def rotate_panels(flat: FlatPatches, turns: Float[np.ndarray, " patches"]) -> FlatPatches:
+    """Rotate every patch in its frame by an angle, radians."""
     points = flat.points.copy()
     for quads, turn in zip(flat.layout.patches, turns, strict=True):
         own = np.unique(flat.layout.flat_corners[quads])
@@ -55,8 +59,11 @@ def turned(flat: FlatPatches, turns: Float[np.ndarray, " patches"]) -> FlatPatch
     return replace(flat, points=points)
 
 
-def allowed(flat: FlatPatches, turn: float, grain: float, sheet: SheetParams) -> np.ndarray:
-    """(patches,) bool: which panels still fit the sheet when they are turned, of those that fit as they are; nothing else is laid worse."""
+def fits_sheet(flat: FlatPatches, turn: float, grain: float, sheet: SheetParams) -> np.ndarray:
+    """Return a mask of the panels that fit the sheet when rotated; panels that do not fit unrotated count as fitting.
+
+    turn : rotation of all panels, radians; grain : direction of the grain in the frames, radians
+    """
     free = np.array([sheet.sheet_width, sheet.sheet_height]) - 2.0 * sheet.margin
     fits = []
     for angle in (-grain, turn - grain):
@@ -79,9 +86,18 @@ def choose_grain(
     force: Float[np.ndarray, "quads 3"] | None = None,
     progress: Progress = SILENT,
 ) -> PanelGrain:
-    """The design with its panels turned to where the equilibrium is nearest to the target; never farther than the given one.
+    """Rotate the panels of a design so that its equilibrium comes nearer to the target; the result is never farther from it.
 
-    kind : one of ``TURNS``; other arguments as in ``simulate``
+    Parameters
+    ----------
+    design, target, material, physics, supports, force : as in ``simulate``
+    kind : key of ``TURNS``
+    sheet : the size of the sheet, which rotated panels must fit
+    progress : reports progress and raises Cancelled
+
+    Returns
+    -------
+    The design unchanged if the material has no grain, the elastic model is the one of rods, or there is no equilibrium.
     """
     count = len(design.flat.layout.patches)
     once = replace(physics, restarts=0)
@@ -96,13 +112,13 @@ def choose_grain(
     first = _rms(best)
     if material.orthotropy is None or not isinstance(best.model, ArmModel) or not best.equilibrium.converged:
         return PanelGrain(design, turns, first, first)
-    for n in range(ROUNDS):
+    for n in range(MAX_ROUNDS):
         progress(0.2 + 0.25 * n, "The grain of every panel")
         here = best.design
         angles = np.array([0.0, *TURNS[kind]])
-        able = _able(design, turns, angles, sheet)
-        chosen = angles[_nearest(best, angles, able, progress.part(0.2 + 0.25 * n, 0.3 + 0.25 * n))]
-        found = _better(here, best, chosen, lambda one, start, n=n: rested(one, start, 0.3 + 0.25 * n))  # type: ignore[misc]
+        able = _allowed_turns(design, turns, angles, sheet)
+        chosen = angles[_best_turns(best, angles, able, progress.part(0.2 + 0.25 * n, 0.3 + 0.25 * n))]
+        found = _try_turns(here, best, chosen, lambda one, start, n=n: rested(one, start, 0.3 + 0.25 * n))  # type: ignore[misc]
         if found is None:
             break
         best, more = found
@@ -110,29 +126,32 @@ def choose_grain(
     return PanelGrain(best.design, turns, first, _rms(best))
 
 
-def _able(design: SpiralDesign, turns: np.ndarray, angles: np.ndarray, sheet: SheetParams) -> np.ndarray:
-    """(angles, patches) bool: what panels may be turned further by; ``turns`` is what they are turned by already."""
-    rows = [[allowed(design.flat, float(t + a), design.params.grain, sheet) for t in np.unique(turns)] for a in angles]
+def _allowed_turns(design: SpiralDesign, turns: np.ndarray, angles: np.ndarray, sheet: SheetParams) -> np.ndarray:
+    """Return a mask (angles, patches) of the further rotations with which panels fit the sheet; ``turns`` : their present rotations."""
+    rows = [[fits_sheet(design.flat, float(t + a), design.params.grain, sheet) for t in np.unique(turns)] for a in angles]
     which = np.searchsorted(np.unique(turns), turns)
     return np.array([[row[which[p]][p] for p in range(len(turns))] for row in rows])
 
 
-def _better(
+def _try_turns(
     design: SpiralDesign,
     best: Simulation,
     chosen: Float[np.ndarray, " patches"],
     rested: Callable[[SpiralDesign, Pose], Simulation],
 ) -> tuple[Simulation, np.ndarray] | None:
-    """The simulation with the panels turned so, or half of them where all together are no better; None where neither is."""
+    """Return a simulation nearer to the target, and its rotations: all those ``chosen``, or every second; None if neither is nearer.
+
+    rested : simulates a design from a pose
+    """
     moving = np.flatnonzero(chosen)
     for some in (moving, moving[::2], moving[1::2]):
         turns = np.zeros(len(chosen))
         turns[some] = chosen[some]
         if not turns.any():
             continue
-        again = replace(design, flat=turned(design.flat, turns))
-        found = rested(again, _carried(best.equilibrium.pose, design, turns))
-        if found.equilibrium.converged and _rms(found) < (1.0 - WORTH) * _rms(best):
+        again = replace(design, flat=rotate_panels(design.flat, turns))
+        found = rested(again, _with_rotated_frames(best.equilibrium.pose, design, turns))
+        if found.equilibrium.converged and _rms(found) < (1.0 - MIN_GAIN) * _rms(best):
             return found, turns
     return None
 
@@ -141,8 +160,8 @@ def _rms(found: Simulation) -> float:
     return float(np.sqrt((found.distance**2).mean())) if found.equilibrium.converged else np.inf
 
 
-def _carried(pose: Pose, design: SpiralDesign, turns: np.ndarray) -> Pose:
-    """The same pose of hubs whose frames are turned."""
+def _with_rotated_frames(pose: Pose, design: SpiralDesign, turns: np.ndarray) -> Pose:
+    """Return a pose for hubs whose frames are rotated with their panels, so that the piece does not move."""
     turn = turns[design.flat.layout.patch_of]
     back = np.zeros((len(turn), 3, 3))
     back[:, 0, 0] = back[:, 1, 1] = np.cos(turn)
@@ -150,16 +169,19 @@ def _carried(pose: Pose, design: SpiralDesign, turns: np.ndarray) -> Pose:
     return Pose(pose.centres, pose.rotations @ back)
 
 
-def _nearest(
+def _best_turns(
     found: Simulation, angles: Float[np.ndarray, " angles"], able: np.ndarray, progress: Progress
 ) -> Int[np.ndarray, " patches"]:
-    """For every panel the angle, of which the first is none, with which the predicted hubs are nearest to the target."""
-    moved = predicted(found, angles, progress)
+    """Return, for every panel, the index of the angle with which the predicted hubs are nearest to the target.
+
+    angles : radians, the first of them 0; able : mask (angles, patches) of allowed rotations
+    """
+    moved = predict_shifts(found, angles, progress)
     count = moved.shape[1]
     chosen = np.zeros(count, dtype=int)
     off = found.equilibrium.pose.centres - found.target.centroids
     free = not found.loads.fixed.any()
-    for _ in range(SWEEPS):
+    for _ in range(MAX_SWEEPS):
         before = chosen.copy()
         for p in range(count):
             rest = off - moved[chosen[p], p]
@@ -169,17 +191,17 @@ def _nearest(
             miss = (tried**2).sum(axis=(1, 2))
             miss[~able[:, p]] = np.inf
             best = int(np.argmin(miss))
-            best = best if miss[best] < (1.0 - WORTH) * miss[chosen[p]] else int(chosen[p])
+            best = best if miss[best] < (1.0 - MIN_GAIN) * miss[chosen[p]] else int(chosen[p])
             off, chosen[p] = rest + moved[best, p], best
         if (chosen == before).all():
             break
     return chosen
 
 
-def predicted(
+def predict_shifts(
     found: Simulation, angles: Float[np.ndarray, " angles"], progress: Progress = SILENT
 ) -> Float[np.ndarray, "angles patches quads 3"]:
-    """Metres that one Newton step moves every hub when one panel is turned by an angle; those of the first, which is none, are 0."""
+    """Return the shifts of all hubs, metres, that one Newton step predicts when one panel is rotated by one angle; angles[0] is 0."""
     model, pose, pairs = found.model, found.equilibrium.pose, found.assembly.pairs
     assert isinstance(model, ArmModel)
     patch = found.design.flat.layout.patch_of[pairs]
@@ -194,13 +216,13 @@ def predicted(
         progress(k / len(angles), "The grain of every panel")
         if k == 0:
             continue
-        # turning a panel by an angle turns the grain back by it in the panel's frame
-        turned = replace(found.assembly, grain=found.assembly.grain - angle)
-        other = arm_compliances(turned, found.material, slopes=False)
+        # rotating a panel by an angle rotates the grain by minus that angle in the panel's frame
+        rotated = replace(found.assembly, grain=found.assembly.grain - angle)
+        other = arm_compliances(rotated, found.material, slopes=False)
         base = model.joint_gradients(state)
         sides = []
         for which in ((True, True), (True, False), (False, True)):
-            mixed = model.with_compliance(_mixed(plain, other, which))
+            mixed = model.with_compliance(_mix_sides(plain, other, which))
             sides.append(mixed.joint_gradients(mixed.start(pose)) - base)
         for p in range(count):
             own = patch == p
@@ -212,8 +234,8 @@ def predicted(
     return out
 
 
-def _mixed(plain: ArmCompliances, other: ArmCompliances, which: tuple[bool, bool]) -> ArmCompliances:
-    """The compliances of one or both sides of all joints from another model."""
+def _mix_sides(plain: ArmCompliances, other: ArmCompliances, which: tuple[bool, bool]) -> ArmCompliances:
+    """Replace the compliances of one or both sides of all joints by those of ``other``; which : the sides to replace."""
     values = plain.values.copy()
     for side in (0, 1):
         if which[side]:

@@ -1,4 +1,4 @@
-"""What keeps a shape from matching its target, spiral by spiral, with one sentence of advice."""
+"""Diagnose, spiral by spiral, why a shape does not match its target, and give one sentence of advice."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .eased import eased
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
-MATCHED = 0.01  # share of the distance of neighbours below which a mismatch in Laplacian coordinates is no matter
-DISTORTED = 0.01  # ARAP energy of a quad beyond which its flat shape differs by about a tenth
-MOST = 0.5  # share of the quads, beyond which one body is most of a piece
-STRETCHED = 0.5  # share of a spiral's energy that lies in the plane of the sheet
+MATCHED_BELOW = 0.01  # mismatch in Laplacian coordinates, in distances of neighbours, below which a spiral counts as matched
+DISTORTED_ABOVE = 0.01  # ARAP energy of a quad above which its flat shape counts as distorted: by about a tenth in length
+MAJORITY = 0.5  # share of the quads above which one body counts as most of the piece
+STRETCHED_ABOVE = 0.5  # share of in-plane energy in a spiral's elastic energy above which it counts as stretched
 
-# name, what is said of it, and what of that a button can do
+# name, predicate of the advice, and the remedies in it that a button offers
 KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("matched", "bends as the target does", ()),
     ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help",
@@ -43,10 +43,12 @@ NAMES = tuple(name for name, _, _ in KINDS)
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """kind : (F,) int, index into ``NAMES``; share : (kinds,) of the squared mismatch that lies there; advice : a sentence
+    """Why each spiral misses the target.
 
-    remedies : what of the advice a button can do, in its order, and how much of it, see ``remedies.amounts``
-    prospects : percent of the size that other ways come near, see ``choosing.prospects``; None where nobody has searched for them
+    kind : (F,) reason of every spiral, index into ``NAMES``; share : (kinds,) of the squared mismatch, by reason; advice : a sentence
+    remedies : the remedies in the advice that a button offers, and their amounts, see ``remedies.amounts``
+    prospects : RMS distance from the target, in percent of the size, that a cut or supports would reach, see ``choosing.prospects``;
+        None before they are computed
     """
 
     kind: Int[np.ndarray, " quads"]
@@ -56,7 +58,7 @@ class Reach:
     prospects: Mapping[str, float] | None = None
 
     def report(self) -> dict[str, Any]:
-        """The ``reach`` block of report.json."""
+        """Return the ``reach`` block of report.json."""
         counts = np.bincount(self.kind, minlength=len(NAMES))
         return {
             "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),
@@ -68,10 +70,13 @@ class Reach:
 
 
 def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> Reach:
-    """What limits the match of a simulated design; of an optimised one also where its bounds hold it back.
+    """Return the reason why each spiral of a design misses the target: the first that applies, in the order of ``KINDS``.
 
-    Each spiral that does not match gets the first reason that holds, in the order of ``KINDS``. Without ``remedies`` there are none: they
-    take an equilibrium for each sheet that is tried.
+    Parameters
+    ----------
+    of : a simulated design, or an optimised one, of which also the bounds of widths and twists count
+    progress : reports progress and raises Cancelled
+    remedies : whether to compute the amounts of remedies, which may take an equilibrium for each sheet that is tried
     """
     simulation = of.after if isinstance(of, Optimisation) else of
     within = progress.at(0.0, "Looking for what limits the match")
@@ -89,26 +94,26 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedie
     for name in reversed(NAMES):
         if name in reasons:
             kind[reasons[name]] = NAMES.index(name)
-    kind[mismatch <= MATCHED * spacing] = NAMES.index("matched")
+    kind[mismatch <= MATCHED_BELOW * spacing] = NAMES.index("matched")
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
-    advice = _advice(kind, share, simulation.shortfalls) + _strained(simulation)
+    advice = _advice(kind, share, simulation.shortfalls) + _strain_advice(simulation)
     return Reach(kind, share, advice, _remedies(share, simulation) if remedies else {})
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
-    """(F,) bool for every reason that a simulation knows."""
-    found = {"distorted": simulation.design.flat.energy > DISTORTED}
+    """Return a mask (F,) for every reason that follows from the simulation."""
+    found = {"distorted": simulation.design.flat.energy > DISTORTED_ABOVE}
     if isinstance(simulation.model, ArmModel):
-        found["stretched"] = _stretched(simulation, simulation.model)
-        found["unstable"] = _unstable(simulation, progress)
+        found["stretched"] = _find_stretched(simulation, simulation.model)
+        found["unstable"] = _find_unstable(simulation, progress)
     return found
 
 
 def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
-    """Where the better design lies beyond a bound of the spiral itself or of a neighbour's.
+    """Return masks (F,) of the spirals at a bound that the objective pushes against, towards softer and towards stiffer arms.
 
-    A wider arm is stiffer, a more wound one softer.
+    Wider arms are stiffer, more twist makes them softer.
     """
     push = -np.sign(of.gradient) * (of.at_bound != 0)
     outwards = push == of.at_bound
@@ -117,8 +122,8 @@ def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
     return {"softest": soft, "stiffest": stiff & ~soft}
 
 
-def _stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " quads"]:
-    """(F,) bool: most of the elastic energy comes from motions in the plane of the sheet."""
+def _find_stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " quads"]:
+    """Return a mask (F,) of the spirals most of whose elastic energy comes from motions in the plane of the sheet."""
     strains = model.start(simulation.equilibrium.pose).motion.vector
     inside = np.where(np.isin(np.arange(6), (0, 1, 5)), strains, 0.0)
     plane = 0.5 * np.einsum("mi,mij,mj->m", inside, model.stiffness, inside, optimize=True)
@@ -126,33 +131,33 @@ def _stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " qu
     total = np.zeros((simulation.assembly.size, 2))
     for side in (0, 1):
         np.add.at(total, model.assembly.owners[:, side], both)
-    return total[:, 0] > STRETCHED * np.maximum(total[:, 1], 1e-300)
+    return total[:, 0] > STRETCHED_ABOVE * np.maximum(total[:, 1], 1e-300)
 
 
-def _unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
-    """(F,) bool: takes part in a motion that hardly costs energy."""
+def _find_unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
+    """Return a mask (F,) of the spirals that move in a mode which hardly costs energy."""
     unstable = np.zeros(simulation.assembly.size, dtype=bool)
     unstable[snapping(simulation.equilibrium, lambda: simulation.softest(progress))[0]] = True
     return unstable
 
 
 def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) -> str:
-    """What to do, worst first: a piece that stays flat needs something else than better spirals."""
+    """Return the advice: on bodies that miss their target as a whole first, then on the worst kind of spiral."""
     worst = shortfalls[0] if shortfalls else None
     if worst is None:
-        return _where(kind, share)
+        return _worst_kind_sentence(kind, share)
     if _stays_flat(shortfalls, len(kind)):
         return worst.wrong + worst.help
-    return f"{worst.wrong} {_where(kind, share)}{worst.help}"
+    return f"{worst.wrong} {_worst_kind_sentence(kind, share)}{worst.help}"
 
 
 def _stays_flat(shortfalls: list[Shortfall], quads: int) -> bool:
-    """Whether the body that is worst stays flat and is most of the piece, so that the kinds of its spirals say nothing."""
-    return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MOST * quads
+    """Return whether the worst body stays flat and is most of the piece: better spirals would not help then."""
+    return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MAJORITY * quads
 
 
-def _strained(simulation: Simulation) -> str:
-    """What to do about arms that are strained too much, with a blank before it; nothing where there are none."""
+def _strain_advice(simulation: Simulation) -> str:
+    """Return the advice on overstrained arms, with a leading blank; "" if there are none."""
     over = 0 if simulation.strain is None else int((simulation.strain > STRAINED).sum())
     if not over:
         return ""
@@ -162,8 +167,9 @@ def _strained(simulation: Simulation) -> str:
     )
 
 
-def _where(kind: np.ndarray, share: np.ndarray) -> str:
-    worst = _worst(share)
+def _worst_kind_sentence(kind: np.ndarray, share: np.ndarray) -> str:
+    """Return the sentence on the kind with most of the mismatch."""
+    worst = _worst_kind(share)
     if worst is None:
         return "Every spiral bends as the target asks."
     count = int((kind == worst).sum())
@@ -172,21 +178,21 @@ def _where(kind: np.ndarray, share: np.ndarray) -> str:
     )
 
 
-def _worst(share: np.ndarray) -> int | None:
-    """The kind with most of the mismatch; None where everything matches."""
+def _worst_kind(share: np.ndarray) -> int | None:
+    """Return the kind with most of the mismatch; None if all spirals match."""
     rest = np.where(np.arange(len(share)) == NAMES.index("matched"), 0.0, share)
     return int(rest.argmax()) if rest.sum() > 0.0 else None
 
 
 def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
-    """What of the advice a button can do, from what the sentences are made of.
+    """Return the amounts of the remedies in the advice that a button offers.
 
-    Where arms are strained there are no finer quads: twice as many have arms half as long to wind, on a dome and a saddle strained
-    1.6 and 1.7 times as much.
+    Finer quads are not offered where arms are overstrained: with twice as many quads, on a dome and a saddle, the shorter arms were
+    strained 1.6 and 1.7 times as much.
     """
-    short, worst = simulation.shortfalls[:1], _worst(share)
+    short, worst = simulation.shortfalls[:1], _worst_kind(share)
     if _stays_flat(short, simulation.assembly.size):
-        worst = None  # of a piece that stays flat the kinds are not told
+        worst = None  # the advice on a flat piece does not mention kinds
     kind, _, names = KINDS[0] if worst is None else KINDS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())
     strained = strain is not None and strain > STRAINED

@@ -1,6 +1,6 @@
-"""What would bring a piece nearer, as numbers that a button can follow: a cut, a larger piece, a thinner sheet, finer quads.
+"""Amounts of the remedies that buttons offer for a piece that misses its target: cut, larger size, thinner sheet, finer quads.
 
-``reach`` says which of them; here stands how much of each. This page imports no numerics, so that a sidebar can be drawn.
+``reach`` decides which remedies apply; this module computes how much of each. It imports no numerics, so that the sidebar draws fast.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from ..params import SHOWN, RemeshParams, SpiralParams
 CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
-Eased = Callable[[float, float], float]  # from times the size and metres of the sheet to the largest strain
+Eased = Callable[[float, float], float]  # from a factor on the size and a thickness, metres, to the largest strain over the limit
 
-# Times larger where no strain says how much: a step of R10, in which sizes are made. A dome of 192 quads that is as soft as it may
-# be ends at 1.3 % of its size from the target instead of 3.0 when it is 1.5 times as large; half of that is the first step
-MODEST = 1.25
-MOST = 2.0  # times larger at one go, a second press goes on from what the first one brought; not measured
-ROUNDS = 3  # sizes that are computed: strains fall nearly as sizes grow, so that the second one seldom misses
-SHEETS = 6  # thinner ones that are computed, down to a quarter of the thickness
-STEP = 0.05  # sizes are rounded up to it
-# Times as many quads. With twice as many, five surfaces whose quads flattening distorts came from 2.8, 2.3, 3.0, 1.4 and 1.3 % of
-# their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals have room left it is only worth a try: three saddles that were optimised
-# went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
+# Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
+# soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that
+FIRST_FACTOR = 1.25
+MOST = 2.0  # largest factor on the size in one step; pressing again continues from there. Not measured
+MAX_SIZES = 3  # largest number of sizes whose strain is computed; strain is nearly inverse to size, so the second is mostly right
+MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
+STEP = 0.05  # factors on the size are rounded up to a multiple of it
+# Factor on the number of quads. With 2, five surfaces with distorted quads came from 2.8, 2.3, 3.0, 1.4 and 1.3 % of their size to
+# 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised saddles went from 0.56,
+# 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
 DENSER = 2
-# the most rounded series R''10 of ISO 497, in which most sheets are sold, per decade
+# preferred thicknesses in one decade: the series R''10 of ISO 497, in which most sheets are sold
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
-# Percent of the size: RMS distance from the target up to which a piece needs no remedy. On one of half a metre it is 5 mm; by eye
+# RMS distance from the target, in percent of the size, up to which a piece needs no remedy: 5 mm on half a metre. Chosen by eye
 WANTED = 1.0
 
 
 def wanted(choose: Any) -> float:
-    """Percent of the size within which a piece shall come to its target; ``choose`` : the settings of the layout."""
+    """Return the wanted RMS distance from the target, in percent of the size; ``choose`` : the settings of the layout."""
     return float(choose.match) if choose.goal == "match" else WANTED
 
 
@@ -49,12 +49,20 @@ def amounts(
     quads: int,
     eased: Eased | None = None,
 ) -> Amounts:
-    """How much of every remedy that is advised, by its name, for ``report.json``; without those that cannot be followed.
+    """Return the amount of every advised remedy, by name, for ``report.json``; remedies that are impossible are left out.
 
-    strain : the largest, as a share of what the material bears with its margin, where it is known; soft : spirals are as soft as they may be
-    thickness : metres; eased : the strain, as above, if the piece were so many times larger and of so thick a sheet, where
-    that can be computed
-    What comes back: times the size, millimetres of the sheet, number of quads; None for a cut
+    Parameters
+    ----------
+    advised : names of remedies
+    strain : largest strain over the limit of the material with its margin; None if not known
+    soft : whether most of the mismatch lies in spirals that are as soft as possible
+    thickness : of the sheet, metres
+    quads : present number
+    eased : strain, as above, by a factor on the size and a thickness, metres; None if it cannot be computed
+
+    Returns
+    -------
+    A factor on the size, a thickness in millimetres, a number of quads; None for a cut.
     """
     if eased is None or strain is None or strain <= 1.0:
         times = larger(strain, soft=soft)
@@ -68,36 +76,46 @@ def amounts(
 
 
 def larger(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
-    """How many times larger a piece has to be, as ``amounts``; ``eased`` computes the strain of one so many times as large.
+    """Return the factor on the size that brings the strain below its limit, at most ``MOST``.
 
-    A sheet of thickness h that is bent to a radius R is strained by h / 2R (Euler and Bernoulli), and a strip of length l whose ends
-    turn by an angle against each other by h / 2l times that angle: both fall as the size grows. So it is the excess of the
-    strain. Measured on a dome and a saddle 1.5 times as large, strains fell by 1.54 to 2.2 times, as arms can be wound more.
+    A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose ends rotate by an
+    angle against each other, by h / 2l times the angle. Both are inverse to the size, so the factor is the strain over its limit.
+    Measured on a dome and a saddle 1.5 times as large, strains were 1.54 to 2.2 times smaller, because arms can be wound more.
+
+    Parameters
+    ----------
+    strain, soft : as in ``amounts``; if ``soft``, the factor is at least ``FIRST_FACTOR``
+    eased : strain over its limit by a factor on the size
     """
-    times, enough = _stepped(max(strain or 0.0, MODEST if soft else 1.0)), None
-    for _ in range(ROUNDS if eased is not None else 0):
+    times, enough = _round_up(max(strain or 0.0, FIRST_FACTOR if soft else 1.0)), None
+    for _ in range(MAX_SIZES if eased is not None else 0):
         assert eased is not None
         share = eased(times)
         if share <= 1.0:
             enough = times
-        again = max(_stepped(times * share), MODEST if soft else 1.0)
+        again = max(_round_up(times * share), FIRST_FACTOR if soft else 1.0)
         if again == times or (enough is not None and again >= enough):
             break
         times = again
     return times if enough is None else enough
 
 
-def _stepped(times: float) -> float:
+def _round_up(times: float) -> float:
+    """Round a factor on the size up to a multiple of ``STEP``, at most ``MOST``."""
     return round(min(MOST, STEP * math.ceil(times / STEP - 1e-6)), 2)
 
 
 def thinner(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:
-    """Metres: the next usual sheet that is thinner by as much as a piece would have to be ``larger``; None where there is none.
+    """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Where ``eased`` computes the strain of a sheet, it is the first of the thinner ones with which that is within its limit.
+    Without ``eased`` the thickness is divided by ``times``, by the formula of ``larger``. That may not be enough: strains of twisted arms
+    that are thicker than wide fall more slowly, on the dome and the saddle by 1.2 times from 3 to 2 mm.
 
-    By the same formula, which is the least that it takes: strains of twisted arms that are thicker than wide fall more slowly, on
-    the dome and the saddle by 1.2 times from 3 to 2 mm.
+    Parameters
+    ----------
+    thickness : present, metres
+    times : factor on the size that ``larger`` has found
+    eased : strain over its limit by thickness, metres
     """
     least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
     most = thickness / max(times, 1.0) if eased is None else thickness
@@ -106,17 +124,17 @@ def thinner(thickness: float, times: float, *, eased: Callable[[float], float] |
         (sheet for sheet in usual if least * (1 - 1e-6) <= sheet < 0.999 * thickness and sheet <= most * (1 + 1e-6)),
         reverse=True,
     )
-    return next((sheet for sheet in fitting[:SHEETS] if eased is None or eased(sheet) <= 1.0), None)
+    return next((sheet for sheet in fitting[:MAX_SHEETS] if eased is None or eased(sheet) <= 1.0), None)
 
 
 def finer(quads: int) -> int | None:
-    """How many quads, ``DENSER`` times as many as there are; None where that are more than can be asked for."""
+    """Return ``DENSER`` times the number of quads; None if the setting allows fewer."""
     most = next(f for f in fields(RemeshParams) if f.name == "quads").metadata["high"]
     return DENSER * quads if DENSER * quads <= most else None
 
 
 def of_block(block: Mapping[str, Any]) -> Amounts:
-    """What a ``reach`` block advises; one of an earlier version says only in its sentence whether a cut would help."""
+    """Return the remedies of a ``reach`` block; in blocks of earlier versions only the sentence tells whether a cut would help."""
     if "remedies" in block:
         return {name: amount for name, amount in block["remedies"].items() if name in REMEDIES}
     return {CUT: None} if "cut" in block["advice"] else {}

@@ -1,6 +1,6 @@
-"""The terms of the objective: each knows its value, and how it changes with the hubs and with the coordinates.
+"""Terms of the objective that depend on the equilibrium; each has a value, and derivatives by the hubs and by the coordinates.
 
-A point sums them up, and takes the way through the equilibrium once for all of them.
+A point sums up the terms, and applies the adjoint of the equilibrium once to the sum.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from ..arrays import Float, Int
 from ..materials import Material
 from .objective import Mismatch
 
-# Strains are held a little below their limit, so that what the last steps leave of an excess is none: with 0.01, four of nine
-# surfaces of 150 to 544 quads ended at 1.000 to 1.003 of it, with 0.02 six of seven at 0.98 to 0.995
+# Relative distance below the limit at which strains are held, so that a small remaining excess does not violate it: with 0.01, four of
+# nine surfaces of 150 to 544 quads ended at 1.000 to 1.003 of the limit, with 0.02 six of seven at 0.98 to 0.995. Larger ones match worse
 MARGIN = 0.02
-# of the squares of relative excesses. With 5 the first stage on a sphere of 150 spirals came to its last step half as far on
-STIFF = 1.0
-# so many times the mismatch at the start is the weight of the excesses: what is far from its target pulls more on its arms. On a
-# surface of 986 quads the error ended at 0.33 mm with 400, 0.28 with 100 and with 30, where the limit was not kept any more
+# Penalty parameter of the augmented Lagrangian, on squared relative excesses. With 5, the first stage on a sphere of 150 spirals got
+# half as far
+PENALTY = 1.0
+# Weight of the excesses, in mismatches at the start of the search: a piece far from its target strains its arms more. On a surface of 986
+# quads the error ended at 0.33 mm with 400, and at 0.28 with 100 and with 30; with 30 the limit was not kept
 WEIGHT = 100.0
-# Relative distance below the limit within which arms belong to the model of a step; without them a step may strain many beyond it at
+# Relative distance below the limit from which arms are part of a step's model; with less, a step may strain many arms beyond it at
 # once. On a shell of 1296 quads three of the first steps with the flat shapes were refused with 0.3, none with 0.5
-NEAR = 0.5
-# How the weight grows where the largest excess is more than this share of what it was before. On that surface strains ended at
-# 1.00 of their limit with 2 and 4, at 1.02 without
-GROWTH, LESS = 2.0, 0.5
-HOPELESS = 1.0  # the largest multiplier, by eye: a few arms that no spirals could save would else outweigh all the rest
-# By so much the logarithm of a design's merit grows with the largest relative excess: where somebody stops a search that has not
-# come to hold its strains yet, and what was in sight is kept; where a result is compared with the design that was given, or time was
-# over; and among the designs of a search that came to its end
+ACTIVE_FROM = 0.5
+# Factor on the weight where the largest excess is more than this share of the one before. On that surface strains ended at 1.00 of their
+# limit with factors of 2 and 4, at 1.02 with 1
+WEIGHT_GROWTH, ENOUGH_DECREASE = 2.0, 0.5
+MAX_MULTIPLIER = 1.0  # chosen by eye; without a bound, a few arms that no spirals can relieve outweigh all other terms
+# Rates at which the logarithm of a design's merit grows with the largest relative excess of strain: after a cancel; against the given
+# design, and after the time limit; among the designs of a completed search
 LOOSE, LENIENT, STRICT = 0.0, 5.0, 20.0
 
 
 class Change(NamedTuple):
-    """Of a term: hubs (n, 6) by the hubs' increments; own : by every coordinate at hubs that stay; 0 where it does not change"""
+    """Derivatives of a scalar; hubs : (n, 6) by the hubs' increments; own : (coordinates,) at fixed hubs; 0 for none."""
 
     hubs: np.ndarray | float
     own: np.ndarray | float
 
 
 class Term(Protocol):
-    """A share of the objective at one equilibrium."""
+    """A summand of the objective at one equilibrium."""
 
     @property
     def value(self) -> float: ...
@@ -55,32 +55,32 @@ class Term(Protocol):
     def gradient(self) -> Change: ...
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        """Of its Gauss-Newton matrix with moves (n, 6) of the hubs and a change of the coordinates."""
+        """Return the product of its Gauss-Newton matrix with increments (n, 6) of the hubs and a change of the coordinates."""
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
-        """Return the term after a step: its strains, gaps and distances follow to first order, their penalty is evaluated anew."""
+        """Return the term after a step: strains, gaps and distances are linearised, their penalty is evaluated exactly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Derivatives of K quantities at an equilibrium.
+    """Jacobian of K quantities.
 
-    hubs : (K, 6 n) by the increments of the hubs; own : (K, coordinates) at hubs that stay
+    hubs : (K, 6 n) by the increments of the hubs; own : (K, coordinates) by the coordinates at fixed hubs
     """
 
     hubs: csr_array
     own: csr_array
 
     def forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
-        """How they change with moves (n, 6) of the hubs and a change of the coordinates."""
+        """Return the product with increments (n, 6) of the hubs and a change of the coordinates (jvp)."""
         return self.hubs @ moves.ravel() + self.own @ change
 
     def backward(self, weight: Float[np.ndarray, " k"]) -> Change:
-        """Its transpose."""
+        """Return the transposed product (vjp)."""
         return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
     def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
-        """Return the second derivatives that are not zero, and their rows: a product needs no others."""
+        """Return the second derivatives that are not 0, and the Jacobian of these quantities only, which is enough for products."""
         some = np.flatnonzero(curvature)
         if len(some) == len(curvature):
             return curvature, self
@@ -93,7 +93,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Apart(Term):
-    """How far the shape is from its target, as a term; moved : (m, 3) change of the residual, None for none"""
+    """The mismatch as a term; moved : (rows, 3) change of the residual by a step, None at the equilibrium itself."""
 
     mismatch: Mismatch
     moved: np.ndarray | None = None
@@ -121,10 +121,10 @@ class Apart(Term):
 
 @dataclass(frozen=True, eq=False)
 class Bearing:
-    """What arms bear: strains up to a share of the material's limit, held there by an augmented Lagrangian.
+    """Limit of the arms' strains, enforced by an augmented Lagrangian (Nocedal and Wright, Numerical Optimization, section 17.3).
 
-    weight : of the squares of the excesses in the objective; pushes : (m, 2) multipliers of the limits, None at the beginning (Hestenes 1969, Powell 1969; Nocedal and Wright,
-    Numerical Optimization, section 17.3); worst : the largest excess when they were last set
+    material, share : the limit is this share of the material's safe strain; weight : of the squared excesses in the objective
+    pushes : (m, 2) multipliers of both arms of every joint, None at the beginning; worst : largest excess when these were set last
     """
 
     material: Material
@@ -135,33 +135,34 @@ class Bearing:
 
     @property
     def limit(self) -> float:
+        """Largest allowed strain, without unit."""
         return self.share * self.material.safe_strain
 
     def excess(self, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) of strains beyond a little less than the limit, as a share; negative below."""
+        """Return the relative excess (m, 2) of strains over the limit less ``MARGIN``; negative below it."""
         return strains / ((1.0 - MARGIN) * self.limit) - 1.0
 
     def pressed(self, strains: Float[np.ndarray, "joints 2"]) -> Bearing:
-        """With the multipliers that these strains ask for, and a larger weight where the last ones have not halved the excess."""
+        """Return a copy with multipliers updated from these strains, and a larger weight if the last ones have not halved the excess."""
         known, excess = 0.0 if self.pushes is None else self.pushes, self.excess(strains)
         worst = max(float(excess.max(initial=0.0)), 0.0)
-        stiffer = GROWTH if worst > LESS * self.worst else 1.0
-        pushes = np.clip(known + STIFF * excess, 0.0, HOPELESS) / stiffer
+        stiffer = WEIGHT_GROWTH if worst > ENOUGH_DECREASE * self.worst else 1.0
+        pushes = np.clip(known + PENALTY * excess, 0.0, MAX_MULTIPLIER) / stiffer
         return replace(self, weight=stiffer * self.weight, pushes=pushes, worst=worst)
 
     def merit(self, value: float, largest: float, strictness: float) -> float:
-        """A mismatch, weighed by the largest of all strains: whatever lies beyond the limit is dear, whatever is below is alike."""
+        """Return an objective times a penalty on the largest strain beyond the limit; strictness : ``LOOSE`` to ``STRICT``."""
         return value * float(np.exp(strictness * np.clip(largest / self.limit - 1.0, 0.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
 class Excess(Term):
-    """Strains beyond what arms bear, as a mean over all arms: half of the square of what pushes them back.
+    """Augmented Lagrangian of the strain limits: half the squared push of every overstrained arm, as a mean over all arms.
 
-    Beyond ``HOPELESS`` it goes on in a straight line (Huber's loss).
+    An arm's push is its multiplier plus ``PENALTY`` times its excess. Beyond ``MAX_MULTIPLIER`` the term is linear (Huber's loss).
 
-    strains : (m, 2) of both arms of every joint; changes : derivatives of those of some arms, by their numbers when both arms of one
-        joint follow each other
+    strains : (m, 2) of both arms of every joint
+    changes : from numbers of arms (2 joint + side) to the Jacobian of their strains
     """
 
     bearing: Bearing
@@ -170,21 +171,21 @@ class Excess(Term):
 
     @cached_property
     def _push(self) -> Float[np.ndarray, " k"]:
-        """Of the arms that are pushed back, before it is bounded from above."""
-        return self._pushes[self._felt]
+        """Pushes of the active arms, unbounded."""
+        return self._pushes[self._active]
 
     @cached_property
     def _pushes(self) -> Float[np.ndarray, " arms"]:
         known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
-        return (known + STIFF * self.bearing.excess(self.strains)).ravel()
+        return (known + PENALTY * self.bearing.excess(self.strains)).ravel()
 
     @cached_property
-    def _felt(self) -> Int[np.ndarray, " k"]:
-        return np.flatnonzero(self._pushes > -NEAR)
+    def _active(self) -> Int[np.ndarray, " k"]:
+        return np.flatnonzero(self._pushes > -ACTIVE_FROM)
 
     @cached_property
     def _rows(self) -> Rows:
-        return self.changes(self._felt)
+        return self.changes(self._active)
 
     @property
     def _unit(self) -> float:
@@ -195,20 +196,20 @@ class Excess(Term):
         return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
 
     def value_at(self, push: Float[np.ndarray, " k"]) -> float:
-        """Return the value where the arms are pushed back by so much."""
-        return self._unit / STIFF * _huber(push)
+        """Return the value at these pushes of the active arms."""
+        return self._unit / PENALTY * _huber(push)
 
     def gradient_at(self, push: Float[np.ndarray, " k"]) -> Change:
-        """Return the gradient where the arms are pushed back by so much."""
-        return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, HOPELESS))
+        """Return the gradient at these pushes of the active arms."""
+        return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, MAX_MULTIPLIER))
 
     def curvature_at(self, push: Float[np.ndarray, " k"], below: Float[np.ndarray, " k"] | float) -> np.ndarray:
-        """Return (k,) second derivatives by the strains: of the parabola with the same slope, so that Gauss-Newton steps go down.
+        """Return the second derivatives (k,) by the strains; in Huber's linear part those of a parabola with equal slope.
 
-        below : their share of the full one for arms that are not pushed back
+        below : factor on the second derivative for arms with a negative push
         """
-        share = np.where(push > 0.0, np.minimum(1.0, HOPELESS / np.maximum(push, HOPELESS)), below)
-        return self._unit * STIFF * self._by_strain**2 * share
+        share = np.where(push > 0.0, np.minimum(1.0, MAX_MULTIPLIER / np.maximum(push, MAX_MULTIPLIER)), below)
+        return self._unit * PENALTY * self._by_strain**2 * share
 
     @property
     def value(self) -> float:
@@ -220,21 +221,18 @@ class Excess(Term):
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
-        return self.curvature_at(self._push, 1.0 + self._push / NEAR)
+        return self.curvature_at(self._push, 1.0 + self._push / ACTIVE_FROM)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
         return self._rows.backward(self._curvature * self._rows.forward(moves, change))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
-        return ExcessAhead(self, STIFF * self._by_strain * self._rows.forward(moves, change))
+        return ExcessAhead(self, PENALTY * self._by_strain * self._rows.forward(moves, change))
 
 
 @dataclass(frozen=True, eq=False)
 class ExcessAhead(Term):
-    """``Excess`` after a step.
-
-    change : (k,) how much more the arms in the model are pushed back than at its start
-    """
+    """``Excess`` after a step; change : (k,) linearised change of the active arms' pushes."""
 
     start: Excess
     change: Float[np.ndarray, " k"]
@@ -264,33 +262,34 @@ class ExcessAhead(Term):
 
 
 def _huber(push: Float[np.ndarray, " k"]) -> float:
-    """Sum of half of the squares of positive pushes, in a straight line beyond ``HOPELESS``."""
+    """Return the sum of half the squares of positive pushes, linear beyond ``MAX_MULTIPLIER``."""
     push = np.maximum(push, 0.0)
-    near = np.minimum(push, HOPELESS)
+    near = np.minimum(push, MAX_MULTIPLIER)
     return float((near * (push - 0.5 * near)).sum())
 
 
 def turning(weight: float, moves: np.ndarray) -> Change:
-    """Product of half of the squares of the hubs' turns in radians, by a weight: no term, but damps steps."""
+    """Return the Hessian product of the damping: ``weight`` times half the squared rotations of the hubs, radians."""
     return Change(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
 
 
 def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of changes, as (size, 6), the nodes of a rim included, and (coordinates,)."""
+    """Sum up derivatives; return those by all hubs and rim nodes (size, 6), and those by the coordinates."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:
         if isinstance(part.hubs, np.ndarray):
-            hubs[: len(part.hubs)] += part.hubs  # some know nothing of a rim's nodes
+            hubs[: len(part.hubs)] += part.hubs  # some parts leave out the nodes of a rim
         own += part.own
     return hubs, own
 
 
 def _shifts(pull: np.ndarray) -> np.ndarray:
+    """Return derivatives (n, 3) by the centres as derivatives (n, 6) by the increments."""
     return np.concatenate([pull, np.zeros_like(pull)], axis=1)
 
 
 def rows_in_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:
-    """(K, columns) rows with two runs of values each, from these columns on."""
+    """Return a sparse matrix (K, columns) whose rows hold two runs of values; first : (K, 2) column where each run begins."""
     column = first[..., None] + np.arange(values.shape[2])
     start = np.arange(0, column.size + 1, column[0].size if len(column) else 1)
     return csr_array((values.ravel(), column.ravel(), start), shape=(len(values), columns))

@@ -239,7 +239,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     whole, pose = problem()
     alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
     params, trace = OptimiseParams(iterations=12), Trace()
-    alone, x = optimise._with_room(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
+    alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
     start = alone.at(x, pose)
     spirals = gauss_newton(alone, start, params, Trace(), lambda point: None)
     points: list[FlatPoint] = []

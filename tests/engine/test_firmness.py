@@ -11,7 +11,7 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, NEAREST, Firmness, StabilityBarrier
+from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, TANGENT_BELOW, Firmness, StabilityBarrier
 from flexmaps.engine.optimisation.inverse import Point, Problem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import Opening
@@ -98,11 +98,11 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:
-    asked, kink, step = Firmness(1.0), LEAST + NEAREST, 1e-7
+    asked, kink, step = Firmness(1.0), LEAST + TANGENT_BELOW, 1e-7
     rises = np.array([kink - step, kink + step])
     values, slopes = asked.rows(rises, ENOUGH)
-    assert values[0] - values[1] == pytest.approx(2.0 * step / NEAREST, rel=1e-3)
-    assert slopes == pytest.approx([-1.0 / NEAREST] * 2, rel=1e-3)
+    assert values[0] - values[1] == pytest.approx(2.0 * step / TANGENT_BELOW, rel=1e-3)
+    assert slopes == pytest.approx([-1.0 / TANGENT_BELOW] * 2, rel=1e-3)
     assert asked.rows(np.array([ENOUGH]), ENOUGH)[0] == pytest.approx([0.0], abs=1e-12)
 
 

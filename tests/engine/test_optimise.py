@@ -165,13 +165,13 @@ def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.M
     step = np.full_like(here.x, 1e-3)
     assert here.equilibrium.spare == inverse.MARGIN
     trace = Trace()
-    assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
+    assert optimisers._take_step(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
     # no equilibrium under load is stiffer than its convex part in every way
     monkeypatch.setattr(inverse, "MARGIN", 1.1)
-    assert optimisers._predicted(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
+    assert optimisers._take_step(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
     # but where the present one has no more to spare either, as at a start, there is no other way
     edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, spare=0.0))
-    assert optimisers._predicted(edge, step, here.moves(step), trace, SILENT) is not None
+    assert optimisers._take_step(edge, step, here.moves(step), trace, SILENT) is not None
 
 
 def test_a_factor_that_was_being_made_when_it_was_stopped_is_nobodys() -> None:
@@ -347,7 +347,7 @@ def test_loads_that_are_too_much_at_once_are_put_on_in_parts() -> None:
         simulate=SimulateParams(iterations=200, tolerance=1e-6),
     )
     direct = loaded.at(here.x, here.equilibrium.pose)
-    parts = optimise._loaded(loaded, here.x, here.equilibrium.pose, SILENT)
+    parts = optimise._load_in_parts(loaded, here.x, here.equilibrium.pose, SILENT)
     assert parts.equilibrium.converged and parts.problem is loaded
     if direct.equilibrium.converged:
         assert parts.value == pytest.approx(direct.value, rel=1e-3)

@@ -45,28 +45,28 @@ def _rested(piece, settings, design, start=None):
 
 
 def test_turned_panels_keep_their_shape_and_half_a_turn_is_none(piece, settings):
-    flat = panel_grain.turned(piece.flat, np.array([0.3, np.pi]))
+    flat = panel_grain.rotate_panels(piece.flat, np.array([0.3, np.pi]))
     for side in range(4):
         before, after = (np.roll(f.corners, -side, axis=1)[:, 1] - f.corners[:, 0] for f in (piece.flat, flat))
         assert np.linalg.norm(after, axis=1) == pytest.approx(np.linalg.norm(before, axis=1))
     cross = [np.cross(f.corners[:, 1] - f.corners[:, 0], f.corners[:, 2] - f.corners[:, 0]) for f in (piece.flat, flat)]
     assert cross[1] == pytest.approx(cross[0])
-    half = replace(piece.design, flat=panel_grain.turned(piece.flat, np.array([np.pi, 0.0])))
+    half = replace(piece.design, flat=panel_grain.rotate_panels(piece.flat, np.array([np.pi, 0.0])))
     one, two = (_rested(piece, settings, design).match["rms_mm"] for design in (piece.design, half))
     assert two == pytest.approx(one, rel=1e-6)
-    quarter = replace(piece.design, flat=panel_grain.turned(piece.flat, np.array([0.5 * np.pi, 0.0])))
+    quarter = replace(piece.design, flat=panel_grain.rotate_panels(piece.flat, np.array([0.5 * np.pi, 0.0])))
     assert abs(_rested(piece, settings, quarter).match["rms_mm"] / one - 1.0) > 1e-3
 
 
 def test_one_newton_step_foretells_where_hubs_go_when_a_panel_is_turned_a_little(piece, settings):
     found = _rested(piece, settings, piece.design)
     angle = np.radians(0.5)
-    moved = panel_grain.predicted(found, np.array([0.0, angle]))
+    moved = panel_grain.predict_shifts(found, np.array([0.0, angle]))
     assert not moved[0].any()
     for patch in (0, 1):
         turns = np.where(np.arange(2) == patch, angle, 0.0)
-        again = replace(piece.design, flat=panel_grain.turned(piece.flat, turns))
-        start = panel_grain._carried(found.equilibrium.pose, piece.design, turns)
+        again = replace(piece.design, flat=panel_grain.rotate_panels(piece.flat, turns))
+        start = panel_grain._with_rotated_frames(found.equilibrium.pose, piece.design, turns)
         there = _rested(piece, settings, again, start)
         true = there.equilibrium.pose.centres - found.equilibrium.pose.centres
         assert np.abs(moved[1, patch] - true).max() < 0.02 * np.abs(true).max()
@@ -84,9 +84,9 @@ def test_chosen_turns_are_never_farther_and_stay_on_the_sheet(piece, settings):
     width, height = (sizes.max(axis=0) + 2.0 * settings.sheet.margin + 1e-4).tolist()
     narrow = replace(settings.sheet, sheet_width=width, sheet_height=height)
     kept = panel_grain.choose_grain(piece.design, piece.mesh, *how, narrow, supports=ENDS)
-    assert not panel_grain.allowed(piece.flat, 0.5 * np.pi, 0.0, narrow).any()
-    turned = panel_grain.turned(piece.flat, kept.turns)
-    assert panel_grain.allowed(turned, 0.0, 0.0, narrow).all()
+    assert not panel_grain.fits_sheet(piece.flat, 0.5 * np.pi, 0.0, narrow).any()
+    turned = panel_grain.rotate_panels(piece.flat, kept.turns)
+    assert panel_grain.fits_sheet(turned, 0.0, 0.0, narrow).all()
 
 
 def test_optimising_turns_panels_only_where_it_is_asked_to_and_there_is_a_grain(piece, settings):

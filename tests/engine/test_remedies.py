@@ -44,7 +44,7 @@ def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
 
 def test_where_no_strain_says_how_much_it_is_a_modest_step() -> None:
     for strain in (None, 0.0, 0.7):
-        assert remedies.larger(strain, soft=True) == remedies.MODEST
+        assert remedies.larger(strain, soft=True) == remedies.FIRST_FACTOR
     assert remedies.larger(1.4, soft=True) == 1.4
     assert remedies.larger(50.0, soft=False) == remedies.MOST
     assert remedies.thinner(0.0001, 1.25) is None  # the thinnest that can be asked for

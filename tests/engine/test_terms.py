@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.optimisation.terms import HOPELESS, Bearing, Excess, Rows
+from flexmaps.engine.optimisation.terms import MAX_MULTIPLIER, Bearing, Excess, Rows
 from scipy.sparse import csr_array, eye_array
 
 JOINTS = 3
@@ -35,7 +35,7 @@ def test_its_gradient_against_differences(strains: np.ndarray) -> None:
         assert np.asarray(here.gradient.own)[k] == pytest.approx(slope, rel=1e-6, abs=1e-10)
 
 
-@pytest.mark.parametrize("pushes", [0.3, HOPELESS])
+@pytest.mark.parametrize("pushes", [0.3, MAX_MULTIPLIER])
 def test_no_step_is_promised_more_than_it_brings(strains: np.ndarray, pushes: float) -> None:
     """The model of a step lies above the objective where all arms are felt."""
     strains = strains + 1.0
@@ -48,7 +48,7 @@ def test_no_step_is_promised_more_than_it_brings(strains: np.ndarray, pushes: fl
         assert excess(strains + step, pushes).value <= model * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize("pushes", [0.3, HOPELESS])
+@pytest.mark.parametrize("pushes", [0.3, MAX_MULTIPLIER])
 def test_what_it_foretells_of_strains_that_follow_a_step_is_exact(strains: np.ndarray, pushes: float) -> None:
     here, hubs = excess(strains + 0.5, pushes), np.zeros((1, 6))
     for step in np.random.default_rng(6).normal(size=(20, *strains.shape)) * 0.3:
