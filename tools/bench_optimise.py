@@ -207,7 +207,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
     runs = []
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
     for method, params, tolerance in (
-        (gauss_newton, OptimiseParams(), search.TOLERANCE),
+        (gauss_newton, OptimiseParams(), search.COARSE_TOLERANCE),
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
         trace, started = Trace(), time.process_time()

@@ -292,7 +292,9 @@ def restored(
         if not closed.any():
             return x
         rows = near.of_rows(closed)
-        x[:own] = np.clip(x[:own] + Projection(rows.slope, RESTORE_RIDGE).least(OVERSHOOT * (MIN_CLEARANCE - rows.room)), 0.0, 1.0)
+        x[:own] = np.clip(
+            x[:own] + Projection(rows.slope, RESTORE_RIDGE).least(OVERSHOOT * (MIN_CLEARANCE - rows.room)), 0.0, 1.0
+        )
         # only gaps at spirals that have just moved can have closed
         quads = (abs(rows.slope).sum(axis=0) > 0.0).reshape(within.spirals, -1).any(axis=1)
     share, quads, found = np.ones(within.spirals), None, x

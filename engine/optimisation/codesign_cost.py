@@ -19,7 +19,9 @@ from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
 
-EXCEEDED_BY = 1.02  # times its first value that the measure of a quad or seam may reach where that is already beyond the limit
+EXCEEDED_BY = (
+    1.02  # times its first value that the measure of a quad or seam may reach where that is already beyond the limit
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,11 @@ class FlatLimits:
     @classmethod
     def of(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
         """Return these limits, or the present values where those already violate them."""
-        return cls(flat.layout, np.maximum(energy, EXCEEDED_BY * flat.energy), np.maximum(seam, EXCEEDED_BY * seam_mismatch(flat)))
+        return cls(
+            flat.layout,
+            np.maximum(energy, EXCEEDED_BY * flat.energy),
+            np.maximum(seam, EXCEEDED_BY * seam_mismatch(flat)),
+        )
 
     @cached_property
     def triangles(self) -> CornerTriangles:

@@ -40,8 +40,15 @@ ENDS = {
     "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
 }
 OPENING_SLOTS = "Opening slots"  # shown with the progress
-LOAD_SHARES = (0.1, 0.3, 0.6, 1.0)  # shares of the loads that are applied one after the other if the full loads lead to no equilibrium
-MAX_PROOFS = 3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes an equilibrium
+LOAD_SHARES = (
+    0.1,
+    0.3,
+    0.6,
+    1.0,
+)  # shares of the loads that are applied one after the other if the full loads lead to no equilibrium
+MAX_PROOFS = (
+    3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes an equilibrium
+)
 # Largest ratio of the first start's mismatch to the smallest mismatch, and of a second start's objective to the first's. Ranking by the
 # objective alone, which also counts closing slots and strain, led a vessel of two walls into a collapsed shape; by the mismatch alone, it
 # made results of two other surfaces worse by a third
@@ -266,7 +273,8 @@ def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
     others = [
         name
         for name in sound
-        if np.abs(sound[name].x - sound[first].x).max() > SAME_START and sound[name].value <= START_RATIO * sound[first].value
+        if np.abs(sound[name].x - sound[first].x).max() > SAME_START
+        and sound[name].value <= START_RATIO * sound[first].value
     ]
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 

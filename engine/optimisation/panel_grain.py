@@ -128,7 +128,9 @@ def choose_grain(
 
 def _allowed_turns(design: SpiralDesign, turns: np.ndarray, angles: np.ndarray, sheet: SheetParams) -> np.ndarray:
     """Return a mask (angles, patches) of the further rotations with which panels fit the sheet; ``turns`` : their present rotations."""
-    rows = [[fits_sheet(design.flat, float(t + a), design.params.grain, sheet) for t in np.unique(turns)] for a in angles]
+    rows = [
+        [fits_sheet(design.flat, float(t + a), design.params.grain, sheet) for t in np.unique(turns)] for a in angles
+    ]
     which = np.searchsorted(np.unique(turns), turns)
     return np.array([[row[which[p]][p] for p in range(len(turns))] for row in rows])
 

@@ -50,7 +50,8 @@ FIRST_STOP = 0.45
 # Largest number of steps with the flat shapes before a few of the spirals alone, and their stopping share. Steps of the spirals cost a
 # third, and lead flat shapes away from their limits. A surface of 1296 quads came to 1.0 mm, and to 1.12 with three times eight steps first
 FLAT_STEPS, FLAT_STOP = 6, 5e-3
-MAX_CYCLES, CYCLE_GAIN = 20, 0.05  # largest number of such cycles, and the share of the objective that one must bring for the next
+# largest number of such cycles, and the share of the objective that one must bring for the next
+MAX_CYCLES, CYCLE_GAIN = 20, 0.05
 # shares of a stage's change that are tried if with all of it a patch overlaps itself, or the piece ends too far from its target
 BACKTRACK_SHARES = 0.5, 0.2
 # steps of the spirals alone in a round, largest number of rounds at the end, and the share of the objective that a round must bring
@@ -314,7 +315,10 @@ class Search:
         )
         if not self.trace.rows[steps:]:
             return here  # the time ended before the first step, or no step was accepted
-        within, other = progress.at(0.9, codesign.MOVING), self._as_design(here, found, progress.at(0.9, codesign.MOVING))
+        within, other = (
+            progress.at(0.9, codesign.MOVING),
+            self._as_design(here, found, progress.at(0.9, codesign.MOVING)),
+        )
         for share in BACKTRACK_SHARES:
             if other is not None and other.value < here.value:
                 break
