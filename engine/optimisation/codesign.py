@@ -25,9 +25,7 @@ from .inverse import Point, Problem
 from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace
 
 SPAN = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
-SEAM = (
-    0.06  # largest difference between the two sides of a seam, as a share of their length, unless it was larger before
-)
+SEAM = 0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
 MOVING = "Flat shapes"  # shown with the progress
 # Largest number of rounds with renewed weights and multipliers, and the share of the mismatch that a round must bring for another one
 MAX_RENEWALS, MIN_FALL = 4, 0.05

@@ -19,9 +19,7 @@ from ..patches.flattening.triangles import CornerTriangles, corner_triangles
 from ..patches.layout import PatchLayout
 from ..patches.loops import NEXT, PREVIOUS
 
-EXCEEDED_BY = (
-    1.02  # times its first value that the measure of a quad or seam may reach where that is already beyond the limit
-)
+EXCEEDED_BY = 1.02  # factor on the first value of a measure that is already beyond its limit; the product is its limit
 
 
 @dataclass(frozen=True, eq=False)

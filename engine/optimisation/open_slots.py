@@ -81,9 +81,8 @@ class Opening:
         found, least = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
         np.minimum.at(least, found.arms[:, 0], found.values)
         outer, excess = slots.arms[: len(exact), 0], np.zeros(len(exact))
-        both = np.isfinite(least[outer]) & np.isfinite(
-            exact
-        )  # wide slots have no estimate, and slots beside uncut arms no exact width
+        # wide slots have no estimate, and slots beside uncut arms no exact width
+        both = np.isfinite(least[outer]) & np.isfinite(exact)
         excess[outer[both]] = np.maximum(least[outer[both]] - exact[both], 0.0)
         return replace(self, excess=excess)
 

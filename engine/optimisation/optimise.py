@@ -40,15 +40,9 @@ ENDS = {
     "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
 }
 OPENING_SLOTS = "Opening slots"  # shown with the progress
-LOAD_SHARES = (
-    0.1,
-    0.3,
-    0.6,
-    1.0,
-)  # shares of the loads that are applied one after the other if the full loads lead to no equilibrium
-MAX_PROOFS = (
-    3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes an equilibrium
-)
+# shares of the loads that are applied one after the other if the full loads lead to no equilibrium
+LOAD_SHARES = (0.1, 0.3, 0.6, 1.0)
+MAX_PROOFS = 3  # largest number of designs that are proved, the best first, until one keeps its shape; each takes time
 # Largest ratio of the first start's mismatch to the smallest mismatch, and of a second start's objective to the first's. Ranking by the
 # objective alone, which also counts closing slots and strain, led a vessel of two walls into a collapsed shape; by the mismatch alone, it
 # made results of two other surfaces worse by a third
@@ -172,28 +166,18 @@ def optimise(
     wishes: Wishes | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
-    """Improve a design until its equilibrium matches the target as well as possible, or the time limit has passed.
-
-    The result is never worse than the given design. With ``params.codesign`` and the arm model the flat shapes move too.
+    """Improve a design, or one of ``starts``, until the match or the time limit is reached; the result is never worse than ``design``.
 
     Parameters
     ----------
-    design, target : the design to improve, and the surface with the same quads
-    material, params, physics : the material, the settings of the search and those of its equilibria
-    supports, force : as in ``simulate``
+    target, material, supports, force : as in ``simulate``; params, physics : settings of the search, and of its equilibria
     prove : mend outlines that touch, and simulate the result; False saves a fifth of a short search, and serves comparisons
-    constraints : spirals that must be kept, straight or as wide as possible
-    wishes : further target places of some spirals
+    constraints : spirals that must be kept, straight or as wide as possible; wishes : further target places of some spirals
     progress : shows a ``Look`` after every step; after a cancel the best design so far is returned
-
-    Returns
-    -------
-    The best design found from the given, the curvature-adjusted or the uniform design; from a painted one only.
 
     Raises
     ------
-    FlexMapsError : no start has an equilibrium, or the arguments do not fit each other
-    Cancelled : the user cancels before there is an equilibrium to return
+    FlexMapsError : no start has an equilibrium, or the arguments do not fit each other; Cancelled : there is no design yet
     """
     _check(design, target, constraints, wishes)
     work = Work.of(len(design.width), params.patience)
@@ -223,16 +207,20 @@ def optimise(
         found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = STOPPED, _best_so_far(search, *latest)
-    was = Found(before, given, search.farthest)
-    strictness = LOOSE if trace.ended == STOPPED else LENIENT
-    if found is None or not found.merit(strictness) < was.merit(strictness):
-        found, trace.ended = was, STOPPED if trace.ended == STOPPED else "nothing"
-    after = (
-        _with_other_rests(found.simulation, physics, progress.part(0.99, 1.0))
-        if prove and trace.ended != STOPPED
-        else found.simulation
-    )
+    found = _better(found, Found(before, given, search.farthest), trace)
+    after = found.simulation
+    if prove and trace.ended != STOPPED:
+        after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
+
+
+def _better(found: Found | None, given: Found, trace: Trace) -> Found:
+    """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
+    strictness = LOOSE if trace.ended == STOPPED else LENIENT
+    if found is None or not found.merit(strictness) < given.merit(strictness):
+        trace.ended = STOPPED if trace.ended == STOPPED else "nothing"
+        return given
+    return found
 
 
 def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress: Progress) -> Simulation:

@@ -21,12 +21,9 @@ from .eased import eased
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
 
-MATCHED_BELOW = (
-    0.01  # mismatch in Laplacian coordinates, in distances of neighbours, below which a spiral counts as matched
-)
-DISTORTED_ABOVE = (
-    0.01  # ARAP energy of a quad above which its flat shape counts as distorted: by about a tenth in length
-)
+# mismatch in Laplacian coordinates, in distances of neighbours, up to which a spiral counts as matched
+MATCHED_BELOW = 0.01
+DISTORTED_ABOVE = 0.01  # ARAP energy of a quad above which it counts as distorted: by about a tenth in length
 MAJORITY = 0.5  # share of the quads above which one body counts as most of the piece
 STRETCHED_ABOVE = 0.5  # share of in-plane energy in a spiral's elastic energy above which it counts as stretched
 

@@ -15,9 +15,8 @@ from ..params import SHOWN, RemeshParams, SpiralParams
 CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
-Eased = Callable[
-    [float, float], float
-]  # from a factor on the size and a thickness, metres, to the largest strain over the limit
+# from a factor on the size and a thickness, metres, to the largest strain over the limit
+Eased = Callable[[float, float], float]
 
 # Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
 # soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that

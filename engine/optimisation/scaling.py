@@ -18,9 +18,7 @@ PROBES = 2  # products with the matrix in a refinement; more are more exact and 
 # Smallest curvature that counts, in objectives over the number of coordinates: with less, moving all coordinates across their range
 # changes the objective by less than its value. Ten times more and ten times less do as well on three surfaces
 MIN_CURVATURE = 1.0
-MIN_SQUARE = (
-    1e-12  # lower bound of a squared scaled product, which limits the change in one refinement; less is rounding
-)
+MIN_SQUARE = 1e-12  # lower bound of squared scaled products, which limits the change in one refinement; less is noise
 # Lower bound of an estimate: that of a coordinate without effect, of a kept spiral, would reach 0 after fifty refinements
 MIN_ESTIMATE = 1e-30
 FIRST_ESTIMATE = 1e-3  # chosen by eye; has no effect after five refinements
