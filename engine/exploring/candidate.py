@@ -1,4 +1,4 @@
-"""One candidate: a piece with other settings or of another size, laid out, searched for a moment, and measured."""
+"""Candidates: a piece with other settings or of another size, laid out, optimised for a short time, and measured."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from ..surface.mesh import PolygonMesh, QuadMesh
 from ..workers import Workers
 from .space import SIZES, Values
 
-# Share of the optimiser's patience that a candidate gets, as a layout gets that is compared with others (``judge.SHORT``)
+# Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
 EFFORT = 0.15
-PICTURE = 220.0  # pixels across
+PICTURE_WIDTH = 220.0  # pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A surface that candidates begin with: its mesh, and the edges (E,) bool where it is cut unless the layout is varied."""
+    """Surface that candidates begin with; cut : mask of the edges where it is cut, unless the layout is varied."""
 
     mesh: QuadMesh
     cut: Bool[np.ndarray, " edges"]
@@ -39,10 +39,10 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """What all candidates have in common.
+    """Inputs that all candidates share.
 
-    starts : by the number of quads that was asked for; 0 where that is not varied
-    supports : (k,) int quads that stand, or None; force : (F, 3) newtons on the quads, or None
+    starts : surfaces by the requested number of quads; by 0 if that number is not varied
+    settings : of the piece, before variables are changed; supports : quads that are held; force : newtons on every quad
     effort : share of the optimiser's patience that a candidate gets
     """
 
@@ -55,10 +55,10 @@ class Base:
 
 @dataclass(frozen=True)
 class Candidate:
-    """What was tried, in shown units, and what came of it.
+    """Values of the variables, in the units shown to users, and the result.
 
-    measures : by the names of ``space.MEASURES``; empty where it could not be made, and ``fault`` says why
-    advice : what limits its match, in a sentence; picture : the surface with its panels, as SVG
+    measures : by the names of ``space.MEASURES``; empty if the candidate could not be made: ``fault`` says why
+    advice : sentence on what limits the match; picture : the surface with its panels, as SVG
     """
 
     values: Values
@@ -68,30 +68,28 @@ class Candidate:
     picture: str = ""
 
     def row(self) -> dict[str, Any]:
-        """It as one line of a table, without its picture."""
+        """Return the candidate as a row of a table, without its picture."""
         return {**self.values, **self.measures, "advice": self.advice, "fault": self.fault}
 
 
 def evaluate(base: Base, values: Values) -> Candidate:
-    """Try some values. What cannot be made is told in ``Candidate.fault``; faults of the program propagate."""
+    """Make and measure the candidate with these values; a FlexMapsError goes into ``Candidate.fault``, other errors propagate."""
     try:
         settings = changed(base.settings, {name: value for name, value in values.items() if name not in SIZES})
         start = base.starts[values.get("quads", 0)]
-        mesh = _sized(start.mesh, values)
-        laid = _laid(base, start, mesh, settings, values)
+        mesh = _scale_mesh(start.mesh, values)
+        laid = _lay_out(base, start, mesh, settings, values)
         piece = Piece(mesh, settings, base.supports, base.force)
         judged = judge(piece, laid, base.effort, thorough=True)
         if judged is None:
-            return Candidate(values, fault="No shape was found that its panels come to rest in")
-        return Candidate(
-            values, _measured(judged, settings, settings.material.chosen), judged.advice, "", _picture(laid)
-        )
+            return Candidate(values, fault="No equilibrium of its panels was found")
+        return Candidate(values, _measure(judged, settings, settings.material.chosen), judged.advice, "", _draw(laid))
     except FlexMapsError as error:
         return Candidate(values, fault=str(error))
 
 
-def _sized(mesh: QuadMesh, values: Values) -> QuadMesh:
-    """The mesh in the size that is tried."""
+def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
+    """Scale the mesh to the edge or the height, millimetres, among the values, if there is one."""
     if "edge" in values:
         return mesh.moved(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
     if "height" in values:
@@ -102,8 +100,8 @@ def _sized(mesh: QuadMesh, values: Values) -> QuadMesh:
     return mesh
 
 
-def _laid(base: Base, start: Start, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
-    """Its flat patches, in the layout that the piece has unless that is varied."""
+def _lay_out(base: Base, start: Start, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
+    """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
     result = Result(PolygonMesh.of(mesh), [], mesh, supports=base.supports, force=base.force)
     if any(name.startswith("layout.") for name in values):
         result = job.go_on(result, settings, ("trace", "merge", "split"))
@@ -117,7 +115,8 @@ def _laid(base: Base, start: Start, mesh: QuadMesh, settings: Settings, values: 
     return Laid(flat, "", 1)
 
 
-def _measured(judged: Judged, settings: Settings, material: Material) -> dict[str, float]:
+def _measure(judged: Judged, settings: Settings, material: Material) -> dict[str, float]:
+    """Return the measures of a candidate, rounded to four digits; those that are not finite are left out."""
     made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
         "rms_percent": 100.0 * judged.rms,
@@ -136,20 +135,15 @@ def _measured(judged: Judged, settings: Settings, material: Material) -> dict[st
     return {name: float(f"{value:.4g}") for name, value in found.items() if math.isfinite(value)}
 
 
-def _picture(laid: Laid) -> str:
-    """The surface in the colours of its panels."""
+def _draw(laid: Laid) -> str:
+    """Draw the surface in the colours of its panels, as SVG."""
     layout = laid.flat.layout
     sides = layout.cut[layout.mesh.quad_edges]
-    return svg(plots.thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE))
-
-
-def with_values(settings: Settings, values: Mapping[str, Any]) -> Settings:
-    """The settings of a candidate, without its size."""
-    return changed(settings, {name: value for name, value in values.items() if name not in SIZES})
+    return svg(plots.thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE_WIDTH))
 
 
 def lost(values: Values, error: Exception) -> Candidate:
-    """A candidate at which the program failed, or its process ended."""
+    """Return the candidate for values at which the program failed, or its process ended."""
     what = (
         str(error) if isinstance(error, FlexMapsError) else f"A fault of the program, {type(error).__name__}: {error}"
     )

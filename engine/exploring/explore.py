@@ -1,9 +1,9 @@
-"""Many candidates tried beside each other: first spread evenly, then where the best ones lie.
+"""Explore many candidates in parallel: first spread evenly over the space, then near the best ones.
 
-The points of a Sobol sequence fill the space; then differential evolution (Storn and Price 1997) goes on from the best of all that
-is known, for several weights of the two measures in turn, so that it draws the whole front nearer (decomposition, as Zhang and
-Li 2007). Both are scipy's, which travels with the extension. What was tried once is never tried again, and a batch is chosen only
-from those before it: an exploration that was stopped, or done by other processes, comes to the same candidates.
+A Sobol sequence fills the space. Then differential evolution (Storn and Price 1997) starts from the best candidates so far, with
+several weights of the two measures in turn, so that the whole front improves (decomposition, as Zhang and Li 2007). Both are
+scipy's. No candidate is tried twice, and a batch depends only on the batches before it: an exploration that is continued after a
+cancel, or run with another number of processes, tries the same candidates.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from ..workers import Lost, as_done
 from .candidate import Base, Candidate, evaluate, lost
 from .space import Space, Values
 
-# Both measured on four test functions of two to five variables, mean of six seeds, 60 and 200 candidates: batches of 6 to 12 come
-# nearer than those of 16 and 24, and a quarter or a third spread evenly comes nearer than half of them, or as near. Larger batches
-# keep more cores busy: processes wait for the last of every batch
-SPREAD = 0.35  # share of what may be tried that is spread evenly
-POPULATION = 12  # candidates of a batch at most
-# of the first measure, the second gets the rest; in turn, so that the ends and the middle of the front come nearer alike
+# The first two were measured on four test functions of two to five variables, mean of six seeds, 60 and 200 candidates: batches of 6
+# to 12 come nearer to the optimum than those of 16 and 24; a quarter or a third spread evenly comes as near as half, or nearer. Larger
+# batches keep more cores busy, because a batch waits for its last candidate
+SOBOL_SHARE = 0.35  # share of all candidates that is spread evenly
+POPULATION = 12  # largest number of candidates in a batch
+# weight of the first measure in every batch, in turn, so that the ends and the middle of the front improve alike; the second gets the rest
 WEIGHTS = (0.5, 0.8, 0.2)
-SMALLEST = 5  # population of which scipy makes another at least
-# share of the difference of two that is a step, drawn anew for every batch; within what Storn and Price recommend
+MIN_POPULATION = 5  # smallest population that scipy accepts
+# range of the mutation factor, drawn anew for every batch; within the range that Storn and Price recommend
 STEP = (0.4, 0.9)
-MOST = 1e6  # goals missed by more, or wholly, count alike; so that there is a number
-BARREN = 3  # batches in a row that bring nothing new, after which there is hardly anything left: one of each weight
+MAX_MISS = 1e6  # largest miss of the goals that is distinguished, so that missing measures give a finite number
+MAX_IDLE_BATCHES = 3  # batches in a row without a new candidate, one for each weight, after which evolution ends
 
-Found = Callable[[Candidate], None]
+OnCandidate = Callable[[Candidate], None]
 
 
 @dataclass(frozen=True)
 class Exploration:
-    """All that was tried, in the order in which it was asked for.
+    """Result of an exploration.
 
-    finished : False where somebody stopped it
+    candidates : in the order in which they were requested; finished : False after a cancel
     """
 
     space: Space
@@ -54,47 +54,51 @@ class Exploration:
 
     @property
     def sound(self) -> list[Candidate]:
-        """Those that could be made."""
+        """Candidates that could be made."""
         return [one for one in self.candidates if not one.fault]
 
     @property
     def front(self) -> list[Candidate]:
-        """Those to choose among: of those that hold the goals, or of all where none does, whichever are smallest in one measure
-        for what they have of the other; by the first measure."""
+        """Pareto front of the two minimised measures, sorted by the first.
+
+        It is made of the candidates that meet all goals; of all sound ones if none meets them.
+        """
         holding = [one for one in self.sound if not self.space.missed(one.measures)]
         kept: list[tuple[tuple[float, float], Candidate]] = []
-        for at, one in sorted(((_pair(self.space, one), one) for one in holding or self.sound), key=lambda row: row[0]):
+        for at, one in sorted(
+            ((_minimised_pair(self.space, one), one) for one in holding or self.sound), key=lambda row: row[0]
+        ):
             if not kept or at[1] < kept[-1][0][1] or at == kept[-1][0]:
                 kept.append((at, one))
         return [one for _, one in kept]
 
     @property
     def best(self) -> int | None:
-        """Number of the one that holds the goals, or comes nearest to that, and is smallest in the first measure."""
-        order = sorted(self.sound, key=lambda one: (self.space.missed(one.measures), _pair(self.space, one)))
+        """Index of the best candidate: smallest miss of the goals, then smallest first measure; None if none is sound."""
+        order = sorted(self.sound, key=lambda one: (self.space.missed(one.measures), _minimised_pair(self.space, one)))
         return self.candidates.index(order[0]) if order else None
 
     @property
     def note(self) -> str:
-        """What was found, or what would have to give, in a sentence or two."""
+        """Result in a sentence or two: the best candidate, or the goals that it misses."""
         if self.best is None:
-            return "Nothing that was tried could be made. " + (self.candidates[0].fault if self.candidates else "")
+            return "No candidate could be made. " + (self.candidates[0].fault if self.candidates else "")
         best = self.candidates[self.best]
         missed = [goal for goal in self.space.goals if goal.missed(best.measures) > 0.0]
-        what = ", ".join(f"{name} {_said(value)}" for name, value in best.values.items())
+        what = ", ".join(f"{name} {_format(value)}" for name, value in best.values.items())
         if not missed:
-            return f"The best that holds the goals has {what}."
+            return f"The best candidate that holds the goals has {what}."
         gives = " and ".join(
-            f"{goal.measure} has to be {_said(best.measures.get(goal.measure))} instead of {goal}" for goal in missed
+            f"{goal.measure} has to be {_format(best.measures.get(goal.measure))} instead of {goal}" for goal in missed
         )
         edges = [
             v.name for v in self.space.variables if not v.choices and best.values[v.name] in (v.at(0.0), v.at(1.0))
         ]
         wider = f" {' and '.join(edges)} at the end of the bounds: wider bounds may help." if edges else ""
-        return f"Nothing holds all goals. The nearest has {what}: {gives}.{wider} {best.advice}".strip()
+        return f"No candidate holds all goals. The nearest has {what}: {gives}.{wider} {best.advice}".strip()
 
     def report(self) -> dict[str, Any]:
-        """It as it is written and shown."""
+        """Return the content of the report file, which the sidebar shows too."""
         return {
             "program": MARK,
             "note": self.note,
@@ -112,23 +116,27 @@ class Exploration:
 
 @dataclass
 class _Search:
-    """What is known so far, and how more is asked for."""
+    """State of a running exploration.
+
+    count : largest number of candidates; known : candidates by ``key``; asked : keys that were requested, in order
+    """
 
     space: Space
     count: int
     executor: Executor
     task: Callable[[Values], Candidate]
     progress: Progress
-    found: Found
+    found: OnCandidate
     known: dict[tuple[Any, ...], Candidate]
     asked: list[tuple[Any, ...]] = field(default_factory=list)
 
     @property
     def left(self) -> int:
+        """Number of candidates that may still be requested."""
         return self.count - len(self.asked)
 
     def ask(self, wanted: Iterable[Values]) -> int:
-        """Have these tried that were not asked for yet, as far as the number goes; returns how many were new."""
+        """Try the values that were not requested yet, up to ``left``; return how many there were."""
         fresh: dict[tuple[Any, ...], Values] = {}
         for values in wanted:
             if key(values) not in self.asked and len(fresh) < self.left:
@@ -141,18 +149,21 @@ class _Search:
             error = future.exception()
             if isinstance(error, Cancelled):
                 raise error
-            one = future.result() if error is None else lost(missing[number], _plain(error))
+            one = future.result() if error is None else lost(missing[number], _as_exception(error))
             self.known[key(missing[number])] = one
-            if not isinstance(error, Lost):  # with more memory it may go well another time
+            if not isinstance(
+                error, Lost
+            ):  # a lost process is not recorded, because with more memory the candidate may succeed
                 self.found(one)
         return len(fresh)
 
     def made(self) -> tuple[Candidate, ...]:
+        """Return the candidates that were requested and tried, in order."""
         return tuple(self.known[name] for name in self.asked if name in self.known)
 
 
 def key(values: Values) -> tuple[Any, ...]:
-    """Values by which candidates are told apart."""
+    """Return a key that identifies the candidate with these values."""
     return tuple(sorted(values.items()))
 
 
@@ -164,14 +175,27 @@ def explore(
     progress: Progress = SILENT,
     *,
     known: Iterable[Candidate] = (),
-    found: Found = lambda one: None,
+    found: OnCandidate = lambda one: None,
     seed: int = 0,
     task: Callable[[Base, Values], Candidate] = evaluate,
 ) -> Exploration:
-    """Try up to so many candidates.
+    """Try up to ``count`` candidates; after a cancel return those tried so far.
 
-    known : what an earlier exploration has tried; found : told of every new one; task : makes a candidate of values
-    Stopped, it gives what was found so far. Raises ``Cancelled`` where that is nothing.
+    Parameters
+    ----------
+    base, space : the piece, and the variables and goals
+    count : largest number of candidates
+    executor : runs the tasks
+    progress : reports progress and raises Cancelled
+    known : candidates of an earlier exploration, which are not tried again
+    found : called with every new candidate
+    seed : another number tries other candidates
+    task : makes and measures the candidate with given values
+
+    Raises
+    ------
+    FlexMapsError : ``count`` is below 1
+    Cancelled : the user cancels before a candidate is tried
     """
     if count < 1:
         raise FlexMapsError("At least one candidate has to be tried")
@@ -184,9 +208,9 @@ def explore(
             search.count = len(sweep)
             search.ask(sweep)
         else:
-            search.ask(_spread(space, max(SMALLEST, round(SPREAD * count)), seed))
+            search.ask(_sobol_points(space, max(MIN_POPULATION, round(SOBOL_SHARE * count)), seed))
             _improve(search, seed)
-            search.ask(_spread(space, 2 * count, seed))  # where batches bring nothing new before as many were tried
+            search.ask(_sobol_points(space, 2 * count, seed))  # fills up if evolution ended early
     except Cancelled:
         if not search.made():
             raise
@@ -194,37 +218,37 @@ def explore(
     return Exploration(space, search.made())
 
 
-def _spread(space: Space, count: int, seed: int) -> Iterator[Values]:
-    """Values at the points of a Sobol sequence (Sobol 1967, scrambled after Owen 1998)."""
+def _sobol_points(space: Space, count: int, seed: int) -> Iterator[Values]:
+    """Return the values at the points of a Sobol sequence (Sobol 1967), scrambled (Owen 1998)."""
     from scipy.stats import qmc
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balanced are powers of two alone; here that matters little
+        warnings.simplefilter("ignore", UserWarning)  # it warns unless ``count`` is a power of two
         points = qmc.Sobol(len(space.variables), seed=seed).random(count)
     return map(space.values, points)
 
 
 def _improve(search: _Search, seed: int) -> None:
-    """Batches of differential evolution from the best so far, until as many were tried as are wanted."""
+    """Try batches of differential evolution until all candidates are spent, or batches bring nothing new."""
     barren = turn = 0
-    while search.left and barren < BARREN:
-        new = search.ask(_evolved(search, WEIGHTS[turn % len(WEIGHTS)], seed + turn))
+    while search.left and barren < MAX_IDLE_BATCHES:
+        new = search.ask(_next_generation(search, WEIGHTS[turn % len(WEIGHTS)], seed + turn))
         barren = 0 if new else barren + 1
         turn += 1
 
 
-def _evolved(search: _Search, weight: float, seed: int) -> list[Values]:
-    """The next generation of the best so far, by one weight; nothing is tried for it."""
+def _next_generation(search: _Search, weight: float, seed: int) -> list[Values]:
+    """Return the values of the next generation, bred from the best candidates by one weight; scipy's objective is not evaluated."""
     from scipy.optimize import differential_evolution
 
     space, known = search.space, search.made()
     merits = _merits(space, known, weight)
     order = np.argsort(merits, kind="stable")[:POPULATION]
-    order = np.resize(order, max(len(order), SMALLEST))
+    order = np.resize(order, max(len(order), MIN_POPULATION))
     asked: list[list[np.ndarray]] = []
 
     def noted(function: Any, places: Iterable[np.ndarray]) -> list[float]:
-        """Asked first for the population, which is known, then for what comes from it."""
+        """Record the places that scipy evaluates: first the population, whose merits are known, then its offspring."""
         asked.append([np.array(place) for place in places])
         return merits[order].tolist()
 
@@ -237,24 +261,25 @@ def _evolved(search: _Search, weight: float, seed: int) -> list[Values]:
 
 
 def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np.ndarray, " candidates"]:
-    """What differential evolution makes small: first by how much the goals are missed, then the ranks in both measures."""
-    pairs = np.array([_pair(space, one) for one in known])
+    """Return the merits that evolution minimises: the miss of the goals first, then the weighted ranks in both measures."""
+    pairs = np.array([_minimised_pair(space, one) for one in known])
     first, second = (np.searchsorted(np.unique(column), column) / len(column) for column in pairs.T)
-    missed = np.array([min(space.missed(one.measures), MOST) for one in known])
+    missed = np.array([min(space.missed(one.measures), MAX_MISS) for one in known])
     return np.where(missed > 0.0, 1.0 + missed, 0.0) + weight * first + (1.0 - weight) * second
 
 
-def _pair(space: Space, one: Candidate) -> tuple[float, float]:
+def _minimised_pair(space: Space, one: Candidate) -> tuple[float, float]:
+    """Return both minimised measures of a candidate; infinite if not measured."""
     first, second = (one.measures.get(name, np.inf) for name in space.minimised)
     return first, second
 
 
-def _plain(error: BaseException) -> Exception:
-    """What a candidate is lost by; what stops the whole program goes on."""
+def _as_exception(error: BaseException) -> Exception:
+    """Return an error of a task; raise it again if it ends the program, as KeyboardInterrupt does."""
     if not isinstance(error, Exception):
         raise error
     return error
 
 
-def _said(value: Any) -> str:
+def _format(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)

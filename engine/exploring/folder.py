@@ -1,4 +1,4 @@
-"""An exploration in a folder: a line for every candidate as soon as it is known, and at the end table, plot and pictures."""
+"""Store an exploration in a folder: a line for every candidate as it is tried, and at the end a table, a plot and pictures."""
 
 from __future__ import annotations
 
@@ -19,38 +19,49 @@ from .candidate import Base, Candidate
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
 
-TRIED = "tried.jsonl"  # a line of JSON says what is tried; one follows for every candidate
+TRIED = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
 TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
-SPAN = 0.08  # of an axis, free at its ends; by eye
+AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of its values' range; chosen by eye
 
 
 class Folder:
-    """Where an exploration lies. Raises ``FlexMapsError`` where that cannot be, or where another one lies there."""
+    """Folder of an exploration; ``known`` : candidates that are stored in it.
+
+    Parameters
+    ----------
+    path : made if it does not exist
+    base, space : piece and variables, which must be those of an exploration that is already there
+    guard : keeps the user's files in the folder
+
+    Raises
+    ------
+    FlexMapsError : the folder cannot be used, or holds the exploration of another piece or of other variables
+    """
 
     def __init__(self, path: str | Path, base: Base, space: Space, guard: Guard | None = None):
         self.path, self.guard = Path(path), guard
         if guard is not None:
             refuse(self.path, guard)
         self.known: list[Candidate] = []
-        mark = {"of": _mark(base), "varied": [variable.name for variable in space.variables]}
+        mark = {"of": _fingerprint(base), "varied": [variable.name for variable in space.variables]}
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             lines = (self.path / TRIED).read_text(encoding="utf-8").splitlines() if (self.path / TRIED).exists() else []
         except (OSError, ValueError) as error:
             raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
-        if lines and _parsed(lines[0]) != mark:
+        if lines and _parse(lines[0]) != mark:
             raise FlexMapsError(f"Another piece or other variables were explored in {self.path}; give another folder")
         for line in lines[1:]:
-            row = _parsed(line)
+            row = _parse(line)
             if isinstance(row, dict) and row.keys() == {"values", "measures", "advice", "fault", "picture"}:
                 self.known.append(Candidate(**row))
         try:
             self._stream = (self.path / TRIED).open("a", encoding="utf-8")
         except OSError as error:
             raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
-        self._put("" if not lines else "\n")  # after a line that was written by half
+        self._append("" if not lines else "\n")  # ends a line that an earlier run has written by half
         if not lines:
-            self._put(json.dumps(mark) + "\n")
+            self._append(json.dumps(mark) + "\n")
 
     def __enter__(self) -> Folder:
         return self
@@ -59,11 +70,11 @@ class Folder:
         self._stream.close()
 
     def add(self, one: Candidate) -> None:
-        """Keep a candidate that was tried."""
-        self._put(json.dumps(vars(one)) + "\n")
+        """Append a candidate to the file."""
+        self._append(json.dumps(vars(one)) + "\n")
 
     def write(self, made: Exploration) -> dict[str, Any]:
-        """Table, report, plot of the front and a picture of every candidate; returns the report."""
+        """Write the table, the report, the plot of the front and a picture of every candidate; return the report."""
         described, front = made.report(), made.front
         with files.replacing_many(
             self.path.glob("candidate-*.svg"), None if self.guard is None else self.path, self.guard
@@ -82,7 +93,7 @@ class Folder:
                     new(self.path / f"candidate-{number:03d}.svg").write_text(one.picture, encoding="utf-8")
         return described
 
-    def _put(self, text: str) -> None:
+    def _append(self, text: str) -> None:
         try:
             self._stream.write(text)
             self._stream.flush()
@@ -91,23 +102,22 @@ class Folder:
 
 
 def refuse(path: Path, guard: Guard) -> None:
-    """Raise ``FlexMapsError`` where an exploration in this folder would replace what ``guard`` keeps."""
+    """Raise FlexMapsError if an exploration in the folder ``path`` would replace files that ``guard`` keeps."""
     guard.check([*(path / name for name in (TABLE, REPORT, PLOT)), *path.glob("candidate-*.svg")], path)
 
 
 def cell(value: Any) -> Any:
-    """A value for a table that spreadsheets open: a text that one would take for a formula and run gets a mark before it
-    (owasp.org, CSV Injection)."""
+    """Return a value for a table; texts that a spreadsheet would run as a formula get an apostrophe (owasp.org, CSV Injection)."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
-    """All candidates by the two measures; those of the front stand out with their numbers."""
+    """Draw all candidates by the two minimised measures; those of the front are highlighted and numbered. size : pixels"""
     names = made.space.minimised
     drawing = Drawing("Candidates that were tried", *size)
     rows = [one for one in made.sound if set(names) <= one.measures.keys()]
     points = np.array([[one.measures[name] for name in names] for one in rows]).reshape(-1, 2)
-    spans = [_span(points[:, k]) for k in range(2)]
+    spans = [_axis_range(points[:, k]) for k in range(2)]
     axes = Axes(drawing, spans[0], spans[1])
     axes.frame(MEASURES[names[0]], MEASURES[names[1]], ticks(*spans[0]), ticks(*spans[1]))
     if not rows:
@@ -118,22 +128,22 @@ def plot(made: Exploration, size: tuple[float, float] = (620, 420)) -> Drawing:
         if np.isfinite(here).all():
             number = made.candidates.index(one)
             drawing.add(Dots(here, 5.0, ACCENT if number == made.best else CURVE))
-            beside = 14 if turn % 2 else -6  # above and below in turn, so that neighbours can be read
+            beside = 14 if turn % 2 else -6  # above and below in turn, so that numbers of neighbours do not overlap
             drawing.add(Text((float(here[0, 0]) + 5, float(here[0, 1]) + beside), str(number), 11.5, INK))
     return drawing
 
 
-def _span(values: np.ndarray) -> tuple[float, float]:
-    """Of an axis on which these values lie."""
+def _axis_range(values: np.ndarray) -> tuple[float, float]:
+    """Return the ends of an axis for these values."""
     if not len(values):
         return 0.0, 1.0
     low, high = float(values.min()), float(values.max())
-    free = SPAN * ((high - low) or abs(high) or 1.0)
+    free = AXIS_MARGIN * ((high - low) or abs(high) or 1.0)
     return low - free, high + free
 
 
-def _mark(base: Base) -> str:
-    """By what it is known again that candidates are of the same piece."""
+def _fingerprint(base: Base) -> str:
+    """Return a hash that identifies the piece, its settings and the effort."""
     told = hashlib.sha256(repr([getattr(base.settings, name) for name in SECTIONS] + [base.effort]).encode())
     arrays = [base.supports, base.force]
     for _, start in sorted(base.starts.items()):
@@ -143,7 +153,8 @@ def _mark(base: Base) -> str:
     return told.hexdigest()
 
 
-def _parsed(line: str) -> Any:
+def _parse(line: str) -> Any:
+    """Return the content of a JSON line; None if it is damaged."""
     try:
         return json.loads(line)
     except ValueError:

@@ -1,4 +1,4 @@
-"""An exploration from beginning to end: on the cores of this machine or a cluster, and in a folder where one is named."""
+"""Run a whole exploration: on the cores of this machine or on a cluster, and stored in a folder if one is given."""
 
 from __future__ import annotations
 
@@ -34,17 +34,23 @@ def explored(
     guard: Guard | None = None,
     progress: Progress = SILENT,
 ) -> Exploration:
-    """Try many candidates of a piece that is laid out.
+    """Try many candidates of a piece that has a layout.
 
-    results : by the numbers of quads in ``question.quads``
-    folder : gets table, plot and pictures; what was tried there before is known
-    candidates : how many are tried at most; seed : another number tries others
-    scheduler : address of a Dask cluster to work on; else so many ``cores`` of this machine, all by default
-    guard : keeps the user's files in the folder
+    Parameters
+    ----------
+    results : pieces by the numbers of quads in ``question.quads``
+    settings, question : of the piece; the variables and goals
+    folder : gets the table, the plot and the pictures; candidates that are stored in it are not tried again
+    candidates : largest number of candidates
+    scheduler, cores : address of a Dask cluster; else the number of this machine's cores, all by default
     effort : share of the optimiser's patience that every candidate gets
+    seed : another number tries other candidates
+    guard : keeps the user's files in the folder
 
-    Raises ``FlexMapsError`` where the folder or the cluster cannot be used, ``Cancelled`` where it was stopped before
-    anything was found.
+    Raises
+    ------
+    FlexMapsError : the folder or the cluster cannot be used, or supports and forces do not fit other numbers of quads
+    Cancelled : the user cancels before a candidate is tried
     """
     first = next(iter(results.values()))
     if question.quads != (0,) and (first.supports is not None or first.force is not None):

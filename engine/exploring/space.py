@@ -1,4 +1,4 @@
-"""What is varied, what is asked for, and what is to be small: the question that an exploration answers."""
+"""The question that an exploration answers: variables with their ranges, goals, and the measures to minimise."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from ..materials import STRAINED
 from ..params import SHOWN, ExploreParams, Settings, changed, shown_values
 
 Values = dict[str, Any]
-SIZES = ("edge", "height", "quads")  # what is no setting of a stage: millimetres, millimetres, a number
-SECTIONS = ("layout", "choose", "spiral", "sheet", "material", "simulate", "optimise")  # what a candidate depends on
-DIGITS = 4  # of a number that is tried: nobody cuts finer, and it reads well; not measured
-# what is known of a candidate, and its words and unit for a plot
+SIZES = ("edge", "height", "quads")  # variables that are not settings: millimetres, millimetres, a number
+# sections of the settings that a candidate depends on
+SECTIONS = ("layout", "choose", "spiral", "sheet", "material", "simulate", "optimise")
+DIGITS = 4  # significant digits of values, finer than any cutter and short to read; not measured
+# measures of a candidate, with their labels and units for a plot
 MEASURES = {
     "rms_percent": "RMS distance (%)",
     "max_percent": "Largest distance (%)",
@@ -34,13 +35,13 @@ MEASURES = {
     "cut_minutes": "Cutting (min)",
     "join_minutes": "Joining (min)",
 }
-MINIMISED = ("rms_percent", "strain_share")  # what is plotted against each other where nobody says
+MINIMISED = ("rms_percent", "strain_share")  # by default
 GOALS = ("rms_percent<=1", f"strain_share<={STRAINED:.2g}")
 
 
 @dataclass(frozen=True)
 class Variable:
-    """Something that is varied, in the units that people are shown: between two numbers, or among ``choices``."""
+    """Setting or size that is varied: between the numbers ``low`` and ``high`` in shown units, or among ``choices``."""
 
     name: str
     low: float = 0.0
@@ -48,13 +49,13 @@ class Variable:
     choices: tuple[Any, ...] = ()
 
     def at(self, share: float) -> Any:
-        """Its value at a place of [0, 1]."""
+        """Return the value at a number in [0, 1]."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
         return float(f"{self.low + share * (self.high - self.low):.{DIGITS}g}")
 
     def share(self, value: Any) -> float:
-        """A place of [0, 1] that has this value."""
+        """Return a number in [0, 1] at which the variable has this value."""
         if self.choices:
             return (self.choices.index(value) + 0.5) / len(self.choices)
         return min(max((value - self.low) / (self.high - self.low), 0.0), 1.0)
@@ -62,14 +63,14 @@ class Variable:
 
 @dataclass(frozen=True)
 class Goal:
-    """What a measure of a candidate shall be, at most (``most``) or at least."""
+    """Limit of a measure: the largest value if ``most``, else the smallest."""
 
     measure: str
     limit: float
     most: bool = True
 
     def missed(self, measures: Mapping[str, float]) -> float:
-        """By how much it is missed, as a share of the limit; 0 where it is held."""
+        """Return by how much the measures miss the goal, as a share of the limit; 0 if they meet it, infinite without the measure."""
         value = measures.get(self.measure, math.inf)
         over = value - self.limit if self.most else self.limit - value
         return max(0.0, over / (abs(self.limit) or 1.0))
@@ -80,7 +81,7 @@ class Goal:
 
 @dataclass(frozen=True)
 class Space:
-    """The whole question. Raises ``FlexMapsError`` for what cannot be asked."""
+    """Variables, goals and the two measures to minimise; raises FlexMapsError if they contradict each other."""
 
     variables: tuple[Variable, ...]
     goals: tuple[Goal, ...]
@@ -98,43 +99,49 @@ class Space:
         for measure in self.minimised:
             _refuse_unknown(measure)
         if len(set(self.minimised)) != 2:
-            raise FlexMapsError("Two different measures are needed that are to be small")
+            raise FlexMapsError("Give two different measures to minimise")
 
     @property
     def quads(self) -> tuple[int, ...]:
-        """The numbers of quads that are tried; 0 alone where it has those that it has."""
+        """Numbers of quads to try; (0,) if the number of quads is not varied."""
         return next((v.choices for v in self.variables if v.name == "quads"), (0,))
 
     def values(self, place: Float[np.ndarray, " variables"]) -> Values:
-        """What is tried at a place of the unit cube."""
+        """Return the values of all variables at a point of the unit cube."""
         return {v.name: v.at(float(x)) for v, x in zip(self.variables, place, strict=True)}
 
     def place(self, values: Mapping[str, Any]) -> Float[np.ndarray, " variables"]:
-        """A place of the unit cube that has these values."""
+        """Return a point of the unit cube at which the variables have these values."""
         return np.array([v.share(values[v.name]) for v in self.variables])
 
     def sweep(self, most: int) -> list[Values] | None:
-        """Every combination, where there are no more than so many; None where there are."""
+        """Return all combinations of the choices; None if there are more than ``most``, or a variable has no choices."""
         if not all(v.choices for v in self.variables) or math.prod(len(v.choices) for v in self.variables) > most:
             return None
         names = [v.name for v in self.variables]
         return [dict(zip(names, one, strict=True)) for one in product(*(v.choices for v in self.variables))]
 
     def missed(self, measures: Mapping[str, float]) -> float:
-        """By how much all goals together are missed."""
+        """Return the sum of the shares by which the goals are missed."""
         return sum(goal.missed(measures) for goal in self.goals)
 
 
 def variable(name: str, given: Any, settings: Settings) -> Variable:
-    """A variable from a name and "LOW:HIGH", "A,B,C", a pair of numbers, or a list of choices, in shown units.
+    """Return a variable from its name and range.
 
-    Raises ``FlexMapsError`` where there is no such setting, or it takes no such value.
+    Parameters
+    ----------
+    name : one of ``SIZES``, or "section.setting"
+    given : "LOW:HIGH", "A,B,C", a pair of numbers, or a list of choices, in shown units
+    settings : of the piece
+
+    Raises
+    ------
+    FlexMapsError : there is no such setting, or it does not take such a value
     """
     known = _fields(settings)
     if name not in known and name not in SIZES:
-        raise FlexMapsError(
-            f"'{name}' cannot be varied; that can be {', '.join(SIZES)} and the settings of {', '.join(SECTIONS)}"
-        )
+        raise FlexMapsError(f"'{name}' cannot be varied; vary {', '.join(SIZES)} or a setting of {', '.join(SECTIONS)}")
     f = known.get(name)
     whole = name == "quads" or (f is not None and isinstance(f.default, int))
     if isinstance(given, str):
@@ -161,26 +168,38 @@ def variable(name: str, given: Any, settings: Settings) -> Variable:
 
 
 def goal(text: str) -> Goal:
-    """A goal from "measure<=number" or "measure>=number"."""
+    """Return a goal from "measure<=number" or "measure>=number"; raise FlexMapsError for any other text."""
     for sign in ("<=", ">="):
         measure, found, limit = text.partition(sign)
         if found:
             _refuse_unknown(measure.strip())
             return Goal(measure.strip(), _number(text, limit), sign == "<=")
-    raise FlexMapsError(f"'{text}' is no goal; give it as rms_percent<=1")
+    raise FlexMapsError(f"'{text}' is not a goal; give it as rms_percent<=1")
 
 
 def space(
     vary: Mapping[str, Any], settings: Settings, goals: Sequence[str] = GOALS, minimised: Sequence[str] = MINIMISED
 ) -> Space:
-    """The question that is asked with these words."""
+    """Return the question with these variables, goals and measures.
+
+    Parameters
+    ----------
+    vary : ranges by the names of variables, as in ``variable``
+    settings : of the piece
+    goals : as in ``goal``
+    minimised : two names of ``MEASURES``
+
+    Raises
+    ------
+    FlexMapsError : a variable, a goal or a measure cannot be understood, or they contradict each other
+    """
     variables = tuple(variable(name, given, settings) for name, given in vary.items())
     if len(minimised) != 2:
-        raise FlexMapsError("Two measures are needed that are to be small, as rms_percent and join_minutes")
+        raise FlexMapsError("Give two measures to minimise, such as rms_percent and join_minutes")
     return Space(variables, tuple(goal(text) for text in goals), (minimised[0], minimised[1]))
 
 
-# of ``ExploreParams``: what a switch varies
+# variable of every switch in ``ExploreParams``
 SWITCHES = {
     "vary_thickness": "spiral.thickness",
     "vary_widths": "spiral.width_max",
@@ -192,7 +211,14 @@ SWITCHES = {
 
 
 def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
-    """The question that the sidebar's switches ask; ``edge`` is the present one, millimetres."""
+    """Return the question of the sidebar's switches.
+
+    Parameters
+    ----------
+    params : the switches, the factor between present and extreme values, and the goals
+    settings : of the piece
+    edge : present median edge of the quads, millimetres
+    """
     vary: dict[str, Any] = {"edge": (edge / params.ratio, edge * params.ratio)} if params.vary_size else {}
     present, known = shown_values(settings), _fields(settings)
     for switch, name in SWITCHES.items():
@@ -213,6 +239,7 @@ def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
 
 
 def _fields(settings: Settings) -> dict[str, Field[Any]]:
+    """Return the settings that can be varied, by "section.setting"."""
     return {f"{name}.{f.name}": f for name in SECTIONS for f in fields(getattr(settings, name))}
 
 
@@ -222,12 +249,12 @@ def _number(name: str, value: Any) -> float:
     except (TypeError, ValueError):
         found = math.nan
     if not math.isfinite(found):
-        raise FlexMapsError(f"{name}: '{value}' is no number")
+        raise FlexMapsError(f"{name}: '{value}' is not a number")
     return found
 
 
 def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Settings) -> None:
-    """Raise where a variable cannot have a value; what crosses another setting is told of the candidate."""
+    """Raise FlexMapsError if a variable cannot have a value; conflicts with other settings become faults of candidates."""
     if f is None:
         if not value > 0:
             raise FlexMapsError(f"{name}: {value:g} is not above 0")
@@ -243,4 +270,4 @@ def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Setting
 
 def _refuse_unknown(measure: str) -> None:
     if measure not in MEASURES:
-        raise FlexMapsError(f"'{measure}' is nothing that is measured; that is {', '.join(MEASURES)}")
+        raise FlexMapsError(f"'{measure}' is not a measure; the measures are {', '.join(MEASURES)}")

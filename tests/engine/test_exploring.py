@@ -52,7 +52,7 @@ def searched(count=60, goals=(), task=bowl, vary=PLANE, **options):
         ("export.folder", "a,b", "cannot be varied"),
         ("spiral.thickness", "3:1", "first bound must be below"),
         ("spiral.thickness", "1:90", "above its largest value 50 mm"),
-        ("spiral.thickness", "thin:thick", "is no number"),
+        ("spiral.thickness", "thin:thick", "is not a number"),
         ("material.material", "pom,cheese", "is not one of"),
         ("edge", "-5:10", "not above 0"),
         ("quads", "100:900", "as a list"),
@@ -108,7 +108,7 @@ def test_goals_come_before_what_is_to_be_small():
 
 def test_where_no_goal_can_be_held_what_would_have_to_give_is_said():
     made = searched(goals=("rms_percent<=0.01", "panels<=2"))
-    assert made.note.startswith("Nothing holds all goals")
+    assert made.note.startswith("No candidate holds all goals")
     assert "rms_percent <= 0.01" in made.note
     assert "panels <= 2" not in made.note
     assert made.candidates[made.best].measures["rms_percent"] < 0.2
