@@ -1,4 +1,4 @@
-"""Every setting of the program, each said once; the sidebar and the command line are generated from them."""
+"""All settings of the program, each declared once; the sidebar and the command line are generated from them."""
 
 from .fields import SHOWN, Params, setting, shown
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams

@@ -1,7 +1,7 @@
-"""How a setting is declared: default, bounds, unit and help text; and what refuses a wrong value.
+"""Declaration of settings (default, bounds, unit, help text), and the checks that refuse wrong values.
 
 The engine works in SI units; ``unit`` is the unit of the value in the dataclass ("m", "rad", "Pa", or "" for a pure number).
-People are shown millimetres, degrees and gigapascals: ``SHOWN`` holds the factor and the symbol, used by the Blender settings and by
+User interfaces show millimetres, degrees and gigapascals: ``SHOWN`` holds the factor and the symbol, for the Blender settings and
 the command line.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from ..errors import FlexMapsError
 
-# of each unit: the factor to what is shown, and its symbol
+# by unit: factor from the SI value to the shown value, and symbol of the shown unit
 SHOWN: dict[str, tuple[float, str]] = {
     "m": (1e3, "mm"),
     "rad": (180.0 / math.pi, "\N{DEGREE SIGN}"),
@@ -34,20 +34,27 @@ def setting(
     choices: tuple[tuple[str, str, str], ...] = (),
     folder: bool = False,
 ) -> Any:
-    """Declare a dataclass field with what the user interfaces need to show it.
+    """Declare a dataclass field with the metadata that user interfaces need.
 
-    ``choices`` are (identifier, label, help) triples for a string setting; ``folder`` marks a string that names one.
+    Parameters
+    ----------
+    default : in SI units; its type is the type of the setting
+    label, help : texts that users see, translated
+    low, high : bounds in SI units; None for no bound
+    unit : key of ``SHOWN``
+    choices : (identifier, label, help) of every value of a string setting
+    folder : whether a string setting names a folder
     """
     meta = {"label": label, "help": help, "low": low, "high": high, "unit": unit, "choices": choices, "folder": folder}
     return field(default=default, metadata=meta)
 
 
-LARGEST = 1e300  # of any number; beyond it, and where it is no number at all, is what nobody means
-SLACK = 1e-6  # relative: Blender's single precision lands a hair outside of bounds
+LARGEST = 1e300  # largest magnitude of any setting, which also refuses infinity and NaN
+SLACK = 1e-6  # relative tolerance of bounds, because Blender stores values in single precision
 
 
 def wanted(f: Field) -> str:
-    """What number a field takes, e.g. "a whole number from 0 to 50"."""
+    """Return the numbers that a field takes, in words, e.g. "a whole number from 0 to 50"."""
     whole = isinstance(f.default, int)
     kind, tell = ("a whole number", str) if whole else ("a number", lambda bound: shown(f, bound))
     low, high = (None if f.metadata[k] is None else tell(f.metadata[k]) for k in ("low", "high"))
@@ -57,16 +64,16 @@ def wanted(f: Field) -> str:
 
 
 def shown(f: Field, value: float) -> str:
-    """``value`` of the field ``f`` as a person reads it, e.g. ``"2 mm"``."""
+    """Return the SI value of a field as text in its shown unit, e.g. "2 mm"."""
     factor, symbol = SHOWN[f.metadata["unit"]]
     return f"{value * factor:g}{' ' if symbol.isalpha() else ''}{symbol}"
 
 
 class Params:
-    """Base of all settings: refuses values of another kind, values outside their bounds, and bounds of each other that cross."""
+    """Base of all settings; raises FlexMapsError for values of a wrong type, out of bounds, or in a wrong order."""
 
-    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # of each pair the first may not be above the second
-    # switches that earlier versions had, on by default, and the settings that stand for them where they are off
+    ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # pairs of settings; the first must not be above the second
+    # switches of earlier versions, on by default, with the settings that replace them where they are off
     WERE: ClassVar[dict[str, dict[str, Any]]] = {}
 
     def __post_init__(self) -> None:
@@ -78,7 +85,10 @@ class Params:
 
 
 def refuse_above(block: Params, name: str, other: Params, limit: str, remedy: str) -> None:
-    """Raise where a setting of a block is above one of the same or of another block."""
+    """Raise FlexMapsError if the setting ``name`` of a block is above the setting ``limit`` of ``other``.
+
+    remedy : end of the message: what the user should do
+    """
     value, most = getattr(block, name), getattr(other, limit)
     if value > most + SLACK * abs(most):
         low, high = (next(f for f in fields(b) if f.name == n) for b, n in ((block, name), (other, limit)))  # type: ignore[arg-type]
@@ -88,22 +98,22 @@ def refuse_above(block: Params, name: str, other: Params, limit: str, remedy: st
 
 
 def is_number(value: Any, *, whole: bool = False) -> bool:
-    """Whether it is a number that can be computed with."""
+    """Return whether a value is a finite number, and a whole one if ``whole``; booleans are not numbers."""
     return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= LARGEST  # type: ignore[operator]
 
 
 def quoted(value: Any) -> str:
-    """A value for a message, in one line, however long it is."""
+    """Return a value in quotes for a message, in one line and shortened to 60 characters."""
     try:
         text = value if isinstance(value, str) else repr(value)
-    except ValueError:  # Python does not write out whole numbers of thousands of digits
+    except ValueError:  # Python refuses to print integers of thousands of digits
         text = "a very large number"
     text = " ".join(text.split())
     return f"'{text if len(text) <= 60 else text[:57] + '...'}'"
 
 
 def _refuse_wrong(f: Field, value: Any) -> None:
-    """Raise unless ``value`` is one that the field may have."""
+    """Raise FlexMapsError if a field cannot have this value."""
     meta, default = f.metadata, f.default
     if meta["choices"]:
         names = [choice[0] for choice in meta["choices"]]

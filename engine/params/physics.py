@@ -10,7 +10,7 @@ from .fields import Params, setting
 
 @dataclass(frozen=True)
 class MaterialParams(Params):
-    """What the sheet is made of."""
+    """Material of the sheet."""
 
     material: str = setting(
         "pom",
@@ -34,7 +34,7 @@ class MaterialParams(Params):
     shear: float = setting(
         0.0,
         "Shear modulus",
-        "In the sheet, of a custom material with a grain; 0 takes what plywood has beside its Young's modulus",
+        "Of a custom material with a grain, in the plane of the sheet; 0 takes the same share of Young's modulus as in plywood",
         low=0.0,
         high=1e12,
         unit="Pa",
@@ -70,12 +70,12 @@ class MaterialParams(Params):
 
     @property
     def chosen(self) -> Material:
-        """The material as the engine needs it, with the strain limit that goes with how long the piece lasts."""
+        """The material with the strain limit for as long as the piece must last."""
         return self.sheet.lasts(self.lasts == "years")
 
     @property
     def sheet(self) -> Material:
-        """The material by itself, with what is known of it for days and for years."""
+        """The material with its limits for days and, if known, for years."""
         if self.material != "custom":
             return material(self.material)
         given = "given by the user"
@@ -83,7 +83,7 @@ class MaterialParams(Params):
         rest = (self.poisson, self.density, self.strain_limit, True, given)
         if not self.across:
             return Material("Custom", self.youngs, *rest, lasting=lasting)
-        # what is left as it is between the moduli of birch plywood
+        # moduli that the user does not give are in the same ratio as those of birch plywood
         usual = MATERIALS["birch"].orthotropy
         assert usual is not None
         shear = self.shear or self.youngs * usual.shear / usual.along
@@ -95,7 +95,7 @@ class MaterialParams(Params):
 
 @dataclass(frozen=True)
 class SimulateParams(Params):
-    """Finding the shape that the assembled object takes (FlexMaps section 6.1)."""
+    """Simulation of the shape that the assembled piece takes (FlexMaps section 6.1)."""
 
     model: str = setting(
         "arm",
@@ -108,7 +108,7 @@ class SimulateParams(Params):
     )
     gravity: bool = setting(False, "Gravity", "Let the weight of the sheet act, downwards along z; needs supports")
     clamped: bool = setting(True, "Clamp supports", "Supported spirals keep their direction too, not only their place")
-    # a long ribbon that unrolls by several turns takes some 300; all else converges in 5 to 60
+    # a long ribbon that unrolls by several turns takes about 300; all other pieces took 5 to 60
     iterations: int = setting(
         500, "Iterations", "Most Newton iterations before the search is given up", low=1, high=10_000
     )
@@ -126,7 +126,7 @@ class SimulateParams(Params):
 
 @dataclass(frozen=True)
 class OptimiseParams(Params):
-    """Finding the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
+    """Search for the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
 
     WERE = {"laplacian": {"lies": 1.0}}
 
@@ -162,15 +162,15 @@ class OptimiseParams(Params):
     lies: float = setting(
         0.2,
         "Match curvature / position",
-        "What shall be alike: 0 compares how the surface bends, which keeps small features, 1 where it lies; in between, both",
+        "What is compared with the target: 0 compares curvature, which keeps small features, 1 compares position; values in between compare both",
         low=0.0,
         high=1.0,
     )
-    # on a dome of 192 quads whose border was wished some 18 mm away, spirals came to .4 mm from there with 1, .8 with 0.3, 3 with 0.1 (7 at the start)
+    # on a dome of 192 quads with wishes for its border 18 mm away, spirals came from 7 mm to .4 mm from these with 1, to .8 with 0.3, to 3 with 0.1
     urge: float = setting(
         1.0,
         "Weight of drag targets",
-        "How much it counts that spirals come to where they are wished, beside the target's shape; 0 leaves wishes aside",
+        "How much the places to which you dragged spirals count beside the target's shape; 0 ignores them",
         low=0.0,
         high=100.0,
     )
@@ -184,7 +184,7 @@ class OptimiseParams(Params):
     strain_share: float = setting(
         1.0,
         "Strain limit",
-        "Share of what the material bears, less a margin of a tenth, that the strain on the arms' surface should stay below; 0 lets arms be strained at will",
+        "Largest strain on the arms' surface, as a share of what the material bears less a margin of a tenth; 0 sets no limit",
         low=0.0,
         high=10.0,
     )
@@ -222,7 +222,7 @@ class OptimiseParams(Params):
 
 @dataclass(frozen=True)
 class LoadParams(Params):
-    """What holds an object in Blender and what pulls at it; both are chosen by vertex groups."""
+    """Supports of an object in Blender and a force on it; vertex groups choose the quads."""
 
     supports: str = setting(
         "", "Supports", "Vertex group that is held: every quad with two corners or more in it; empty: nothing is held"
@@ -234,13 +234,13 @@ class LoadParams(Params):
 
     @property
     def force(self) -> tuple[float, float, float]:
-        """Newtons in world axes."""
+        """Force along the world's x, y and z, newtons."""
         return self.force_x, self.force_y, self.force_z
 
 
 @dataclass(frozen=True)
 class StructureParams(Params):
-    """What the piece has to bear; how lines of load cases read stands in ``engine/structure/cases.py``."""
+    """Load cases that the piece must bear; ``engine/structure/cases.py`` explains their syntax."""
 
     cases: str = setting(
         "weight: weight",

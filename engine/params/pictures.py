@@ -1,4 +1,4 @@
-"""Settings of pictures, films and the page."""
+"""Settings of pictures, animations and the page of the report."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .fields import Params, setting
 
 @dataclass(frozen=True)
 class PreviewParams(Params):
-    """The assembled piece with its true spirals, to look at."""
+    """Preview of the assembled piece with its true spirals."""
 
     detail: str = setting(
         "MEDIUM",
@@ -57,7 +57,7 @@ class PreviewParams(Params):
 
 @dataclass(frozen=True)
 class RenderParams(Params):
-    """A picture of the target, the assembled piece and its flat panels."""
+    """Picture of the target, the assembled piece and its flat panels."""
 
     finish: str = setting(
         "PATCH",
@@ -111,7 +111,7 @@ class RenderParams(Params):
 
 @dataclass(frozen=True)
 class FilmParams(Params):
-    """The assembly as an animation."""
+    """Animation of the assembly."""
 
     seconds: float = setting(12.0, "Seconds", "How long the animation is", low=1.0, high=600.0)
     film_detail: str = setting(
@@ -128,7 +128,7 @@ class FilmParams(Params):
 
 @dataclass(frozen=True)
 class PageParams(Params):
-    """The report's page."""
+    """Web page of the report."""
 
     viewer: bool = setting(
         True,

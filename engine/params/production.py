@@ -10,7 +10,7 @@ from .fields import Params, setting
 
 @dataclass(frozen=True)
 class CutParams(Params):
-    """What cuts the sheet: the paths in the files run half of the kerf beside the material."""
+    """The machine that cuts the sheet; paths in the files run half of the kerf outside the material."""
 
     kerf_outline: float = setting(
         0.0,
@@ -23,7 +23,7 @@ class CutParams(Params):
     kerf_holes: float = setting(
         0.0,
         "Kerf, holes",
-        "The same in the holes, for cutters whose holes come out otherwise",
+        "Width that the cutter takes away inside holes, where it differs from the outlines",
         low=0.0,
         high=0.01,
         unit="m",
@@ -45,7 +45,7 @@ class CutParams(Params):
         unit="m",
     )
     line_width: float = setting(
-        0.0254 / 1e3,  # a thousandth of an inch, to the last digit as it comes back from millimetres
+        0.0254 / 1e3,  # 0.001 inch; in this form it equals the value that comes back from 0.0254 mm
         "Line width",
         "Width of the lines in SVG and PDF: drivers that cut by width take 0.0254 mm; where colours decide, 0.1 mm shows better",
         low=0.000001,
@@ -64,7 +64,7 @@ class CutParams(Params):
     lead_in: float = setting(
         0.0,
         "Lead-in",
-        "Every cut begins so far beside its path, in the waste, where there is room; 0 for none",
+        "Distance beside its path at which every cut begins, in the waste, where there is room; 0 for none",
         low=0.0,
         high=0.02,
         unit="m",
@@ -79,7 +79,7 @@ class CutParams(Params):
 
 @dataclass(frozen=True)
 class SheetParams(Params):
-    """The sheets that are cut, and how the panels lie on them."""
+    """The sheets to cut, and how panels are placed on them."""
 
     sheet_width: float = setting(0.6, "Sheet width", "Width of the sheet of material", low=0.01, high=10.0, unit="m")
     sheet_height: float = setting(0.4, "Sheet height", "Height of the sheet of material", low=0.01, high=10.0, unit="m")
@@ -116,12 +116,12 @@ class SheetParams(Params):
     many_sheets: bool = setting(
         False,
         "Many sheets",
-        "Go on where far more sheets come than the panels' area needs, because panels almost fill one each",
+        "Continue if panels that almost fill a sheet each take far more sheets than their area needs",
     )
     cut_joints: int = setting(
         0,
         "Joints for a sheet",
-        "Panels are cut further where that saves a sheet and makes at most so many joints more; with 0 only those that are too large",
+        "Cut panels further where that saves a sheet and adds at most this many joints; with 0 only panels that are too large are cut",
         low=0,
         high=10000,
     )
@@ -140,7 +140,7 @@ class SheetParams(Params):
             ("FAST", "Quick", "Quarter turns only, without a search"),
         ),
     )  # fmt: skip
-    # sheets of 16 pieces were as many and as full as a former search left them after 8 s
+    # with 3 s, 16 pieces needed as many sheets, as well filled, as with an earlier search after 8 s
     nesting_seconds: float = setting(
         3.0, "Nesting seconds", "Longest time that the tight nesting may take", low=0.0, high=86400.0
     )
@@ -175,7 +175,7 @@ class SheetParams(Params):
 
 @dataclass(frozen=True)
 class BaseParams(Params):
-    """What a supported piece stands on."""
+    """Base on which a supported piece stands, or by which it hangs."""
 
     base: str = setting(
         "none",
@@ -216,13 +216,13 @@ class BaseParams(Params):
 
     @property
     def stands(self) -> bool:
-        """Whether there are feet."""
+        """Whether the piece stands on feet."""
         return self.base not in ("none", "eyelets")
 
 
 @dataclass(frozen=True)
 class CostParams(Params):
-    """What the sheets, the machine and the hands cost, in any money; 0 where that does not count."""
+    """Prices of sheets, machine time and labour, in any currency; 0 leaves a cost out."""
 
     sheet_price: float = setting(0.0, "Price of a sheet", "What one sheet of the material costs", low=0.0, high=1e6)
     machine_rate: float = setting(
@@ -239,7 +239,7 @@ class CostParams(Params):
 
 @dataclass(frozen=True)
 class ExportParams(Params):
-    """Which files are written, and where."""
+    """Files to write, and their folder."""
 
     folder: str = setting(
         "//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True

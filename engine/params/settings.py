@@ -1,4 +1,4 @@
-"""All settings together, and how they are changed by values that people give."""
+"""All settings together, and changing them by values that users give."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams
 
 @dataclass(frozen=True)
 class Settings:
-    """All settings of the main job together."""
+    """All settings of the main job, by section."""
 
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
@@ -36,7 +36,7 @@ class Settings:
     structure: StructureParams = field(default_factory=StructureParams)
 
 
-# settings of different sections of which the first may not be above the second, and what to do then
+# pairs of settings from different sections, the first must not be above the second, and the remedy for the message
 BOUNDS = (
     ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
     ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),
@@ -47,7 +47,13 @@ BOUNDS = (
 
 
 def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> None:
-    """Raise ``FlexMapsError`` where settings of two of these blocks cross, if one of them is of the ``sections``."""
+    """Raise FlexMapsError if two settings are in a wrong order by ``BOUNDS``.
+
+    Parameters
+    ----------
+    blocks : settings by section
+    sections : only pairs with a setting in one of these are checked
+    """
     for low, high, remedy in BOUNDS:
         (block, name), (other, limit) = low.split("."), high.split(".")
         if {block, other} <= blocks.keys() and not {block, other}.isdisjoint(sections):
@@ -56,7 +62,7 @@ def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> N
 
 @dataclass(frozen=True)
 class ObjectSettings(Settings):
-    """All settings that an object in Blender carries with it."""
+    """All settings that are stored with an object in Blender."""
 
     loads: LoadParams = field(default_factory=LoadParams)
     remesh: RemeshParams = field(default_factory=RemeshParams)
@@ -72,9 +78,16 @@ S = TypeVar("S", bound=Settings)
 
 
 def changed(settings: S, values: Mapping[str, Any]) -> S:
-    """The settings with other values, given by "section.name" in the units that people are shown: millimetres, degrees.
+    """Return settings with some values changed.
 
-    Values may be texts, as they come from a command line. Raises ``FlexMapsError`` for what is no setting, or is out of bounds.
+    Parameters
+    ----------
+    settings : to start from
+    values : by "section.name", in shown units (millimetres, degrees), or as text, as a command line gives them
+
+    Raises
+    ------
+    FlexMapsError : there is no such setting, or it cannot have the value
     """
     blocks: dict[str, dict[str, Any]] = {}
     for key, value in values.items():
@@ -87,24 +100,31 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
             )
         known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
         if name in block.WERE:
-            instead = {} if _switched(name, value) else block.WERE[name]
+            instead = {} if _parse_switch(name, value) else block.WERE[name]
             blocks.setdefault(section, {}).update(instead)
             continue
         if name not in known:
             raise FlexMapsError(f"There is no setting {quoted(key)}; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
-    made = {section: _replaced(section, getattr(settings, section), given) for section, given in blocks.items()}
+    made = {section: _replace_values(section, getattr(settings, section), given) for section, given in blocks.items()}
     return replace(settings, **made)
 
 
 def wish(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
-    """The settings that a layout be chosen by, as ``changed`` takes them: who names a number means that goal."""
+    """Return the settings of the goal of a layout, as ``changed`` takes them.
+
+    Parameters
+    ----------
+    goal : identifier of ``ChooseParams.goal``; by default the goal whose number is given
+    panels, match : largest number of panels; wanted RMS distance from the target, in percent of the size
+    """
     named = goal or ("panels" if panels is not None else "match" if match is not None else None)
     values = {"choose.goal": named, "choose.panels": panels, "choose.match": match}
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _replaced(section: str, block: Any, given: dict[str, Any]) -> Any:
+def _replace_values(section: str, block: Any, given: dict[str, Any]) -> Any:
+    """Replace values of a block; errors name its section."""
     try:
         return replace(block, **given)
     except FlexMapsError as error:
@@ -112,7 +132,7 @@ def _replaced(section: str, block: Any, given: dict[str, Any]) -> Any:
 
 
 def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
-    """Every setting in the units that people are shown, by section and name: what ``changed`` takes."""
+    """Return all settings in shown units, by section and name."""
     return {
         block.name: {
             f.name: _as_shown(f, getattr(getattr(settings, block.name), f.name))
@@ -123,28 +143,29 @@ def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
 
 
 def _as_shown(f: Field, value: Any) -> Any:
+    """Return the value of a field in its shown unit, without digits that come from rounding."""
     return float(f"{value * SHOWN[f.metadata['unit']][0]:.9g}") if isinstance(value, float) else value
 
 
 SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
 
 
-def _switched(label: str, value: Any) -> bool:
-    """On or off from what a person gives."""
+def _parse_switch(label: str, value: Any) -> bool:
+    """Return True or False from a value that a user gives, such as "on" or 0."""
     if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
         raise FlexMapsError(f"{label} {quoted(value)}: give on or off")
     return SWITCHES[str(value).lower()]
 
 
 def _from_shown(f: Field, value: Any) -> Any:
-    """The value of a field from one that a person gives, perhaps as text."""
+    """Return the SI value of a field from a value that a user gives, in shown units, perhaps as text."""
     default, label = f.default, f.metadata["label"]
     if isinstance(default, str):
         return str(value) if isinstance(value, PathLike) else value
     if isinstance(default, bool):
-        return _switched(label, value)
+        return _parse_switch(label, value)
     number = value
-    # Python would take other digits and groups of them too
+    # ``float`` also accepts digits of other scripts and underscores between digits
     if isinstance(value, str) and value.isascii() and "_" not in value:
         try:
             number = float(value)

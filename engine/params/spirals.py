@@ -11,7 +11,7 @@ from .fields import SLACK, Params, setting
 
 @dataclass(frozen=True)
 class SpiralParams(Params):
-    """The fabricable range of the spirals (FlexMaps section 5)."""
+    """Range of spirals that can be cut (FlexMaps section 5)."""
 
     ORDERED = (("width_min", "width_max"), ("twist_min", "twist_max"))
 
@@ -35,7 +35,7 @@ class SpiralParams(Params):
     slot_seam: float = setting(
         0.0012,
         "Slot at seams",
-        "Narrowest gap beside arms that meet across a cut, where they are too short for a connector to find room farther along them; no more than half of what straight arms leave",
+        "Narrowest gap beside arms that meet across a cut, if these are too short to place the connector farther along them; at most half of the gap between straight arms",
         low=0.0,
         high=0.02,
         unit="m",
@@ -72,7 +72,7 @@ class SpiralParams(Params):
         "stubs",
         "Border",
         "What becomes of the arms that end at an open border, where they have no other arm to meet",
-        choices=(  # in this order, by which .blend files keep them
+        choices=(  # .blend files store the index, so the order must not change
             ("stubs", "Stubs", "They are cut as all others, and end in the air"),
             ("left_out", "Plain", "They are not cut; their hubs have a round end in their place"),
             ("rim", "Rim", "A strip along the border joins their tips, with holes for a cord or rivets"),
@@ -120,7 +120,7 @@ class SpiralParams(Params):
 
 @dataclass(frozen=True)
 class ConnectorParams(Params):
-    """The joints of the panels, wherever two arms meet across a cut (FlexMaps section 8)."""
+    """Connectors of panels, where two arms meet across a cut (FlexMaps section 8)."""
 
     connector: str = setting(
         "dovetail",

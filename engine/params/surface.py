@@ -1,4 +1,4 @@
-"""Settings of the surface: its quads, its layout of panels, and what the searches for better ones vary and want."""
+"""Settings of the surface: its quads, its layout of panels, and the searches for a layout and for other settings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .fields import Params, setting
 
 @dataclass(frozen=True)
 class RemeshParams(Params):
-    """Making quads out of any mesh in Blender, and the size at which the piece is made."""
+    """Quad remeshing of any mesh in Blender, and the size of the piece."""
 
     quads: int = setting(500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
@@ -27,7 +27,7 @@ class RemeshParams(Params):
 
 @dataclass(frozen=True)
 class RegulariseParams(Params):
-    """Making the quads squarer before they are flattened (Pietroni et al. 2015)."""
+    """Regularisation: makes the quads squarer before they are flattened (Pietroni et al. 2015)."""
 
     iterations: int = setting(60, "Iterations", "Rounds of fitting squares and averaging them", low=0, high=1000)
     boundary: bool = setting(True, "Keep the border", "Move border vertices only along the border of an open surface")
@@ -35,7 +35,7 @@ class RegulariseParams(Params):
 
 @dataclass(frozen=True)
 class LayoutParams(Params):
-    """How large and how regular the panels may become (FlexMaps section 4)."""
+    """Limits of the size and shape of panels (FlexMaps section 4)."""
 
     distortion_limit: float = setting(
         0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged panel", low=0.001, high=1.0
@@ -62,16 +62,16 @@ class LayoutParams(Params):
 
 @dataclass(frozen=True)
 class ChooseParams(Params):
-    """What is wanted of a layout that is chosen by the shape which its panels take."""
+    """Goal of the choice among layouts, which are compared by the shape that their panels take."""
 
     goal: str = setting(
         "match",
         "Goal",
         "What the layout shall be chosen for",
         choices=(
-            ("match", "Match", "As near to the target as is asked, with as few joints as that takes"),
-            ("panels", "Panels", "As near to the target as so many panels come"),
-            ("least", "Least work", "As few joints as come as near to the target as the present layout does"),
+            ("match", "Match", "As near to the target as Match says, with as few joints as possible"),
+            ("panels", "Panels", "As near to the target as possible with at most this many panels"),
+            ("least", "Least work", "As few joints as possible, but as near to the target as the present layout"),
         ),
     )
     match: float = setting(
@@ -91,13 +91,13 @@ class ChooseParams(Params):
 
 @dataclass(frozen=True)
 class ExploreParams(Params):
-    """What the sidebar varies when it tries many candidates, and what they shall hold."""
+    """Variables and goals when the sidebar explores many candidates."""
 
     candidates: int = setting(32, "Candidates", "How many are tried at most", low=1, high=10_000)
     ratio: float = setting(
         1.5,
         "Up to times",
-        "Numbers are varied from their present value divided by this to that times this",
+        "Numbers are varied between their present value divided by this factor and multiplied by it",
         low=1.01,
         high=10.0,
     )
