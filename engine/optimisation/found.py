@@ -1,4 +1,4 @@
-"""What a search has found, simulated, and the last change to it: spirals wound less where their slots close in space."""
+"""Simulated results of a search, and the last change to them: less twist where slots close in space."""
 
 from __future__ import annotations
 
@@ -19,21 +19,24 @@ from .optimisers import STOPPED
 from .search import Held, Search
 from .terms import LOOSE
 
-# Share of its twist that a spiral keeps whose slots close in space, how often at the most, and by how many times the mismatch, and a strain
-# beyond the limit, may grow for it. On two surfaces 27 and 30 closed slots were open after two or three times; the RMSE grew by .3 and .1 %.
-# Unwinding before the last steps of the search left arms that these had no time to ease
-UNWOUND, UNWINDINGS, OPENED = 0.8, 8, 1.1
-IDLE = 2  # times that this may open no more
-# Searches after that, and the share of the whole search's time for each. In five runs of Suzanne's search that differ by rounding 4 to 10 slots closed, and 0 to
-# 5 of them stayed so by less twist alone; with these all open in four and one stays in the fifth, at up to 1.08 times the RMSE. A search takes
-# .1 to .15 of the time before it
-EASINGS, EASING = 4, 0.15
-STRAIGHT = 0.1  # radians of twist, less of which is none
+# Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and factor by which the mismatch, or a
+# strain beyond the limit, may grow. On two surfaces 27 and 30 closed slots were open after two or three reductions; the RMSE grew by .3
+# and .1 %. Reductions before the last steps of the search left strained arms that these had no time to relieve
+TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.8, 8, 1.1
+MAX_IDLE = 2  # reductions in a row that may open no slot
+# Largest number of further searches, and the share of the time limit for each. In five runs of Suzanne's search that differ by rounding, 4
+# to 10 slots closed, and 0 to 5 stayed closed with less twist alone. With further searches all open in four runs, and one stays closed in
+# the fifth, at up to 1.08 times the RMSE. A search takes .1 to .15 of the time before it
+MAX_SEARCHES, SEARCH_SHARE = 4, 0.15
+MIN_TWIST = 0.1  # radians, twist below which a spiral becomes straight
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A simulated design, the point of the search that it was, and its largest RMS distance as in ``Search``."""
+    """Simulated result of a search.
+
+    point : of the search from which the design was made; farthest : largest allowed RMS distance from the target, as in ``Search``
+    """
 
     simulation: Simulation
     point: Point
@@ -50,27 +53,27 @@ class Found:
         return self.point.merit(strictness, mismatch, largest)
 
     def bears(self, other: Found) -> bool:
-        """Whether open slots are worth what they cost: it lies hardly farther from the target, and arms are hardly strained more."""
+        """Return whether mismatch and strains are at most ``MAX_GROWTH`` times those of ``other``, from which slots were opened."""
         if self.merit(LOOSE) == np.inf:
             return False
         target = self.point.problem.target
         values = [target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other)]
-        return bool(values[0] <= OPENED * values[1] and not self.strained_by(other).any())
+        return bool(values[0] <= MAX_GROWTH * values[1] and not self.strained_by(other).any())
 
     def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
-        """Return which spirals are strained too much: beyond what the material bears, or a tenth beyond the other result's worst if that is more already."""
+        """Return a mask of overstrained spirals: beyond the limit, or ``MAX_GROWTH`` times the other result's worst if that is beyond it."""
         before, strain = other.simulation.strain, self.simulation.strain
         if before is None or strain is None:
             return np.zeros(len(self.simulation.design.twist), bool)
         worst = float(before.max())
-        return strain > (STRAINED if worst <= STRAINED else OPENED * worst)
+        return strain > (STRAINED if worst <= STRAINED else MAX_GROWTH * worst)
 
 
 def opened(search: Search, found: Found, progress: Progress) -> Found:
-    """Return a proved result with spirals unwound until no slot closes in space; the same where that costs too much or opens none.
+    """Reduce twists of a proved result until no slot closes in space; return ``found`` if that opens none or costs too much.
 
-    Where slots may close, as the settings say, nothing is done. Where less wound spirals would be strained too much, or their neighbours, the
-    search goes on for a few steps with these twists as upper limits. Where the user cancels, the result stays as it is.
+    Where spirals with less twist, or their neighbours, would be overstrained, a few further steps of the search take these twists as upper
+    limits. ``found`` is also returned after a cancel, and if the settings allow slots to close.
     """
     if not search.task.params.open_slots:
         return found
@@ -79,60 +82,60 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
         if best is found:
             return found
         design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
-        best = best if design is best.simulation.design else _redesigned(search, best, design, progress)
+        best = best if design is best.simulation.design else _with_design(search, best, design, progress)
     except Cancelled:
         search.trace.ended = STOPPED
         return found
     except FlexMapsError:
         return found
-    return best if best.bears(found) and _closed(best) < _closed(found) else found
+    return best if best.bears(found) and _count_closed(best) < _count_closed(found) else found
 
 
 def _open_slots(search: Search, found: Found, progress: Progress) -> Found:
-    """Return the result with the fewest closed slots that ``found`` allows, by less twist and by more steps of the search."""
+    """Return the result with the fewest closed slots, by less twist and by further searches, that ``Found.bears`` accepts."""
     best = here = _unwind(search, found, found, progress, bearable=True)
-    for _ in range(EASINGS):
-        eased = _ease_strains(search, here, found, progress) if _closed(best) else None
+    for _ in range(MAX_SEARCHES):
+        eased = _ease_strains(search, here, found, progress) if _count_closed(best) else None
         if eased is None:
             break
         here = eased
         again = _unwind(search, eased, found, progress, bearable=True)
-        if _closed(again) < _closed(best) and again.bears(found):
+        if _count_closed(again) < _count_closed(best) and again.bears(found):
             best = again
     return best
 
 
 def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
-    """Return the result with the fewest closed slots among those whose spirals are unwound step by step; the same where none has fewer.
+    """Reduce twists step by step; return the step with the fewest closed slots, or ``found`` if none has fewer.
 
-    before : the result of the search, which says what spirals are free
-    bearable : spirals whose arms are then strained too much, and those beside them, keep their twists, and only results count that ``before`` allows
+    before : result of the search, whose kept spirals do not change
+    bearable : overstrained spirals, and those beside them, keep their twists, and ``Found.bears`` must accept the result
     """
     free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
-    least, best, idle = _closed(found), found, 0
-    for _ in range(UNWINDINGS):
+    least, best, idle = _count_closed(found), found, 0
+    for _ in range(MAX_UNWINDINGS):
         design, slots = here.simulation.design, here.simulation.slots(progress)
         if bearable:
             pairs = search.task.target.dual
             free[pairs[here.strained_by(before)[pairs].any(axis=1)]] = False
-        twist = design.twist if slots is None else np.where(free, unwound(design, slots, free), given)
+        twist = design.twist if slots is None else np.where(free, reduce_twist(design, slots, free), given)
         if (twist == design.twist).all():
             break
-        here = _redesigned(search, here, replace(design, twist=twist), progress)
-        if _closed(here) < least and (here.bears(before) if bearable else here.merit(LOOSE) < np.inf):
-            least, best, idle = _closed(here), here, 0
-        elif (idle := idle + 1) > IDLE:
+        here = _with_design(search, here, replace(design, twist=twist), progress)
+        if _count_closed(here) < least and (here.bears(before) if bearable else here.merit(LOOSE) < np.inf):
+            least, best, idle = _count_closed(here), here, 0
+        elif (idle := idle + 1) > MAX_IDLE:
             break
     return best
 
 
 def _ease_strains(search: Search, found: Found, before: Found, progress: Progress) -> Found | None:
-    """Open the closed slots by less twist, then search a few steps on with these twists as upper limits.
+    """Open closed slots by less twist, then take a few steps of the search with these twists as upper limits.
 
-    Estimates of slots within spirals are corrected to the measured widths. Slots between spirals have no estimate, so the spirals
-    beside a closed one stay as they are. Return None where no slot opens, no step improves, or the design cannot be cut.
+    Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate, so spirals
+    beside such a closed slot are kept. Return None if no slot opens, no step improves, or the design cannot be cut.
 
-    before : the result of the search, which says what spirals are free
+    before : result of the search, whose kept spirals do not change
     """
     loose = _unwind(search, found, before, progress, bearable=False)
     closed, slots = found.simulation.slots(), loose.simulation.slots()
@@ -147,7 +150,7 @@ def _ease_strains(search: Search, found: Found, before: Found, progress: Progres
     point = replace(given, space=space).at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
-    work.share = EASING + (work.done / work.limit if work.limit else 0.0)
+    work.share = SEARCH_SHARE + (work.done / work.limit if work.limit else 0.0)
     start = Held(design, _with_measured_slots(point, slots).pressed(), found.farthest)
     held = search.polished(start, progress)
     if held.point is start.point:
@@ -161,7 +164,7 @@ def _ease_strains(search: Search, found: Found, before: Found, progress: Progres
 
 
 def _with_measured_slots(point: Point, slots: SpaceSlots) -> Point:
-    """Return the point in a problem whose estimates of slots agree with what was measured there."""
+    """Return the point in a problem whose estimates of slots agree with the exact ``slots`` of this state."""
     opening, model = point.problem.opening, point.model
     if opening is None or not isinstance(model, ArmModel):
         return point
@@ -169,23 +172,23 @@ def _with_measured_slots(point: Point, slots: SpaceSlots) -> Point:
     return replace(point, problem=replace(point.problem, opening=measured))
 
 
-def unwound(
+def reduce_twist(
     design: SpiralDesign, slots: SpaceSlots, free: Bool[np.ndarray, " spirals"]
 ) -> Float[np.ndarray, " spirals"]:
-    """Return the design's twists, one step less where slots close in space and spirals are ``free``; its own where none can be less."""
+    """Return the design's twists, reduced by one step at free spirals with closed slots; the same array if there are none."""
     culprits = np.zeros(len(free), dtype=bool)
     culprits[np.unique(slots.arms[slots.closed] // 4)] = True
     culprits &= free & (design.twist > 0.0)
-    less = np.where(UNWOUND * design.twist < STRAIGHT, 0.0, UNWOUND * design.twist)
+    less = np.where(TWIST_FACTOR * design.twist < MIN_TWIST, 0.0, TWIST_FACTOR * design.twist)
     return np.where(culprits, less, design.twist) if culprits.any() else design.twist
 
 
-def _redesigned(search: Search, found: Found, design: SpiralDesign, progress: Progress) -> Found:
-    """Return what was found with another design, simulated from where it rests."""
+def _with_design(search: Search, found: Found, design: SpiralDesign, progress: Progress) -> Found:
+    """Return a result with another design, simulated from the present pose."""
     return replace(found, simulation=search.task.simulated(design, found.simulation.equilibrium.pose, progress))
 
 
-def _closed(found: Found) -> float:
-    """Return how many slots are closed in space; infinite without an equilibrium."""
+def _count_closed(found: Found) -> float:
+    """Return the number of slots closed in space; infinite without an equilibrium."""
     slots = found.simulation.slots()
     return np.inf if slots is None else float(len(slots.closed))

@@ -1,7 +1,7 @@
-"""How much a search has done, in seconds of a usual processor core.
+"""Work of a search, in seconds of a usual processor core.
 
-Counted in pieces of work rather than read from a clock, so that a search ends at the same step, with the same result, on
-every machine and however busy it is. A clock ends only what takes several times as long as it should.
+Work is counted, not read from a clock, so that a search ends at the same step, with the same result, on every machine and however
+busy it is. A clock ends only searches that take several times as long as they should.
 """
 
 from __future__ import annotations
@@ -13,30 +13,32 @@ import numpy as np
 
 from ..progress import Progress
 
-# seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core
+# Work in seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core: for an equilibrium, each of its Newton iterations, a
+# Gauss-Newton product, and the derivatives by the flat geometry
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
-# likewise: building the model, the nearest design that can be cut, the coordinates of designs
-CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4
-SOFTEST, MODE = 1.2e-4, 8.5e-5  # for the softest modes, and the derivatives of each
-VARIED = 2e-4  # for their derivatives by the flat shapes, beside ``GEOMETRY``
-OPENING = 4.5e-5  # for the widths of the slots in space and half of their slopes
-ROOMS = 1.5e-4  # for a step's rooms, and for bringing it back to them
-# seconds for so many, in proportion beyond; what comes before and after the search takes up to a fifth more, so that
-# the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000; a quarter of the search more where strains do not hold yet, and
-# up to six tenths where closed slots are opened by further searches
+CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4  # building the model, fitting a design that can be cut, a design space
+SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
+VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
+OPENING = 4.5e-5  # widths of the slots in space, with half of their derivatives
+ROOMS = 1.5e-4  # clearances of a step, and restoring them
+# Time limit of a search, seconds, by the number of spirals; proportional beyond the last. The work before and after a search takes up to a
+# fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. The limit is exceeded by a quarter where
+# strains exceed theirs, and by up to six tenths where further searches open closed slots
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
-# The same for a search that is not strained far beyond its limit, and near its target. 150 spirals are at 0.16 mm after 3 s and at 0.14 after 13, 986 at 0.17 mm and
-# 1296 at 0.020, where 0.21, 0.18 and 0.022 are asked
+# Time limit, by the same numbers of spirals, of a search near its target whose strains are not far beyond their limit. 150 spirals reach 0.16 mm after 3 s and
+# 0.14 mm after 13 s, 986 reach 0.17 mm and 1296 0.020 mm, where 0.21, 0.18 and 0.022 mm are wanted
 ENOUGH = (1.0, 20.0, 70.0)
-# Times that a machine may be slower than the usual one, by this thread's processor time, before that ends the search. Two cores that
-# do other work beside took 2.3 to 2.9 times as long; nearer to that, equal searches ended unlike
-SLOWEST = 8.0
+# Largest ratio of this thread's processor time to the limit, beyond which the clock ends a search. Two cores that do other work beside
+# took 2.3 to 2.9 times as long; with ratios near that, equal searches ended at different steps
+MAX_SLOWDOWN = 8.0
 
 
 @dataclass(eq=False)
 class Work:
-    """limit : seconds; None lets it go on; enough : share of the limit for a search of what is near its target and not strained far
-    share : of the limit that may be spent by now; done : seconds
+    """Work counter with a time limit.
+
+    limit : seconds, None for none; enough : share of the limit for a search near its target without far excess of strain
+    share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
     """
 
     limit: float | None = None
@@ -47,12 +49,12 @@ class Work:
 
     @classmethod
     def of(cls, size: int, patience: float) -> Work:
-        """For so many spirals; ``patience`` times the usual limit, none where it is 0."""
+        """Return a counter for ``size`` spirals; its limit is ``patience`` times the usual one, none if ``patience`` is 0."""
         usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
         return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, enough / usual)
 
     def add(self, seconds: float, size: int) -> None:
-        """Note work of so many seconds a spiral on so many spirals."""
+        """Add work of some seconds a spiral on ``size`` spirals."""
         self.done += seconds * size
 
     def paced(self, progress: Progress) -> Progress:
@@ -72,8 +74,8 @@ class Work:
 
     @property
     def over(self) -> bool:
-        """Whether the share of the limit is used up."""
+        """Whether the present share of the limit is used up, or the clock ends the search."""
         if self.limit is None:
             return False
-        late = time.thread_time() - self.began > SLOWEST * self.limit
+        late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit
         return self.done > self.share * self.limit or late

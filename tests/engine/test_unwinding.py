@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.materials import STRAINED, material
 from flexmaps.engine.optimisation import found as found_module
-from flexmaps.engine.optimisation.found import Found, opened, unwound
+from flexmaps.engine.optimisation.found import Found, opened, reduce_twist
 from flexmaps.engine.optimisation.optimisers import STOPPED, Trace
 from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
 from flexmaps.engine.optimisation.work import Work
@@ -54,8 +54,8 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     found = replace(found, point=replace(found.point, problem=replace(found.point.problem, bearing=bearing)))
     monkeypatch.setattr(found_module, "STRAINED", limit)
     closed = []
-    for searches in (0, found_module.EASINGS):
-        monkeypatch.setattr(found_module, "EASINGS", searches)
+    for searches in (0, found_module.MAX_SEARCHES):
+        monkeypatch.setattr(found_module, "MAX_SEARCHES", searches)
         after = opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
         assert after.strain.max() <= limit
         closed.append(len(after.slots().closed))
@@ -78,12 +78,12 @@ def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
     made, slots = found.simulation.design, found.simulation.slots()
     free = np.arange(len(made.twist)) % 2 == 0
     beside = np.isin(np.arange(len(free)), slots.arms[slots.width < 0.0] // 4)
-    twist = unwound(made, slots, free)
+    twist = reduce_twist(made, slots, free)
     assert (twist[beside & free] < made.twist[beside & free]).all()
     assert (twist[~(beside & free)] == made.twist[~(beside & free)]).all()
     nearly = replace(made, twist=np.full(len(free), 0.05))
-    assert (unwound(nearly, slots, free)[beside & free] == 0.0).all()
-    assert unwound(nearly, slots, np.zeros(len(free), bool)) is nearly.twist
+    assert (reduce_twist(nearly, slots, free)[beside & free] == 0.0).all()
+    assert reduce_twist(nearly, slots, np.zeros(len(free), bool)) is nearly.twist
 
 
 @pytest.mark.parametrize("worst, beyond", [(0.85, 1.01 * STRAINED), (1.2, 1.36)])
