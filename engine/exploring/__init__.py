@@ -1,1 +1,1 @@
-"""Which size, thickness, material and spirals suit a piece best: many candidates tried beside each other."""
+"""Exploration: compare many candidates to find the size, thickness, material and spirals that suit a piece best."""

@@ -247,7 +247,7 @@ def _next_generation(search: _Search, weight: float, seed: int) -> list[Values]:
     order = np.resize(order, max(len(order), MIN_POPULATION))
     asked: list[list[np.ndarray]] = []
 
-    def noted(function: Any, places: Iterable[np.ndarray]) -> list[float]:
+    def record(function: Any, places: Iterable[np.ndarray]) -> list[float]:
         """Record the places that scipy evaluates: first the population, whose merits are known, then its offspring."""
         asked.append([np.array(place) for place in places])
         return merits[order].tolist()
@@ -255,7 +255,7 @@ def _next_generation(search: _Search, weight: float, seed: int) -> list[Values]:
     population = np.array([space.place(known[k].values) for k in order])
     differential_evolution(
         lambda place: 0.0, [(0.0, 1.0)] * len(space.variables), init=population, maxiter=1, polish=False,
-        updating="deferred", workers=noted, rng=np.random.default_rng(seed), tol=0.0, mutation=STEP,
+        updating="deferred", workers=record, rng=np.random.default_rng(seed), tol=0.0, mutation=STEP,
     )  # fmt: skip
     return [space.values(place) for place in asked[-1]]
 

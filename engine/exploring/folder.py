@@ -94,6 +94,7 @@ class Folder:
         return described
 
     def _append(self, text: str) -> None:
+        """Write text to the end of the file of candidates."""
         try:
             self._stream.write(text)
             self._stream.flush()

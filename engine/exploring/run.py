@@ -54,9 +54,7 @@ def explored(
     """
     first = next(iter(results.values()))
     if question.quads != (0,) and (first.supports is not None or first.force is not None):
-        raise FlexMapsError(
-            "Supports and forces belong to the quads that are there; vary edge or height instead of quads"
-        )
+        raise FlexMapsError("Supports and forces are set on the present quads; vary edge or height instead of quads")
     starts = {count: Start(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
     base = Base(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:

@@ -90,7 +90,9 @@ class Space:
     def __post_init__(self) -> None:
         names = [variable.name for variable in self.variables]
         if not names:
-            raise FlexMapsError("Nothing is varied; name at least one setting and its bounds, as spiral.thickness=1:3")
+            raise FlexMapsError(
+                "Nothing is varied; name at least one setting and its bounds, such as spiral.thickness=1:3"
+            )
         if {"edge", "height"} <= set(names):
             raise FlexMapsError("edge and height both say how large the piece is; vary one of them")
         for name in names:
@@ -244,6 +246,7 @@ def _fields(settings: Settings) -> dict[str, Field[Any]]:
 
 
 def _number(name: str, value: Any) -> float:
+    """Return a finite number from a value that may be text; errors begin with ``name``."""
     try:
         found = float(value)
     except (TypeError, ValueError):

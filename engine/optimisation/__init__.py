@@ -1,1 +1,1 @@
-"""Choosing the spirals: objective, adjoint gradients, optimisers, flat shapes that move too, and what limits a match."""
+"""Optimisation of the spirals: objective, adjoint gradients, optimisers, co-design of flat shapes, limits of the match."""

@@ -31,7 +31,7 @@ CG_PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, a
 # long as the step: on a surface of 986 quads these undid half of every step, with this term 3 to 10 %
 RESTORE_RIDGE = 0.1
 OVERSHOOT = 1.0 + RESTORE_RIDGE  # factor on the missing clearance that makes up for the Tikhonov term on a single gap
-MAX_RESTORATIONS = 8  # times that closed clearances are opened along their slopes
+MAX_RESTORATIONS = 8  # largest number of rounds that open closed gaps again along the slopes of their clearances
 HALVINGS = 6  # of the share of a step that a spiral takes, before it takes none
 MAX_SHORTENINGS = 50  # rounds that look for spirals which must take a smaller share
 # Added to the diagonal of the Gram matrix of unit rows: the four slots of a regular quad have the same row, which makes it singular
@@ -83,7 +83,7 @@ def _lengths(rows: csr_array) -> Float[np.ndarray, " rows"]:
     return np.sqrt(np.bincount(row, rows.data * rows.data, rows.shape[0]))
 
 
-# these two change the stored numbers directly, because building a sparse product costs more than its arithmetic
+# both functions below scale the stored entries, because a sparse matrix product takes longer to build than to compute
 def _scale_columns(rows: csr_array, factor: np.ndarray) -> csr_array:
     return csr_array((rows.data * factor[rows.indices], rows.indices, rows.indptr), shape=rows.shape)
 

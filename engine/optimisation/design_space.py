@@ -27,7 +27,8 @@ from ..spirals.spiral import alike
 # designs are checked again before they are cut
 KNOTS = 6
 STRAIGHT_TWIST = 1e-3  # radians, largest twist of spirals that shall be straight; 0 would lead to a division by 0
-LENGTH_OFFSET = 1e-2  # shift of the twist's coordinate from a straight arm, where the twist's derivative is infinite
+# share of the range of lengths left out at its lower end, where the derivative of the twist may be infinite
+LENGTH_OFFSET = 1e-2
 
 
 def _length_share(x: np.ndarray) -> np.ndarray:
@@ -45,6 +46,7 @@ class FixedSpirals:
 
     @classmethod
     def of(cls, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> FixedSpirals:
+        """Return these spirals with their widths and twists in a design."""
         return cls(quads, design.width[quads], design.twist[quads])
 
 
@@ -120,11 +122,11 @@ class DesignSpace:
         return space._limit_twist(design.width, design.twist, least > design.twist + 1e-12)
 
     def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
-        """Limit the twist of some spirals to that of a design in the space."""
+        """Limit the twist of the spirals ``where`` to the twist in a design of the space."""
         return self._limit_twist(design.width, design.twist, where)
 
     def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
-        """Also keep these spirals fixed at the values of a design."""
+        """Fix these spirals, beside those already fixed, at the values of a design."""
         kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
         return replace(self, kept=FixedSpirals.of(design, kept.astype(np.int64)) if len(kept) else None)
 
@@ -182,7 +184,7 @@ class DesignSpace:
 
     @property
     def _group_of_arm(self) -> Int[np.ndarray, " 4"]:
-        """The group of every arm."""
+        """Index of the group of every arm."""
         return np.arange(4) % self.groups
 
     def _width_shares(self, width: np.ndarray) -> Float[np.ndarray, "quads _"]:

@@ -74,7 +74,7 @@ class Target:
 
     @cached_property
     def back(self) -> csr_array:
-        """The operator's transpose."""
+        """Transpose of the operator."""
         return csr_array(self.operator.T)
 
     @cached_property

@@ -56,6 +56,7 @@ class Opening:
 
     @classmethod
     def of(cls, design: SpiralDesign) -> Opening:
+        """Return the requirement for a design, without corrections."""
         p = design.params
         slots = Slots(p.blend, p.fillet, p.thickness, p.clockwise)
         return cls(Shapes.of(design.flat, p), slots, WIDTH_SHARE * slot_needed(p), p)
@@ -148,6 +149,7 @@ class Closing:
 
     @property
     def _unit(self) -> float:
+        """Weight of one slot in the objective."""
         return SLOT_WEIGHT / len(self.opening.shapes.mate)
 
     @property
@@ -209,6 +211,7 @@ class Closing:
 
     @property
     def _by_motion(self) -> Float[np.ndarray, "k 2 1 6"]:
+        """Derivatives of the widths by the motions of both tips."""
         return self.found.slopes[0][:, :, None]
 
     def _at_tips(self, values: np.ndarray) -> np.ndarray:
@@ -241,6 +244,7 @@ class Narrow(Term):
 
     @cached_property
     def by_x(self) -> csr_array:
+        """Derivatives (K, coordinates) of the widths by the coordinates at fixed hubs."""
         return self.slopes(self.closing)
 
     @property
@@ -266,7 +270,7 @@ class Narrow(Term):
 
     @cached_property
     def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
-        """Second derivatives by the widths that are not 0, and the derivatives of these widths."""
+        """Second derivatives of the penalty by the widths, where they are not 0, and the Jacobian of these widths."""
         return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:

@@ -22,7 +22,9 @@ from .composite import CompositeModel
 from .inverse import Point, Problem
 from .scaling import Bending
 
-MAX_TURN = 0.3  # radians, largest predicted rotation of a hub in one step; larger steps leave the tangent's range
+# Radians, largest rotation of a hub between an equilibrium and the predicted start of the next; predictions are shortened to it, and
+# refused beyond four times as much
+MAX_TURN = 0.3
 EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
 STOPPED = "stopped"  # ``Trace.ended`` of a cancelled search
 GOAL = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
@@ -118,6 +120,7 @@ class _GaussNewtonProblem:
         return self.best.problem.work.over
 
     def within(self, point: Point) -> Progress:
+        """Return the progress at the present step, which shows the point's RMSE."""
         done, rmse = self.step_number / self.params.iterations, 1e3 * point.mismatch.rmse
         return self.progress.at(done, f"Step {self.step_number}, RMSE {rmse:.4g} mm")
 
@@ -135,6 +138,7 @@ class _GaussNewtonProblem:
         return point.value
 
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
+        """Return a step that nearly minimises the damped model; None after the time limit."""
         point: Point = here.own
         within = self.within(point)
 
@@ -153,6 +157,7 @@ class _GaussNewtonProblem:
         return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
 
     def gentle(self, here: Local, proposal: _Proposal) -> float:
+        """Return a damping of rotations by which turns of ``MAX_TURN`` at all hubs cost half the present objective."""
         return here.energy / (MAX_TURN**2 * len(proposal.moves))
 
     def rejected(self) -> None:

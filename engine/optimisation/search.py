@@ -113,7 +113,7 @@ class Task:
         return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
 
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
-        """The coordinates of designs in the same patches."""
+        """Return the design space of this design's patches."""
         self.work.add(SPACE, len(design.width))
         groups = GROUPS[self.params.arms]
         space = DesignSpace.of(design, of_design(design), groups, progress, self.constraints)
@@ -206,7 +206,7 @@ class Held:
 
 @dataclass(eq=False)
 class Search:
-    """One search.
+    """A search through all of its stages.
 
     accepted : called with every better point; farthest : largest allowed RMS distance from the target, in distances of neighbours
     first : the flat patches before earlier runs moved them; held : results of all stages, in their order

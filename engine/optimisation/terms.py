@@ -176,23 +176,28 @@ class Excess(Term):
 
     @cached_property
     def _pushes(self) -> Float[np.ndarray, " arms"]:
+        """Pushes of all arms: multiplier plus ``PENALTY`` times the relative excess."""
         known = 0.0 if self.bearing.pushes is None else self.bearing.pushes
         return (known + PENALTY * self.bearing.excess(self.strains)).ravel()
 
     @cached_property
     def _active(self) -> Int[np.ndarray, " k"]:
+        """Numbers of the arms that are part of the model of a step."""
         return np.flatnonzero(self._pushes > -ACTIVE_FROM)
 
     @cached_property
     def _rows(self) -> Rows:
+        """Jacobian of the active arms' strains."""
         return self.changes(self._active)
 
     @property
     def _unit(self) -> float:
+        """Weight of one arm in the objective."""
         return self.bearing.weight / (2 * len(self.strains))
 
     @property
     def _by_strain(self) -> float:
+        """Derivative of the relative excess by the strain."""
         return 1.0 / ((1.0 - MARGIN) * self.bearing.limit)
 
     def value_at(self, push: Float[np.ndarray, " k"]) -> float:
@@ -221,6 +226,7 @@ class Excess(Term):
 
     @cached_property
     def _curvature(self) -> Float[np.ndarray, " k"]:
+        """Second derivatives by the active strains; they fade out towards arms far below the limit."""
         return self.curvature_at(self._push, 1.0 + self._push / ACTIVE_FROM)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:

@@ -13,7 +13,7 @@ from ..surface.mesh import QuadMesh
 # Elastic energy, joules a spiral, below which a piece counts as unstrained: on 12 surfaces flat pieces of one panel had 1e-28, others 1e-3
 SLACK = 1e-12
 UNSTRAINED = (
-    "Spirals alone cannot bring it where it is wished: nothing bends the piece, so that it rests as it is cut, whatever its spirals are. "
+    "Other spirals cannot bring the piece to where you dragged it: nothing bends it, so it rests as it is cut. "
     "Hold or pull it somewhere, or cut it into more panels."
 )
 
