@@ -202,7 +202,7 @@ def space(
 
 
 # variable of every switch in ``ExploreParams``
-SWITCHES = {
+SWITCH_VARIABLES = {
     "vary_thickness": "spiral.thickness",
     "vary_widths": "spiral.width_max",
     "vary_twist": "spiral.twist_max",
@@ -223,7 +223,7 @@ def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
     """
     vary: dict[str, Any] = {"edge": (edge / params.ratio, edge * params.ratio)} if params.vary_size else {}
     present, known = shown_values(settings), _fields(settings)
-    for switch, name in SWITCHES.items():
+    for switch, name in SWITCH_VARIABLES.items():
         if not getattr(params, switch):
             continue
         section, _, short = name.partition(".")

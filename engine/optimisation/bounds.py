@@ -267,11 +267,11 @@ def conjugate_gradients(
 class Within:
     """Clearances of a problem, as ``restored`` needs them.
 
-    rooms : from coordinates, and spirals or None for all, to the clearances of closed and nearly closed gaps in which these spirals
-        have an arm, by the first ``own`` coordinates
-    shut : from coordinates, and spirals or None for all, to a mask of the spirals that have an arm in a closed gap
-    spread : from shares of the step, one a spiral, to one a coordinate
+    rooms(x, mask) : clearances, by the first ``own`` coordinates, of closed and nearly closed gaps at the arms of the masked spirals
+    shut(x, mask) : mask of the spirals with an arm in a closed gap, out of the gaps at the arms of the masked spirals
+    spread : repeats a value of every spiral for each of its coordinates
     spirals : number of spirals; own : number of coordinates that may move to open a gap, equally many for each spiral
+    A mask of None stands for all spirals.
     """
 
     rooms: Callable[[np.ndarray, np.ndarray | None], Rooms]

@@ -163,11 +163,11 @@ class FlatProblem(Problem):
         flat = self.flat.within(x[n:].reshape(-1, 2), inner[n:].reshape(-1, 2))
         return np.concatenate([x[:n], flat.ravel()])
 
-    def _spread(self, share: np.ndarray) -> np.ndarray:
+    def _repeat(self, share: np.ndarray) -> np.ndarray:
         flat = self.flat.flat
         at_points = np.ones(len(flat.points))
         np.minimum.at(at_points, flat.layout.flat_corners, share[:, None])
-        return np.concatenate([super()._spread(share), np.repeat(at_points, 2)])
+        return np.concatenate([super()._repeat(share), np.repeat(at_points, 2)])
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
         cost = self.flat.cost(x[self.own :].reshape(-1, 2))
@@ -250,7 +250,7 @@ class FlatPoint(Point):
         In this order: the joint's gradient (12); the wrenches of both arms (12), where strains count; the joint's share of every
         soft eigenvalue, where some are low; the motions of both tips (12), where slots close.
         """
-        strained, pairs = self.strains is not None, self._joints
+        strained, pairs = self.strains is not None, self._joint_pairs
         assert isinstance(self.model, ArmModel)
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
@@ -287,7 +287,7 @@ class FlatPoint(Point):
         return geometry_by_points(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
 
     @property
-    def _joints(self) -> Int[np.ndarray, "joints 2"]:
+    def _joint_pairs(self) -> Int[np.ndarray, "joints 2"]:
         """Bodies of all joints except a rim's strips, which do not depend on the flat shapes."""
         return self.assembly.without_strips.pairs
 
@@ -303,19 +303,19 @@ class FlatPoint(Point):
 
     @cached_property
     def _forces(self) -> csr_array:
-        pairs = self._joints
+        pairs = self._joint_pairs
         joints = np.arange(len(pairs))
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
         entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
         by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.whole.size, 6 * len(pairs)))
         by_flats = by_geometry @ self._by_flats
-        if self._held is not None:
-            by_flats += self._by_supports @ self._held[:, self.own :]
+        if self._support_motion is not None:
+            by_flats += self._by_supports @ self._support_motion[:, self.own :]
         return csr_array(hstack([self._forces_by_spirals(), by_flats]))
 
     @cached_property
-    def _held(self) -> csr_array | None:
+    def _support_motion(self) -> csr_array | None:
         """Derivatives (6 n, coordinates) of the poses of clamped supports by the coordinates; None without such supports."""
         if self.stance is None or not self.stance.loads.fixed[:, 3].any():
             return None

@@ -54,7 +54,7 @@ class Firmness:
         return cls(WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(WEIGHT * mismatch)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the logarithms (k,) of eigenvalues, see above, and their derivatives by these."""
+        """Return log((enough - m) / (rises - m)), m = ``LEAST``, with its tangent near m, and the derivatives by ``rises``."""
         room = rises - LEAST
         near = np.maximum(room, TANGENT_BELOW)
         return np.log((enough - LEAST) / near) + (near - room) / TANGENT_BELOW, -1.0 / near

@@ -53,7 +53,7 @@ class Found:
         return self.point.merit(strictness, mismatch, largest)
 
     def bears(self, other: Found) -> bool:
-        """Return whether mismatch and strains are at most ``MAX_GROWTH`` times those of ``other``, from which slots were opened."""
+        """Return whether mismatch and strains have grown by at most ``MAX_GROWTH`` since ``other``, the result before slots were opened."""
         if self.merit(LOOSE) == np.inf:
             return False
         target = self.point.problem.target
@@ -106,10 +106,10 @@ def _open_slots(search: Search, found: Found, progress: Progress) -> Found:
 
 
 def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
-    """Reduce twists step by step; return the step with the fewest closed slots, or ``found`` if none has fewer.
+    """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
 
-    before : result of the search, whose kept spirals do not change
-    bearable : overstrained spirals, and those beside them, keep their twists, and ``Found.bears`` must accept the result
+    before : result of the search; spirals that are kept in its problem do not change
+    bearable : overstrained spirals and their neighbours keep their twists, and ``Found.bears`` must accept the result
     """
     free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
     least, best, idle = _count_closed(found), found, 0

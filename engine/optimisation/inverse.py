@@ -93,7 +93,7 @@ class Problem:
         if not self.smoothness:
             return ()
         free = np.ones(len(x))  # the entries of flat vertices, at the end, have no effect
-        free[: self.own] = self._spread(self.space.free.astype(float))[: self.own]
+        free[: self.own] = self._repeat(self.space.free.astype(float))[: self.own]
         return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
 
     def rooms(self, x: np.ndarray) -> Rooms:
@@ -117,7 +117,7 @@ class Problem:
         if self.room is None:
             return x
         self.work.add(ROOMS, self.assembly.size)
-        within = Within(self._closing, self._shut, self._spread, self.assembly.size, self.own)
+        within = Within(self._nearly_closed, self._closed_spirals, self._repeat, self.assembly.size, self.own)
         return restored(x, inner.x, within)
 
     def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
@@ -129,16 +129,16 @@ class Problem:
         assert self.room is not None
         return self.room
 
-    def _closing(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
+    def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
         """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
         terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
         return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
-    def _shut(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
+    def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
         return self._room(x).closed(*self.space.design(x), quads) & self.space.free
 
-    def _spread(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
+    def _repeat(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
         """Return values of the spirals repeated for each of their coordinates."""
         return np.repeat(share, self.space.each)
 
@@ -351,15 +351,15 @@ class Point:
     def moves(self, change: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """Return the linearised increments (n, 6) of hubs and rim nodes for a change of the coordinates (eq. 8, tangent)."""
         moves = -self.system.solve((self._forces @ change).reshape(-1, 6))
-        return moves if self._held is None else moves + (self._held @ change).reshape(-1, 6)
+        return moves if self._support_motion is None else moves + (self._support_motion @ change).reshape(-1, 6)
 
     def adjoint(self, pull: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         """Return the derivative by the coordinates of a quantity with derivative ``pull`` (n, 6) by the hubs (eq. 8, adjoint)."""
         found = -(self._back_forces @ self.system.solve(pull).ravel())
-        return found if self._held is None else found + pull.ravel() @ self._held[: pull.size]
+        return found if self._support_motion is None else found + pull.ravel() @ self._support_motion[: pull.size]
 
     @property
-    def _held(self) -> csr_array | None:
+    def _support_motion(self) -> csr_array | None:
         """Derivatives (6 n, coordinates) of the supports' poses by the coordinates; None where these do not move."""
         return None
 

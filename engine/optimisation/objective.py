@@ -64,10 +64,10 @@ class Target:
         if self.wishes is None:
             return csr_array(compared)
         wished = places[self.wishes.quads].toarray() - (1.0 / n if self.free else 0.0)
-        return csr_array(vstack([compared, csr_array(self._wish * wished)]))
+        return csr_array(vstack([compared, csr_array(self._wish_factor * wished)]))
 
     @property
-    def _wish(self) -> float:
+    def _wish_factor(self) -> float:
         """Factor on the distance of one spiral from its wished place, per metre."""
         assert self.wishes is not None
         return self.urge / (self.unit * np.sqrt(max(len(self.wishes.quads), 1)))
@@ -83,7 +83,7 @@ class Target:
         found = self.centred(self.operator @ self.points)
         if self.wishes is not None:
             quads, places = self.wishes.quads, self.wishes.places
-            found[len(found) - len(quads) :] += self._wish * (places - self.points[quads])
+            found[len(found) - len(quads) :] += self._wish_factor * (places - self.points[quads])
         return found
 
     def centred(self, values: np.ndarray) -> np.ndarray:
@@ -160,7 +160,7 @@ class Mismatch:
         return self.backward(self.residual, project=False)
 
     @cached_property
-    def _turns(self) -> Float[np.ndarray, "_ some"]:
+    def _rotation_basis(self) -> Float[np.ndarray, "_ some"]:
         """Orthonormal basis (3 rows, k) of the residual's changes under small rotations of the piece; empty where it is held."""
         if not self.target.free:
             return np.zeros((self.own.size, 0))
@@ -168,15 +168,15 @@ class Mismatch:
         return np.linalg.qr(turned)[0]
 
     def forward(self, shift: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres, with the best rotation."""
-        return self._without_turns(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
+        """Return the linearised change (rows, 3) of the residual for shifts (n, 3) of the centres, metres; the rotation adjusts."""
+        return self._project_out_rotations(self.target.centred(self.target.operator @ shift) @ self.rotation.T)
 
     def backward(self, change: np.ndarray, project: bool = True) -> np.ndarray:
-        """Return the transposed product of ``forward``; without ``project``, that of the change at a fixed rotation."""
-        kept = self._without_turns(change) if project else change
+        """Return the transposed product of ``forward``; if not ``project``, with the rotation held fixed."""
+        kept = self._project_out_rotations(change) if project else change
         return self.target.back @ self.target.centred(kept @ self.rotation)
 
-    def _without_turns(self, change: np.ndarray) -> np.ndarray:
+    def _project_out_rotations(self, change: np.ndarray) -> np.ndarray:
         """Subtract from a change of the residual the component that a small rotation of the piece undoes."""
         flat = change.ravel()
-        return (flat - self._turns @ (self._turns.T @ flat)).reshape(change.shape)
+        return (flat - self._rotation_basis @ (self._rotation_basis.T @ flat)).reshape(change.shape)

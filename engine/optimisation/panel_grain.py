@@ -97,7 +97,7 @@ def choose_grain(
 
     Returns
     -------
-    The design unchanged if the material has no grain, the elastic model is the one of rods, or there is no equilibrium.
+    The design with its rotations; unchanged if the material has no grain, the elastic model is of rods, or there is no equilibrium.
     """
     count = len(design.flat.layout.patches)
     once = replace(physics, restarts=0)

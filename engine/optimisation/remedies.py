@@ -25,9 +25,9 @@ MOST = 2.0  # largest factor on the size in one step; pressing again continues f
 MAX_SIZES = 3  # largest number of sizes whose strain is computed; strain is nearly inverse to size, so the second is mostly right
 MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
 STEP = 0.05  # factors on the size are rounded up to a multiple of it
-# Factor on the number of quads. With 2, five surfaces with distorted quads came from 2.8, 2.3, 3.0, 1.4 and 1.3 % of their size to
-# 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised saddles went from 0.56,
-# 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
+# Factor on the number of quads. With 2, the distance of five surfaces with distorted quads from their target fell from 2.8, 2.3, 3.0, 1.4
+# and 1.3 % of their size to 1.4, 1.2, 1.3, 0.9 and 1.2 %. Where spirals are within their bounds the gain is uncertain: three optimised
+# saddles went from 0.56, 0.52 and 0.48 to 0.50, 0.64 and 0.73 %
 DENSER = 2
 # preferred thicknesses in one decade: the series R''10 of ISO 497, in which most sheets are sold
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)

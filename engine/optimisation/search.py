@@ -88,7 +88,14 @@ class Task:
     wishes: Wishes | None = None
 
     def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
-        """Return the problem of the spirals in this design's flat shapes; space : that of the design by default."""
+        """Return the inverse problem of the spirals in a design's flat shapes, with the whole elastic model.
+
+        Parameters
+        ----------
+        design : with the flat shapes and settings
+        progress : reports progress and raises Cancelled
+        space : coordinates of the spirals; the space of ``design`` by default
+        """
         assembly, physics, params = of_design(design), self.physics, self.params
         mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
         loads = Loads.of(assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass)
@@ -131,9 +138,14 @@ class Task:
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
     def rested(self, design: SpiralDesign, point: Point) -> Simulation:
-        """Return the equilibrium of a design that was made from a point: the point's own if equal, else simulated from its pose.
+        """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
 
         Under gravity it is always simulated, because a search computes the weights of its spirals only at the start of a stage.
+
+        Parameters
+        ----------
+        design : made from the point
+        point : converged point of the search
         """
         assembly, found, loads = of_design(design), point.equilibrium, point.problem.loads
         if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):

@@ -107,10 +107,10 @@ class Apart(Term):
     @property
     def gradient(self) -> Change:
         further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
-        return Change(_shifts(self.mismatch.gradient + further), 0.0)
+        return Change(_at_centres(self.mismatch.gradient + further), 0.0)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return Change(_shifts(self.mismatch.backward(self._forward(moves))), 0.0)
+        return Change(_at_centres(self.mismatch.backward(self._forward(moves))), 0.0)
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Apart:
         return Apart(self.mismatch, self._forward(moves))
@@ -289,7 +289,7 @@ def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray,
     return hubs, own
 
 
-def _shifts(pull: np.ndarray) -> np.ndarray:
+def _at_centres(pull: np.ndarray) -> np.ndarray:
     """Return derivatives (n, 3) by the centres as derivatives (n, 6) by the increments."""
     return np.concatenate([pull, np.zeros_like(pull)], axis=1)
 

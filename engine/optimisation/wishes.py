@@ -27,7 +27,13 @@ class Wishes:
 
     @classmethod
     def of(cls, mesh: QuadMesh, offsets: Float[np.ndarray, "quads 3"]) -> Wishes | None:
-        """Return the wishes at offsets from the quads' centroids, metres, where 0 is no wish; None if there are none."""
+        """Return wishes given as offsets; None if there are none.
+
+        Parameters
+        ----------
+        mesh : the target
+        offsets : from the quads' centroids, metres; 0 for no wish
+        """
         quads = np.flatnonzero(offsets.any(axis=1))
         return cls(quads, mesh.centroids[quads] + offsets[quads]) if len(quads) else None
 

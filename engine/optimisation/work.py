@@ -22,8 +22,8 @@ VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``G
 OPENING = 4.5e-5  # widths of the slots in space, with half of their derivatives
 ROOMS = 1.5e-4  # clearances of a step, and restoring them
 # Time limit of a search, seconds, by the number of spirals; proportional beyond the last. The work before and after a search takes up to a
-# fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. The limit is exceeded by a quarter where
-# strains exceed theirs, and by up to six tenths where further searches open closed slots
+# fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. Searches take a quarter more where
+# strains are still too large, and up to six tenths more where closed slots are opened
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 # Time limit, by the same numbers of spirals, of a search near its target whose strains are not far beyond their limit. 150 spirals reach 0.16 mm after 3 s and
 # 0.14 mm after 13 s, 986 reach 0.17 mm and 1296 0.020 mm, where 0.21, 0.18 and 0.022 mm are wanted
@@ -49,7 +49,13 @@ class Work:
 
     @classmethod
     def of(cls, size: int, patience: float) -> Work:
-        """Return a counter for ``size`` spirals; its limit is ``patience`` times the usual one, none if ``patience`` is 0."""
+        """Return a counter for a search.
+
+        Parameters
+        ----------
+        size : number of spirals
+        patience : factor on the usual limit; 0 for no limit
+        """
         usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
         return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, enough / usual)
 

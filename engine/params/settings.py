@@ -147,14 +147,14 @@ def _as_shown(f: Field, value: Any) -> Any:
     return float(f"{value * SHOWN[f.metadata['unit']][0]:.9g}") if isinstance(value, float) else value
 
 
-SWITCHES = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
+ON_OFF_WORDS = {"true": True, "yes": True, "on": True, "1": True, "false": False, "no": False, "off": False, "0": False}
 
 
 def _parse_switch(label: str, value: Any) -> bool:
     """Return True or False from a value that a user gives, such as "on" or 0."""
-    if not isinstance(value, bool | str | Integral) or str(value).lower() not in SWITCHES:
+    if not isinstance(value, bool | str | Integral) or str(value).lower() not in ON_OFF_WORDS:
         raise FlexMapsError(f"{label} {quoted(value)}: give on or off")
-    return SWITCHES[str(value).lower()]
+    return ON_OFF_WORDS[str(value).lower()]
 
 
 def _from_shown(f: Field, value: Any) -> Any:
