@@ -64,17 +64,19 @@ class Work:
         self.done += seconds * size
 
     def paced(self, progress: Progress) -> Progress:
-        """A progress that goes with the work that is done, and not with steps, of which nobody knows how many it will take.
+        """Return a progress that follows the work done, as the number of steps is unknown.
 
-        Most searches end when their time is over; one that ends before makes the rest of it in one leap.
+        Whether a search ends at ``enough`` of its limit or goes on is not known before: the share shown there is its square root,
+        which is wrong by the same factor in both cases.
         """
-        report = progress.report
-        if self.limit is None or report is None:
+        report, limit = progress.report, self.limit
+        if limit is None or report is None:
             return progress
-        whole, limit = progress.hi - progress.lo, self.enough * self.limit
+        root = self.enough**0.5
 
         def told(_: float, text: str) -> None:
-            report(progress.lo + whole * min(self.done / limit, 1.0), text)
+            share = float(np.interp(self.done / limit, (0.0, self.enough, 1.0), (0.0, root, 1.0)))
+            report(progress.lo + (progress.hi - progress.lo) * share, text)
 
         return replace(progress, report=told)
 

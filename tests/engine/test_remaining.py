@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from flexmaps.engine.optimisation.work import Work
+from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import FIRST_SECONDS, FIRST_SHARE, Remaining, told
 
 
@@ -47,3 +49,16 @@ def test_times_are_said_as_people_say_them() -> None:
         "83 min",
         "1.7 h",
     ]
+
+
+def test_the_bar_of_a_search_moves_on_where_it_takes_all_of_its_time() -> None:
+    shown: list[float] = []
+    work = Work(limit=10.0, enough=0.25)
+    told = work.paced(Progress(report=lambda share, _: shown.append(share)))
+    for seconds in np.arange(0.0, 10.5, 0.5):
+        work.done = seconds
+        told(0.0, "")
+    assert shown[0] == 0.0 and (np.diff(shown) > 0.0).all() and shown[-1] == pytest.approx(1.0)
+    # where it may end early, the share is wrong by the same factor whether it does or goes on
+    early = shown[5]
+    assert 1.0 / early == pytest.approx(early / 0.25)
