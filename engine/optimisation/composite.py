@@ -30,7 +30,7 @@ class ModelState:
     """The model after a step of the coordinates.
 
     moves : (n, 6) linearised increments of the hubs; terms, costs : of the objective there
-    value : of the objective; damped : the same plus the damping
+    value : of the objective; damped : objective plus damping
     """
 
     step: Float[np.ndarray, " coordinates"]

@@ -275,7 +275,7 @@ class Narrow(Term):
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:
         ahead = Narrow(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))
-        ahead.__dict__.update(by_x=self.by_x, _transposed=self._transposed)  # the same derivatives
+        ahead.__dict__.update(by_x=self.by_x, _transposed=self._transposed)  # derivatives are constant along a step
         return ahead
 
     def _forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:

@@ -48,7 +48,7 @@ MAX_PROOFS = 3  # largest number of designs that are proved, the best first, unt
 # made results of two other surfaces worse by a third
 START_RATIO = 1.5
 SAME_START = 0.01  # largest difference of coordinates, in [0, 1], between starts that count as equal; not measured
-RESULT_TOL = 0.02  # relative difference of merit below which a proved design counts as good as the search's, and two designs as similar
+RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ PROBES = 2  # products with the matrix in a refinement; more are more exact and 
 # changes the objective by less than its value. Ten times more and ten times less do as well on three surfaces
 MIN_CURVATURE = 1.0
 MIN_SQUARE = 1e-12  # lower bound of squared scaled products, which limits the change in one refinement; less is noise
-# Lower bound of an estimate: that of a coordinate without effect, of a kept spiral, would reach 0 after fifty refinements
+# Lower bound of an estimate: for coordinates without effect (kept spirals) it would reach 0 after fifty refinements
 MIN_ESTIMATE = 1e-30
 FIRST_ESTIMATE = 1e-3  # chosen by eye; has no effect after five refinements
 

@@ -115,7 +115,7 @@ class Task:
         )
 
     def aim(self, assembly: Assembly, free: bool) -> Target:
-        """Return the target of the spirals' centres; free : nothing holds the piece."""
+        """Return the target of the spirals' centres; free : whether nothing holds the piece."""
         wishes = self.wishes if self.params.urge > 0.0 else None
         return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
 

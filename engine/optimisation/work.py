@@ -13,13 +13,13 @@ import numpy as np
 
 from ..progress import Progress
 
-# Work in seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core: for an equilibrium, each of its Newton iterations, a
+# Costs in seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core: for an equilibrium, each of its Newton iterations, a
 # Gauss-Newton product, and the derivatives by the flat geometry
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4  # building the model, fitting a design that can be cut, a design space
 SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
 VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
-OPENING = 4.5e-5  # widths of the slots in space, with half of their derivatives
+OPENING = 4.5e-5  # the widths of the slots in space, with half of their derivatives
 ROOMS = 1.5e-4  # clearances of a step, and restoring them
 # Time limit of a search, seconds, by the number of spirals; proportional beyond the last. The work before and after a search takes up to a
 # fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. Searches take a quarter more where
