@@ -25,6 +25,7 @@ PAGES = {
     "docs/microstructures.md": "microstructures.md",
     "docs/translating.md": "translating.md",
     "docs/development.md": "development.md",
+    "docs/tuning.md": "tuning.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
     "database/report/README.md": "database-report.md",
