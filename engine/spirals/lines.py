@@ -1,4 +1,4 @@
-"""Single arms as complex numbers, for any points on any of them at once, with derivatives by everything that shapes them."""
+"""Centre lines of single arms as complex numbers, with derivatives with respect to all parameters of the arms."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from ..arrays import Complex, Float, Int
 from .blends import ANGLE, NUMBERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blends
 from .spiral import curve, widths
 
-# The numbers of an arm by which there are derivatives: those of its blended end, and the centre of its quad.
+# Columns of the derivatives with respect to an arm's parameters: the columns of ``blends``, then the quad's centre.
 CENTRE_X, CENTRE_Y = NUMBERS, NUMBERS + 1
-COUNT = NUMBERS + 2  # how many these are
+COUNT = NUMBERS + 2  # number of these columns
 
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """N arms one by one.
+    """Shape parameters of N single arms.
 
-    centre : metres; radius : metres; angle, wind : radians; width : metres; end : their blended ends
+    centre : centre of the quad, metres, complex
+    radius, angle : length (metres) and direction (radians) from the centre to the joint
+    wind : radians, twist with the sign of the sense of rotation
+    width : metres, away from the joint
+    end : blends at the joints
     """
 
     centre: Complex[np.ndarray, " n"]
@@ -38,21 +42,31 @@ class Lines:
         both: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]],
         shortest: float,
     ) -> Lines:
-        """From their own and their mates' widths, winds and leans, see ``blends.blends``."""
+        """Make arms and their blends.
+
+        Parameters
+        ----------
+        centre, radius, angle : as the attributes
+        both : widths, winds and leans of the arms and of their mates, as in ``blends.blends``
+        shortest : length of the blend of an arm that hardly turns, in t
+        """
         width, wind, lean = both
         return cls(centre, radius, angle, wind[:, 0], width[:, 0], blends(width, wind, lean, radius, angle, shortest))
 
     def at(
         self, i: Int[np.ndarray, "*arms"], t: Float[np.ndarray, "*m"]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Points of the arms i at t and their first and second derivatives by t; half of the width there and its own."""
+        """Evaluate the arms i at t.
+
+        Return points and their first and second derivatives by t, then half widths and their first and second derivatives.
+        """
         end = self.end
         p, d1, d2 = curve(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
         w, w1, w2 = widths(self.width[i], end.width[i], end.share[i], t)
         return self.centre[i] + p, d1, d2, 0.5 * w, 0.5 * w1, 0.5 * w2
 
     def points(self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]) -> Complex[np.ndarray, "*m"]:
-        """Points of the arms i at t."""
+        """Return the points of the arms i at t."""
         end = self.end
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
         return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * bent(end.share[i], t)
@@ -60,7 +74,7 @@ class Lines:
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, "m numbers"], Float[np.ndarray, "m numbers"]]:
-        """Derivatives of the points at t, each along a direction, and of half of the width there, by the arms' numbers."""
+        """Return the derivatives of the points at t, each along a direction, and of the half widths, by the arms' parameters."""
         end, share, slope = self.end, self.end.share[i], self.end.slope[i]
         u = np.minimum(t / share, 1.0)
         uu = u * u
@@ -69,16 +83,16 @@ class Lines:
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
         point = np.zeros((len(i), COUNT))
 
-        def seen(move: np.ndarray) -> np.ndarray:
+        def project(move: np.ndarray) -> np.ndarray:
             return move.real * along.real + move.imag * along.imag
 
-        by_slope, by_share = (share * value), seen(slope) * (value - u * change)
+        by_slope, by_share = (share * value), project(slope) * (value - u * change)
         point[:, :NUMBERS] = by_slope[:, None] * (
             end.slope_by[i].real * along.real[:, None] + end.slope_by[i].imag * along.imag[:, None]
         )
         point[:, :NUMBERS] += by_share[:, None] * end.share_by[i]
-        radial = seen(turn) * (1.0 - t)
-        across = seen(1j * turn) * (1.0 - t) * self.radius[i]
+        radial = project(turn) * (1.0 - t)
+        across = project(1j * turn) * (1.0 - t) * self.radius[i]
         point[:, OWN_WIND] += t * across
         point[:, RADIUS] += radial
         point[:, ANGLE] += across
@@ -98,8 +112,17 @@ class Lines:
         velocity: Complex[np.ndarray, "n m"],
         half: Float[np.ndarray, "n m"],
     ) -> tuple[Float[np.ndarray, "n numbers"], Float[np.ndarray, "n m"]]:
-        """Derivatives by the arms' numbers, without their centres, and by t, of what changes with all arms' points at t, seen
-        from their centres, with the derivatives of these by t and with half of the width there (``at``) as told."""
+        """Apply the chain rule (vector-Jacobian product) to a function of points, velocities and half widths at t.
+
+        Parameters
+        ----------
+        t : (N, M) places on the N arms
+        point, velocity, half : derivatives of the function by the points, by their derivatives by t, and by the half widths
+
+        Returns
+        -------
+        (N, NUMBERS) derivatives by the arms' parameters without their centres, and (N, M) derivatives by t
+        """
         end, rest, i = self.end, 1.0 - t, np.arange(len(t))[:, None]
         share, slope = end.share[:, None], end.slope[:, None]
         _, d1, d2, _, half1, _ = self.at(i, t)
@@ -107,32 +130,32 @@ class Lines:
         uu = u * u
         value, change = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))), 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
         again, joint = u * (-36.0 + u * (96.0 - 60.0 * u)) * u, 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
-        # turned back by the spiral's own turn: of the points and their derivatives along its spokes
+        # in a frame that turns with the spiral, the derivatives are along and across the spoke
         back = np.exp(-1j * (self.angle[:, None] + self.wind[:, None] * t))
         own, pace = back * point, back * velocity
-        wound = 1j * self.wind[:, None] * rest - 1.0
-        radial = _seen(own, rest) + _seen(pace, wound)
-        turned = self.radius[:, None] * (_seen(own, 1j * rest) + _seen(pace, 1j * wound))
+        speed = 1j * self.wind[:, None] * rest - 1.0
+        radial = _dot(own, rest) + _dot(pace, speed)
+        across = self.radius[:, None] * (_dot(own, 1j * rest) + _dot(pace, 1j * speed))
         by_slope = (point * (share * value) + velocity * change).sum(1)
         by_share = (
-            _seen(point, slope) * (value - u * change) - _seen(velocity, slope) * (again / share) - half * half1 * u
+            _dot(point, slope) * (value - u * change) - _dot(velocity, slope) * (again / share) - half * half1 * u
         )
         out = by_slope.real[:, None] * end.slope_by.real + by_slope.imag[:, None] * end.slope_by.imag
         out += by_share.sum(1)[:, None] * end.share_by + 0.5 * (half * joint).sum(1)[:, None] * end.width_by
         out[:, OWN_WIDTH] += 0.5 * (half * (1.0 - joint)).sum(1)
         out[:, RADIUS] += radial.sum(1)
-        out[:, ANGLE] += turned.sum(1)
-        out[:, OWN_WIND] += (t * turned + self.radius[:, None] * _seen(pace, 1j * rest)).sum(1)
-        return out, _seen(point, d1) + _seen(velocity, d2) + half * half1
+        out[:, ANGLE] += across.sum(1)
+        out[:, OWN_WIND] += (t * across + self.radius[:, None] * _dot(pace, 1j * rest)).sum(1)
+        return out, _dot(point, d1) + _dot(velocity, d2) + half * half1
 
 
-def _seen(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of vectors in the plane."""
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the scalar products of vectors in the plane, as complex numbers."""
     return (np.conj(a) * b).real
 
 
 def bent(share: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """What a blended end of this share of an arm adds to its points at t, per slope at the joint; both broadcast (see ``spiral.curve``)."""
+    """Return the offset of points at t due to a blend of length ``share``, per ``Blends.slope``; both broadcast (see ``spiral.curve``)."""
     u = np.minimum(t / share, 1.0)
     uu = u * u
     return share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))

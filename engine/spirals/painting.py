@@ -1,7 +1,7 @@
-"""Spirals changed by hand: a brush, or a field over the whole surface, draws them towards others, as far as they can be cut.
+"""Change spirals by hand, with a brush or with a field over the whole surface, as far as they can be cut.
 
-Every brush names spirals that full strength would lead to, and a stroke leads so much of the way there as its weight says.
-So nothing is ever beyond the bounds of widths and twists, and where slots would close, a spiral goes less far.
+Every brush has goal spirals for full strength; a dab moves each spiral towards its goal by the weight's share of the way.
+So widths and twists stay within their bounds. Where slots would close, a spiral moves less.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ from .design import SpiralDesign
 from .room import Room
 from .slots import DEPTH, slot_needed, twist_limit, width_range
 
-HALVINGS = (
-    6  # of a spiral's way where its slots would close, before it stays where it is: 2 % of the way are lost at most
-)
-LONGEST = 40  # rounds in which spirals are found that have to go less far
+# halvings of a spiral's move where slots would close, before the spiral stays; more lose less of the move (here 2 %) and
+# take longer
+HALVINGS = 6
+ROUNDS = 40  # most rounds of halving over all spirals
 
 Spirals = tuple[np.ndarray, np.ndarray]  # widths (F, 4) in metres and twists (F,) in radians
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """What does not change while somebody paints: where spirals may go, and who are neighbours.
+    """Data that stays constant while painting: ranges of the spirals, and neighbours.
 
-    low, high : (F,) metres, range of the widths; diameter : (F,) metres, of the spirals
-    spokes : (F, 4, 3) metres, from the middle of every quad of the surface to the middles of its sides
-    mate : (F, 4) the arm that every arm is joined with, 4 quad + side; itself at the border
+    low, high : (F,) range of the widths, metres
+    diameter : (F,) diameter of the spirals, metres
+    spokes : (F, 4, 3) from the centre of every quad of the surface to the middles of its sides, metres
+    mate : (F, 4) arm across every joint, 4 quad + side; at the border the arm itself
     """
 
     flat: FlatPatches
@@ -46,16 +47,16 @@ class Canvas:
 
     @classmethod
     def of(cls, design: SpiralDesign) -> Canvas:
-        """That of all designs in the same flat patches with the same settings."""
+        """Return the canvas for all designs with these flat patches and settings (cached)."""
         return _canvas(design.flat, design.params)
 
     @cached_property
     def beside(self) -> Int[np.ndarray, "quads 4"]:
-        """The quads at the sides of every quad, also across cuts; itself at the border."""
+        """Quads across the sides of every quad, also across cuts; at the border the quad itself."""
         return self.mate // 4
 
 
-@lru_cache(maxsize=2)  # one dab after the other asks for that of the same patches
+@lru_cache(maxsize=2)  # consecutive dabs paint on the same patches
 def _canvas(flat: FlatPatches, params: object) -> Canvas:
     mesh = flat.layout.mesh
     low, high = width_range(flat, params)  # type: ignore[arg-type]
@@ -79,11 +80,11 @@ def _mates(mesh: QuadMesh) -> Int[np.ndarray, "quads 4"]:
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """What a brush is told beside its weight.
+    """Options of a brush beside its weight.
 
-    inverted : the other way round, where a brush has one
-    direction : (3,) of all, or (F, 3) of every quad, along which ``along`` makes sheets stiff; of any length, in the surface's axes
-    level : (F,) from 0 to 1, the stiffness that ``stiffness`` gives
+    inverted : reverse the brush's effect, if it has a reverse
+    direction : (3,) or (F, 3) vector along which the brush ``along`` stiffens, in the surface's axes; of any length
+    level : (F,) stiffness from 0 to 1 that the brush ``stiffness`` sets
     """
 
     inverted: bool = False
@@ -95,20 +96,20 @@ Brush = Callable[[SpiralDesign, Canvas, Stroke], Spirals]
 
 
 def _stiffest(design: SpiralDesign, canvas: Canvas) -> Spirals:
-    """As wide as may be, and as little wound."""
+    """Return the largest widths and the smallest twist."""
     return np.repeat(canvas.high[:, None], 4, axis=1), np.full(len(canvas.low), design.params.twist_min)
 
 
 def _softest(design: SpiralDesign, canvas: Canvas) -> Spirals:
-    """As thin as may be, and as far wound as a regular spiral of that width."""
+    """Return the smallest widths and the largest twists that they allow."""
     width = np.repeat(canvas.low[:, None], 4, axis=1)
-    return width, _most_wound(design, canvas, width)
+    return width, _largest_twist(design, canvas, width)
 
 
-def _most_wound(
+def _largest_twist(
     design: SpiralDesign, canvas: Canvas, width: Float[np.ndarray, "quads 4"]
 ) -> Float[np.ndarray, " quads"]:
-    """Radians: as far as a regular spiral may be wound before its slots close; quads that are none close them sooner."""
+    """Return the largest twist in radians of a regular spiral of that width; in irregular quads slots close sooner."""
     params = design.params
     limit = twist_limit(canvas.diameter, width.mean(axis=1), slot_needed(params), DEPTH)
     return np.clip(limit, params.twist_min, params.twist_max)
@@ -123,44 +124,45 @@ def _softer(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
 
 
 def _stiffness(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Between the softest at 0 and the stiffest at 1."""
+    """Interpolate between the softest spirals (level 0) and the stiffest (level 1)."""
     if stroke.level is None:
-        raise FlexMapsError("How stiff? Give every quad a level from 0, the softest, to 1, the stiffest")
+        raise FlexMapsError("The brush needs a stiffness; give every quad a level from 0 (softest) to 1 (stiffest)")
     level = 1.0 - stroke.level if stroke.inverted else stroke.level
     (thin, wound), (wide, straight) = _softest(design, canvas), _stiffest(design, canvas)
     return thin + level[:, None] * (wide - thin), wound + level * (straight - wound)
 
 
 def _smooth(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Half of the way to the neighbours' mean, so that a chequerboard fades and does not flip.
+    """Move halfway to the mean of the neighbours; a full step would flip a chequerboard instead of fading it.
 
-    The mean width of a spiral goes to that of its neighbours, what an arm differs from it by to that of the arm it is joined with.
+    The mean width of a spiral moves to the mean width of its neighbours. The deviation of an arm from that mean moves to the
+    deviation of its mate.
     """
     middle = design.width.mean(axis=1)
     unlike = design.width - middle[:, None]
     mated = unlike.ravel()[canvas.mate]
     width = 0.5 * (middle + middle[canvas.beside].mean(axis=1))[:, None] + 0.5 * (unlike + mated)
-    # the border has itself for a neighbour, and what an arm differs by may add up to more than there is room for
+    # mean and deviation together may leave the allowed range
     width = np.clip(width, np.minimum(canvas.low, design.width.min(axis=1))[:, None], canvas.high[:, None])
     return width, 0.5 * (design.twist + design.twist[canvas.beside].mean(axis=1))
 
 
 def _twist(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """More wound; inverted, less."""
+    """Increase the twist, or decrease it if inverted."""
     least = np.full(len(canvas.low), design.params.twist_min)
-    return design.width, least if stroke.inverted else _most_wound(design, canvas, design.width)
+    return design.width, least if stroke.inverted else _largest_twist(design, canvas, design.width)
 
 
 def _width(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Wider; inverted, thinner."""
+    """Widen the arms, or thin them if inverted."""
     ends = canvas.low if stroke.inverted else canvas.high
     return np.repeat(ends[:, None], 4, axis=1), design.twist
 
 
 def _along(design: SpiralDesign, canvas: Canvas, stroke: Stroke) -> Spirals:
-    """Arms along a direction wider and those across it thinner, by the cosine of twice the angle; inverted, the other way round."""
+    """Widen arms along a direction and thin arms across it, by the cosine of twice the angle; inverted, the reverse."""
     if stroke.direction is None:
-        raise FlexMapsError("Along what? Give a direction, such as x, or draw the brush that way")
+        raise FlexMapsError("The brush needs a direction; give one, such as x, or draw with the brush along it")
     way = np.broadcast_to(np.asarray(stroke.direction, dtype=float), (len(canvas.low), 3))
     normal = np.cross(canvas.spokes[:, 0], canvas.spokes[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
@@ -192,9 +194,19 @@ def painted(
     *,
     kept: Int[np.ndarray, " some"] | None = None,
 ) -> SpiralDesign:
-    """The design after one dab of a brush, one of ``BRUSHES``; spirals without weight, and those ``kept``, stay as they are.
+    """Return the design after one dab of a brush.
 
-    weight : (F,) from 0 to 1, so much of the way is gone. Raises ``FlexMapsError`` where there is no such brush.
+    Parameters
+    ----------
+    design : the present design
+    brush : key of ``BRUSHES``
+    weight : (F,) share of the way to the brush's goal, from 0 to 1
+    stroke : options of the brush
+    kept : indices of spirals that must stay
+
+    Raises
+    ------
+    FlexMapsError if there is no such brush, or it lacks an option.
     """
     if brush not in BRUSHES:
         raise FlexMapsError(f"There is no brush '{brush}'; the brushes are {', '.join(BRUSHES)}")
@@ -211,22 +223,22 @@ def painted(
         design.twist + weight * (twist - design.twist),
     )
     room, touched = Room.of(design.flat, design.params), weight > 0.0
-    # what gives room first, so that what takes it finds it
-    opened = _gone(
+    # first the changes that widen slots, so that the others have more room
+    opened = _move_towards(
         room,
         (design.width, design.twist),
         (np.minimum(wanted[0], design.width), np.minimum(wanted[1], design.twist)),
         touched,
     )
-    found = _gone(room, opened, wanted, touched)
-    return replace(design, width=found[0], twist=found[1], painted=True)
+    width, twist = _move_towards(room, opened, wanted, touched)
+    return replace(design, width=width, twist=twist, painted=True)
 
 
-def _gone(room: Room, start: Spirals, wanted: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
-    """As much of the way from a start as keeps the slots open, spiral by spiral; the start where that is nothing."""
+def _move_towards(room: Room, start: Spirals, wanted: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
+    """Move every touched spiral towards its goal as far as slots stay open; halve the moves of spirals at closed slots."""
     share, quads = touched.astype(float), touched
     width, twist = wanted
-    for turn in range(LONGEST):
+    for turn in range(ROUNDS):
         quads = room.closed(width, twist, quads) & (share > 0.0)
         if not quads.any():
             break

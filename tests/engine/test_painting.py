@@ -132,7 +132,7 @@ def test_a_level_of_stiffness_orders_the_spirals() -> None:
     found = stiffness(after, POM)
     assert found is not None
     assert np.corrcoef(np.argsort(np.argsort(level)), np.argsort(np.argsort(found)))[0, 1] > 0.95
-    with pytest.raises(FlexMapsError, match="How stiff"):
+    with pytest.raises(FlexMapsError, match="needs a stiffness"):
         painted(design, "stiffness", np.ones(len(level)))
     with pytest.raises(FlexMapsError, match="no brush 'stif'"):
         painted(design, "stif", np.ones(len(level)))
