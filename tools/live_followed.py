@@ -52,7 +52,7 @@ def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
     """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
     from flexmaps.engine.live.session import _pieces
 
-    at = _pieces["piece"]._at
+    at = _pieces["piece"]._now
     assert at is not None and shape.vertices is not None
     design = replace(made, width=given.width, twist=given.twist)
     found = simulate(design, made.flat.layout.mesh, given.material, given.simulate, start=at.pose)

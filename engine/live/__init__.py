@@ -1,1 +1,1 @@
-"""A piece that follows what is changed of it: its equilibrium from the last one on, step by step."""
+"""Live pieces: after every change, the equilibrium is solved again, step by step, from the last one."""

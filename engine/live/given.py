@@ -1,4 +1,4 @@
-"""All that the shape of a piece depends on, as plain arrays and settings that travel between processes."""
+"""Input of a live piece: all that its shape depends on, as plain arrays and settings that can be sent between processes."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from ..params import LayoutParams, SimulateParams, SpiralParams
 
 @dataclass(frozen=True, eq=False)
 class Given:
-    """What a live piece is made of.
+    """Input of a live piece.
 
-    vertices : metres; corners, sizes : as in ``PolygonMesh``
-    seams : where the surface is to be cut, in the engine's order of edges
-    cut : where it was cut when its flat patches were made; flat : metres, the corners of these patches, each in its patch's frame
-    energy : distortion of every quad as it was then, which tells where the surface was moved since
-    width, twist : metres and radians, of the spirals
-    supports : quads that are held where they lie in the target; force : newtons on the quads; None without
+    vertices, corners, sizes : as in ``PolygonMesh``, metres
+    seams : whether each edge is to be cut, in the engine's order of edges
+    cut : whether each edge was cut when the stored flat patches were made
+    flat : flat corners of these patches, each in its patch's frame, metres
+    energy : distortion of every quad when they were made; a difference shows where vertices have moved since
+    width, twist : of the spirals, metres and radians
+    spiral, layout, material, simulate : settings and material
+    supports : quads that are held at their places in the target, or None
+    force : forces on the quads, newtons, or None
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -43,23 +46,23 @@ class Given:
     force: Float[np.ndarray, "quads 3"] | None = None
 
     def changes(self, since: Given | None) -> dict[str, Any]:
-        """The members that differ from those of an earlier one, by name; all of them where there is none."""
+        """Return the fields that differ from an earlier input, by name; all fields if ``since`` is None."""
         own = {one.name: getattr(self, one.name) for one in fields(self)}
         return own if since is None else {k: v for k, v in own.items() if not same(v, getattr(since, k))}
 
     @property
     def mark(self) -> bytes:
-        """Tells it from any other."""
-        found = hashlib.blake2b(digest_size=16)
+        """Hash of all fields."""
+        digest = hashlib.blake2b(digest_size=16)
         for one in fields(self):
             value = getattr(self, one.name)
-            found.update(value.tobytes() if isinstance(value, np.ndarray) else pickle.dumps(value))
-            found.update(one.name.encode())
-        return found.digest()
+            digest.update(value.tobytes() if isinstance(value, np.ndarray) else pickle.dumps(value))
+            digest.update(one.name.encode())
+        return digest.digest()
 
 
 def same(one: Any, two: Any) -> bool:
-    """Whether two members are alike."""
+    """Return whether two values are equal, arrays included."""
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         return one.shape == two.shape and bool((one == two).all())
     if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):

@@ -1,8 +1,8 @@
-"""What an equilibrium is sought with, made from what is given; whatever a change leaves as it was is taken over.
+"""Model, loads and mesh of a live piece, built from its input; parts that a change does not affect are reused.
 
-Anew are made: the patches whose seams or vertices were changed, and the joints of the spirals whose shape or rest geometry was.
-Where those are many, what matters least and takes longest, the strains' second order and the weight of every spiral, is
-taken over as it was at first, and made anew when the piece has come to rest (``Rig.refined``).
+A change rebuilds the patches with changed seams or vertices, and the joints with changed spirals or rest geometry. If there
+are many changed joints, two slow and less important parts stay approximate at first: the second order of the strains and the
+weights of the spirals. ``Rig.refined`` computes them when the piece has come to rest.
 """
 
 from __future__ import annotations
@@ -29,18 +29,23 @@ from ..surface.checking import check
 from ..surface.mesh import PolygonMesh, QuadMesh
 from .given import Given, same
 
-# joints whose second order is made at once: 15 ms of a usual core. All of 2,400 spirals would take ten times as long
-AT_ONCE = 500
-# of ARAP energies, what rounding to single precision leaves: an absolute and a relative part, as where a .blend is read
-ROUNDED = (1e-4, 0.02)
+# joints whose second order of strains is computed in one step: 15 ms of a usual core; larger values make live shapes jerky
+BATCH = 500
+# tolerance for stored distortions, absolute and relative, because .blend files store single precision
+ROUNDING = (1e-4, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A piece ready to be brought to rest.
+    """All data that solving for the equilibrium of a piece needs.
 
-    rough : joints whose second order of the strains is taken over from another design
-    area : square metres of every spiral's material, which weigh; None where nothing does; guessed : whether that is not measured yet
+    given : the input
+    mesh, flat, assembly, model : target, flat patches, spirals and joints, elastic model
+    aim : pose of the hubs on the target
+    loads, system : supports and forces, and the linear system of Newton's method
+    rough : joints whose second order of strains comes from an earlier design
+    area : area of every spiral's material, square metres; None without gravity
+    guessed : whether ``area`` is an estimate
     """
 
     given: Given
@@ -57,9 +62,17 @@ class Rig:
 
     @classmethod
     def of(cls, given: Given, old: Rig | None = None, start: Pose | None = None) -> tuple[Rig, Pose]:
-        """The rig, and a pose to begin with: that of the old rig, carried over, with what is held where it belongs.
+        """Build the rig and a pose to start from.
 
-        Raises FlexMapsError where no such piece can be made, or nothing holds it against its loads.
+        Parameters
+        ----------
+        given : the input
+        old : earlier rig, whose unaffected parts are reused
+        start : present pose of the old rig's hubs; None to start on the target. Held hubs go to their places in the target
+
+        Raises
+        ------
+        FlexMapsError if no such piece can be made, or no support holds it against its loads.
         """
         mesh = _mesh(given, old)
         old = old if old is not None and mesh.quads is old.mesh.quads else None
@@ -71,30 +84,30 @@ class Rig:
         loads = _loads(given, area)
         stance = Stance(loads, mesh, flat.corners)
         aim = stance.aim
-        pose = aim if start is None else stance.placed(_carried(start, flat, old))
+        pose = aim if start is None else stance.placed(_adapt_pose(start, flat, old))
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
-            pose = replace(pose, nodes=None)  # those of another rim: its own are found anew
+            pose = replace(pose, nodes=None)  # nodes of another rim do not fit
         held = loads.held(assembly.pairs, pose.centres)
         if old is not None and same(held, old.system.held[: len(held)]) and same(model.pairs, old.model.pairs):
-            system = old.system  # it knows the order of its factors already
+            system = old.system  # reuses its symbolic factorisation
         else:
             system = NewtonSystem(model.pairs, held)
         return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
 
     @property
     def refinable(self) -> bool:
-        """Whether something of it is known to first order only."""
+        """Whether some parts are approximate."""
         return self.guessed or bool(self.rough.any())
 
     def refined(self) -> Generator[None, None, Rig]:
-        """The same, with nothing taken over; made in small parts."""
+        """Compute all approximate parts in small steps; return the exact rig."""
         given, model = self.given, self.model
         if isinstance(model, ArmModel):
             joints = np.flatnonzero(self.rough)
-            for first in range(0, len(joints), AT_ONCE):
-                some = joints[first : first + AT_ONCE]
+            for first in range(0, len(joints), BATCH):
+                some = joints[first : first + BATCH]
                 part = model.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
-                model = _put(model, part, self.assembly, some, given.material)
+                model = _replace_joints(model, part, self.assembly, some, given.material)
                 yield
         area = self.design.area if self.guessed else self.area
         rough = np.zeros_like(self.rough)
@@ -102,21 +115,22 @@ class Rig:
 
     @property
     def design(self) -> SpiralDesign:
+        """The design of the piece."""
         return SpiralDesign(self.flat, self.given.spiral, self.given.width, self.given.twist)
 
     @property
     def unit(self) -> float:
-        """Metres, the mean distance of joined spirals in the target."""
+        """Mean distance of joined spirals in the target, metres."""
         a, b = self.assembly.pairs.T
         return float(np.linalg.norm(self.aim.centres[b] - self.aim.centres[a], axis=1).mean())
 
     def laid(self, pose: Pose) -> Pose:
-        """A pose over the target, as far as nothing holds it."""
+        """Align a pose with the target, as far as supports allow."""
         return self.loads.laid(pose, self.assembly.pairs, self.aim)
 
 
 def _mesh(given: Given, old: Rig | None) -> QuadMesh:
-    """The checked mesh, which shares its topology with the old one where that is the same."""
+    """Return the checked mesh; it shares the old mesh's topology if faces are unchanged."""
     alike = old is not None and same(given.corners, old.given.corners) and same(given.sizes, old.given.sizes)
     if alike and old is not None and same(given.vertices, old.given.vertices):
         return old.mesh
@@ -127,7 +141,7 @@ def _mesh(given: Given, old: Rig | None) -> QuadMesh:
 
 
 def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
-    """The patches that were made, and anew those of which seams or vertices were changed since."""
+    """Return the stored flat patches; flatten those again whose seams or vertices have changed since."""
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
     if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
         return old.flat
@@ -135,7 +149,7 @@ def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
     points = np.zeros((int(made.flat_corners.max()) + 1, 2))
     points[made.flat_corners] = given.flat
     stored = measured(made, points)
-    least, share = ROUNDED
+    least, share = ROUNDING
     with np.errstate(invalid="ignore"):
         moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)
     layout = make_disks(PatchLayout(mesh, given.seams & ~mesh.border))
@@ -145,17 +159,17 @@ def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
 
 
 def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
-    """The elastic model, and the joints whose second order is that of another design."""
+    """Return the elastic model, and a mask of the joints whose second order of strains comes from an earlier design."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
     if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel) or rimmed:
         return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
-    joints = _changed(assembly, material, old.assembly, old.given)
+    joints = _changed_joints(assembly, material, old.assembly, old.given)
     if not joints.any():
         return replace(old.model, assembly=assembly), old.rough
     some = np.flatnonzero(joints)
     hubs = np.unique(assembly.pairs[some])
-    whole = len(some) <= AT_ONCE
+    whole = len(some) <= BATCH
     part = build_model(assembly.part(hubs, some), material, name, quick=not whole, slopes=False)
     assert isinstance(part, ArmModel)
     if not whole:
@@ -163,11 +177,11 @@ def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticMo
         part = part.with_curving(known)
     rough = old.rough.copy()
     rough[some] = not whole
-    return _put(old.model, part, assembly, some, material), rough
+    return _replace_joints(old.model, part, assembly, some, material), rough
 
 
-def _changed(assembly: Assembly, material: Any, old: Assembly, given: Given) -> Bool[np.ndarray, " joints"]:
-    """The joints whose elastic behaviour differs."""
+def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: Given) -> Bool[np.ndarray, " joints"]:
+    """Return a mask of the joints whose elastic behaviour has changed."""
     for name in ("thickness", "clockwise", "cut", "grain"):
         if getattr(assembly, name) != getattr(old, name):
             return np.ones(len(assembly.pairs), bool)
@@ -178,15 +192,17 @@ def _changed(assembly: Assembly, material: Any, old: Assembly, given: Given) -> 
     return moved | spirals[assembly.pairs].any(axis=1)
 
 
-def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any) -> ArmModel:
-    """The model with some of its joints as in a part."""
+def _replace_joints(
+    model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any
+) -> ArmModel:
+    """Replace some joints of a model by the joints of a part."""
 
     def put(whole: np.ndarray, some: np.ndarray) -> np.ndarray:
         out = whole.copy()
         out[joints] = some
         return out
 
-    # a live piece needs no derivatives by the design
+    # a live piece needs no derivatives with respect to the design
     compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
     names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving_at_joint")
     arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
@@ -194,7 +210,10 @@ def _put(model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.nda
 
 
 def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
-    """What weighs, and whether that is a guess, by the lengths of the arms: to measure it takes a while."""
+    """Return the areas of the spirals and whether they are estimates from the arms' lengths, because measuring is slow.
+
+    The areas are None without gravity.
+    """
     if not given.simulate.gravity:
         return None, False
     names = ("width", "twist", "spiral")
@@ -208,28 +227,29 @@ def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np
     corners = design.flat.corners
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1, keepdims=True)
     wind = np.maximum(given.twist, 1e-9)
-    # of r = (1 - t) R turned by wind t
-    longer = 0.5 * (np.sqrt(1.0 + wind**2) + np.arcsinh(wind) / wind)
-    return longer * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
+    # length of the spiral r = (1 - t) R, angle = twist t, per R
+    stretch = 0.5 * (np.sqrt(1.0 + wind**2) + np.arcsinh(wind) / wind)
+    return stretch * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
 
 
 def _loads(given: Given, area: Float[np.ndarray, " quads"] | None) -> Loads:
+    """Return supports and forces, weight included."""
     mass = None if area is None else area * given.spiral.thickness * given.material.density
     clamped = given.simulate.clamped
     return Loads.of(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
 
 
-def _carried(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
-    """A pose of the old rig's hubs, whose flat frames may have been turned since."""
+def _adapt_pose(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
+    """Adapt a pose of the old rig's hubs to the new flat frames, which may have turned."""
     if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
         return pose
     before, now = (
         (c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners)
     )
-    turn = (before * now.conj()).sum(axis=1)  # from the frame of now to that of before
+    turn = (before * now.conj()).sum(axis=1)  # from the new frame to the old one
     turn /= np.maximum(np.abs(turn), 1e-300)
     back = np.zeros((len(turn), 3, 3))
     back[:, 0, 0] = back[:, 1, 1] = turn.real
     back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
     back[:, 2, 2] = 1.0
-    return Pose(pose.centres, pose.rotations @ back)  # the flat shape of a rim has changed, and its nodes with it
+    return Pose(pose.centres, pose.rotations @ back)  # without nodes, because the rim has changed

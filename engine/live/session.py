@@ -1,4 +1,4 @@
-"""Live pieces in a process beside this one, each by a name: what the process keeps between two calls is what makes it quick."""
+"""Live pieces in a worker process, by name; keeping them between calls makes each call fast."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import Any
 from ..mechanics.assembly import Pose
 from .piece import LivePiece, Shape
 
-_pieces: dict[str, LivePiece] = {}
+_pieces: dict[str, LivePiece] = {}  # the pieces of this process
 
 
 @dataclass(frozen=True, eq=False)
 class Call:
-    """name : of the piece; changes : what differs since the last call, None where nothing does; whole : a new piece begins
+    """Request to a live piece.
 
-    start : where a new piece rests, if that is known
+    name : of the piece
+    changes : changed fields of ``Given`` since the last call, or None
+    whole : whether ``changes`` holds all fields and starts a new piece
+    start : pose at rest of a new piece, if known
     """
 
     name: str
@@ -25,9 +28,9 @@ class Call:
 
 
 def step(call: Call) -> Shape | None:
-    """Follow the changes and go some steps; None where the piece is not known here, so that all of it has to be sent."""
+    """Apply the changes and compute some steps; None if this process does not have the piece, so that ``whole`` is needed."""
     if call.whole:
-        _pieces.clear()  # one at a time: a process would else keep all that anybody ever looked at
+        _pieces.clear()  # keep one piece only, to save memory
         _pieces[call.name] = LivePiece()
     piece = _pieces.get(call.name)
     if piece is None:
@@ -38,5 +41,5 @@ def step(call: Call) -> Shape | None:
 
 
 def forget() -> None:
-    """Let go of all pieces."""
+    """Delete all pieces."""
     _pieces.clear()

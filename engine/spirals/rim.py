@@ -1,12 +1,12 @@
 """The rim: a strip along an open border that joins the tips of the arms there, with holes for a cord or rivets.
 
-Every arm at the border has a node, where its middle line meets that of the strip. It crosses the border at right angles (its mate is its
-own mirror image, see ``blends``) and goes straight on to the strip as its neck. Between two nodes the strip is a straight, an
-arc and a straight; so it turns with the border and its corners are round. It depends on the flat patches and on the settings alone and
-stays as it is while the spirals change.
+Every arm at the border has a node, where its centre line meets the strip's centre line. The arm crosses the border at right
+angles, because its mate is its own mirror image (see ``blends``); its straight part from there to the strip is its neck.
+Between two nodes the strip consists of a straight, an arc and a straight, so that it follows the border with round corners.
+The rim depends only on the flat patches and the settings, not on the spirals.
 
-At a cut the strip ends with its patch, on both sides of the seam with a gap between them. Lengths are metres; points of the plane are
-complex numbers in the frame of their patch.
+At a cut the strip ends with its patch; the two ends at a seam leave a gap. Lengths are metres; points are complex numbers in
+the frame of their patch.
 """
 
 from __future__ import annotations
@@ -24,23 +24,22 @@ from .arcs import Curve
 from .slots import slot_needed
 from .spiral import opposite_sides
 
-# Largest slope against the border's normal, along the seam, at which the end of a strip still follows it: beyond 45 degrees a strip
-# would end in a point
+# largest slope of a strip's end against the border's normal, as it follows the seam; beyond 45 degrees it would be a point
 _SLANT = 1.0
-_STRAIGHT = 1e-6  # radians below which two sides of the border count as one straight line
+_STRAIGHT = 1e-6  # largest turn between two sides of the border that count as one straight line, radians
 
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """The strips of all patches by their B nodes, in the order of quads and sides.
+    """Strips of all patches, as arrays over their B nodes in the order of quads and sides.
 
-    quad, side : the arm of every node; patch : its patch; following, before : the next node along the border counter-clockwise
-        round the patch, and the one before; -1 at an end of a strip
-    middle : of the border's side, where the arm ends; along : unit, direction of the side; the outward normal is -1j along
-    depth : from the border to the strip, the length of the necks; width : of the strip
-    straight : (B, 2) how far the strip goes straight on from the node, forwards and backwards, until it turns or ends
-    turn : radians to the left between the node and the following one; radius : of that turn, 0 where there is none
-    hole : diameter; holes : (B,) number of those between the node and the following one; spacing : about how far apart these are
+    quad, side, patch : arm and patch of every node
+    following, before : next and previous node along the border, counter-clockwise around the patch; -1 at a strip's end
+    middle, along : middle of the border's side, where the arm ends, and the side's unit direction
+    depth, width : distance from the border to the strip, which is the length of the necks; width of the strip
+    straight : (B, 2) length of the straight parts of the strip after and before the node
+    turn, radius : angle of the arc to the following node, in radians to the left, and its radius; 0 if there is none
+    hole, holes, spacing : diameter of the holes, (B,) their number up to the following node, and their desired distance
     """
 
     quad: Int[np.ndarray, " nodes"]
@@ -61,9 +60,9 @@ class Rim:
 
     @classmethod
     def of(cls, flat: FlatPatches, params: SpiralParams) -> Rim | None:
-        """The rim of flat patches, None where the settings ask for none or there is no border.
+        """Make the rim of flat patches; None if the settings disable it or there is no border.
 
-        Raises ``FlexMapsError`` with the faces where the border turns inwards so sharply that the strip has no room.
+        Raises ``FlexMapsError`` with the faces where the border turns so sharply that the strip has no room.
         """
         mesh = flat.layout.mesh
         quad, side = np.nonzero(mesh.border[mesh.quad_edges])
@@ -72,53 +71,53 @@ class Rim:
         z = flat.corners @ np.array([1.0, 1j])
         start, end = z[quad, side], z[quad, (side + 1) % 4]
         length = np.abs(end - start)
-        following, seams = _walked(flat, quad, side)
+        following, seams = _follow_border(flat, quad, side)
         before = np.full(len(quad), -1)
         before[following[following >= 0]] = np.flatnonzero(following >= 0)
         depth = rim_depth(params)
-        none = np.zeros(len(quad))
+        zeros = np.zeros(len(quad))
         rim = cls(
             quad, side, flat.layout.patch_of[quad], following, before, 0.5 * (start + end), (end - start) / length,
-            depth, params.rim_width, np.zeros((len(quad), 2)), none, none, params.rim_hole,
+            depth, params.rim_width, np.zeros((len(quad), 2)), zeros, zeros, params.rim_hole,
             np.zeros(len(quad), dtype=int), params.rim_spacing,
         )  # fmt: skip
-        return rim._turned(0.5 * length, params)._ended(0.5 * length, seams, params)._bored()
+        return rim._with_turns(0.5 * length, params)._with_ends(0.5 * length, seams, params)._with_holes()
 
     @property
     def out(self) -> Complex[np.ndarray, " nodes"]:
-        """Unit, the outward normals of the border's sides."""
+        """Outward unit normals of the border's sides."""
         return -1j * self.along
 
     @property
     def centre(self) -> Complex[np.ndarray, " nodes"]:
-        """Where the nodes are: in the middle of the strip."""
+        """Positions of the nodes, on the strip's centre line."""
         return self.middle + (self.depth + 0.5 * self.width) * self.out
 
     @property
     def length(self) -> Float[np.ndarray, " nodes"]:
-        """Along the middle of the strip from every node to the following one; 0 at an end."""
+        """Length of the strip's centre line from every node to the following node; 0 at a strip's end."""
         there = np.where(self.following >= 0, self.straight[self.following, 1], 0.0)
         return np.where(self.following >= 0, self.straight[:, 0] + self.radius * np.abs(self.turn) + there, 0.0)
 
     @property
     def overhang(self) -> Float[np.ndarray, "nodes 2"]:
-        """How far the strip goes beyond the node forwards and backwards where it ends; 0 elsewhere."""
+        """Length of the strip's free ends after and before the node; 0 where the strip continues."""
         ends = np.stack([self.following < 0, self.before < 0], axis=1)
         return np.where(ends, self.straight, 0.0)
 
-    def _turned(self, half: Float[np.ndarray, " nodes"], params: SpiralParams) -> Rim:
-        """With its turns: as round as the sides' lengths allow, but never over the border."""
+    def _with_turns(self, half: Float[np.ndarray, " nodes"], params: SpiralParams) -> Rim:
+        """Add the arcs, with the largest radii that the sides' half lengths allow and that stay outside the border."""
         i = np.flatnonzero(self.following >= 0)
         j = self.following[i]
         turn = np.angle(self.along[j] / self.along[i])
         reach = self.depth + 0.5 * self.width
         slope = np.tan(0.5 * turn)
-        there, here = half[j] + reach * slope, half[i] + reach * slope  # from the nodes to where both straights meet
+        there, here = half[j] + reach * slope, half[i] + reach * slope  # to the crossing of both straights
         room = np.minimum(here, there) - _clear(params)
         bends = np.abs(turn) > _STRAIGHT
         size = np.where(bends, np.abs(slope), 1.0)
         radius = np.where(bends, room / size, 0.0)
-        # the inner edge of a turn outwards stays outside of the border's corner
+        # at a convex corner, the strip's inner edge must stay outside the border's corner
         cosine = np.cos(0.5 * turn)
         outside = (reach / cosine - 0.5 * self.width) / np.maximum(1.0 / cosine - 1.0, 1e-12)
         radius = np.where(turn > 0.0, np.minimum(radius, outside), radius)
@@ -135,8 +134,8 @@ class Rim:
         turns[i], radii[i] = np.where(bends, turn, 0.0), radius
         return replace(self, straight=straight, turn=turns, radius=radii)
 
-    def _ended(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
-        """With its free ends, half of the gap before the seams (directions from the border inwards)."""
+    def _with_ends(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
+        """Add the free ends, half a gap before the seams (``seams`` : directions from the border inwards)."""
         straight, gap = self.straight.copy(), max(params.slot_seam, slot_needed(params))
         for k, ends in enumerate((self.following < 0, self.before < 0)):
             way = (1.0 if k == 0 else -1.0) * self.along
@@ -150,8 +149,8 @@ class Rim:
             straight[:, k] = np.where(ends, np.maximum(half + lean - 0.5 * gap, least), straight[:, k])
         return replace(self, straight=straight)
 
-    def _bored(self) -> Rim:
-        """With as many holes between two nodes as come nearest to the spacing."""
+    def _with_holes(self) -> Rim:
+        """Add the holes: between two nodes the number whose spacing is nearest to the setting."""
         if self.hole == 0.0:
             return self
         length = self.length
@@ -159,26 +158,29 @@ class Rim:
         return replace(self, holes=np.where(self.following >= 0, count, 0.0).astype(int))
 
     def place(self, node: Int[np.ndarray, " n"], way: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Points and directions of the strip's middle line, ``way`` beyond nodes towards the following ones."""
+        """Return points and directions on the strip's centre line, at the distance ``way`` after ``node``."""
         first, turn, radius = self.straight[node, 0], self.turn[node], self.radius[node]
         bent = np.clip(way - first, 0.0, radius * np.abs(turn))
         angle = np.where(radius > 0.0, np.sign(turn) * bent / np.maximum(radius, 1e-12), 0.0)
         direction = self.along[node] * np.exp(1j * angle)
-        # an arc of this angle has a chord half way between both directions
+        # the chord of an arc has the mean of the directions at both ends
         chord = bent * np.sinc(0.5 * angle / np.pi) * self.along[node] * np.exp(0.5j * angle)
         rest = way - np.minimum(way, first) - bent
         return self.centre[node] + np.minimum(way, first) * self.along[node] + chord + rest * direction, direction
 
     @property
     def reach(self) -> Float[np.ndarray, "nodes 2"]:
-        """How far the strip goes from every node forwards and backwards, half way to its neighbours or to its end."""
+        """Length of the strip that belongs to every node, after and before it: half the way to its neighbours, or to the end."""
         half = 0.5 * self.radius * np.abs(self.turn)
         return self.straight + np.stack([half, np.where(self.before >= 0, half[self.before], 0.0)], axis=1)
 
     def half(
         self, node: Int[np.ndarray, " n"], back: bool, gone: Float[np.ndarray, " n"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the strip's middle line seen from nodes, so far from them forwards or backwards, and directions forwards."""
+        """Return points on the strip's centre line relative to their nodes, and the forward directions there.
+
+        ``gone`` is the distance along the strip after the nodes, or before them if ``back``.
+        """
         if not back:
             place, way = self.place(node, gone)
             return place - self.centre[node], way
@@ -190,23 +192,23 @@ class Rim:
 
     @property
     def hole_ways(self) -> tuple[Int[np.ndarray, " holes"], Float[np.ndarray, " holes"]]:
-        """The node of every hole between two nodes, and how far beyond it the hole lies."""
+        """Previous node of every hole between two nodes, and the hole's distance from it along the strip."""
         node = np.repeat(np.arange(len(self.quad)), self.holes)
         rank = np.arange(len(node)) - np.repeat(np.cumsum(self.holes) - self.holes, self.holes)
         return node, (rank + 0.5) / np.maximum(self.holes[node], 1) * self.length[node]
 
     @property
     def end_bores(self) -> Float[np.ndarray, "nodes 2"]:
-        """How far beyond the node the hole in a free end lies, forwards and backwards; 0 where there is none.
+        """Distance of the hole in a free end from its node, after and before it; 0 if there is no hole.
 
-        As far from the end as from an edge, where the neck leaves room for it.
+        The hole is as far from the end as from the edges; there is none if the neck leaves no room.
         """
         room = self.overhang > max(0.5 * self.width, self.hole) + 0.5 * self.width
         return np.where(room & (self.hole > 0.0), self.overhang - 0.5 * self.width, 0.0)
 
     @property
     def hole_places(self) -> tuple[Int[np.ndarray, " holes"], Complex[np.ndarray, " holes"]]:
-        """The patch and the middle of every hole, those in free ends included."""
+        """Patch and centre of every hole, including the holes in free ends."""
         node, way = self.hole_ways
         places, patches = [self.place(node, way)[0]], [self.patch[node]]
         for k, sign in ((0, 1.0), (1, -1.0)):
@@ -217,7 +219,7 @@ class Rim:
 
     @property
     def area(self) -> Float[np.ndarray, " nodes"]:
-        """Square metres of the strip of every node, half way to its neighbours; its neck is left out."""
+        """Area of the strip that belongs to every node, without its neck, square metres."""
         length, bore = self.length, self.holes * 0.25 * np.pi * self.hole**2
         own = 0.5 * (length + np.where(self.before >= 0, length[self.before], 0.0)) + self.overhang.sum(axis=1)
         less = 0.5 * (bore + np.where(self.before >= 0, bore[self.before], 0.0))
@@ -229,14 +231,14 @@ class Rim:
     # -- outlines --------------------------------------------------------------------------------------------------
 
     def onward(self) -> dict[int, int]:
-        """Of every slot 4 quad + corner that comes to the strip the one at which its outline leaves it."""
-        first = self._first()
+        """Map every slot (4 quad + corner) whose outline reaches the strip to the slot where the outline leaves it."""
+        first = self._last_nodes()
         leaves = np.where(self.before >= 0, self.before, first)
         to = 4 * self.quad[leaves] + (self.side[leaves] + 1) % 4
         return dict(zip((4 * self.quad + self.side).tolist(), to.tolist(), strict=True))
 
-    def _first(self) -> Int[np.ndarray, " nodes"]:
-        """The last node of the strip that begins at each node without one before; the node itself for others."""
+    def _last_nodes(self) -> Int[np.ndarray, " nodes"]:
+        """Return the last node of the strip for its first node; all other nodes map to themselves."""
         out = np.arange(len(self.quad))
         for i in np.flatnonzero(self.before < 0):
             at = i
@@ -246,9 +248,10 @@ class Rim:
         return out
 
     def link(self, node: int, half: Float[np.ndarray, " nodes"], fillet: float) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, 2) and bulges from the right edge of a node's arm along the strip to the left edge of the arm before.
+        """Return the outline (points (n, 2), bulges) from the right edge of a node's arm to the left edge of the previous arm.
 
-        half : half of the width of every arm at its tip. Where the strip begins at the node, round all of it to its last arm.
+        half : half of the width of every arm at its tip. From a strip's first node, the outline runs around the whole strip
+        to its last arm.
         """
         path = _Path(self.middle[node] - half[node] * self.along[node])
         inner = -0.5 * self.width
@@ -264,10 +267,10 @@ class Rim:
         else:
             self._segment(path, at, inner, -1.0)
         self._neck(path, at, 1.0, half, fillet)
-        return path.done()
+        return path.arrays()
 
     def _neck(self, path: _Path, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
-        """One side of a neck with its fillet: from the arm's right edge outwards, or to its left edge inwards."""
+        """Add one side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
         foot = self.middle[node] + sign * half[node] * self.along[node]
         out, aside = self.out[node], sign * self.along[node]
         near, far = foot + (self.depth - fillet) * out, foot + self.depth * out + fillet * aside
@@ -281,7 +284,7 @@ class Rim:
             path.to(foot)
 
     def _segment(self, path: _Path, node: int, aside: float, way: float) -> None:
-        """The turn between a node and the following one at a distance outwards of the middle, forwards or backwards."""
+        """Add the arc from a node to the following node, ``aside`` outside the centre line, forwards (``way`` 1) or backwards (-1)."""
         turn, there = float(self.turn[node]), int(self.following[node])
         if turn == 0.0:
             return
@@ -292,7 +295,7 @@ class Rim:
         path.to(last, way * np.tan(0.25 * turn))
 
     def _round_end(self, path: _Path, node: int, k: int, half: np.ndarray, fillet: float) -> None:
-        """The free end beyond a node, from the strip's inner edge to the outer one where it begins (1), back where it ends (0)."""
+        """Add a strip's free end: its start from the inner to the outer edge (``k`` 1), or its end back inwards (0)."""
         way = self.along[node] if k == 0 else -self.along[node]
         long, out, quarter = float(self.straight[node, k]), self.out[node], np.tan(np.pi / 8.0)
         round_ = max(min(0.5 * self.width, long - float(half[node]) - fillet), 0.0)
@@ -304,8 +307,8 @@ class Rim:
                 path.to(place, bulge if round_ > 0.0 else 0.0)
 
     def closed(self) -> list[tuple[int, Curve]]:
-        """The outer edges of the strips that go all the way round, with their patches, and all holes, clockwise."""
-        found, seen = [], self._first() != np.arange(len(self.quad))
+        """Return patch and curve of the outer edges of closed strips and of all holes; holes are clockwise."""
+        curves, seen = [], self._last_nodes() != np.arange(len(self.quad))
         ends = set(np.flatnonzero(self.before < 0).tolist())
         for i in ends:
             at = i
@@ -319,44 +322,47 @@ class Rim:
                 seen[at] = True
                 self._segment(path, at, 0.5 * self.width, 1.0)
                 at = int(self.following[at])
-            found.append((int(self.patch[i]), Curve(*path.done())))
+            curves.append((int(self.patch[i]), Curve(*path.arrays())))
         for patch, place in zip(*(x.tolist() for x in self.hole_places), strict=True):
             ends_of = np.array([[place.real - 0.5 * self.hole, place.imag], [place.real + 0.5 * self.hole, place.imag]])
-            found.append((int(patch), Curve(ends_of, np.array([-1.0, -1.0]))))
-        return found
+            curves.append((int(patch), Curve(ends_of, np.array([-1.0, -1.0]))))
+        return curves
 
 
 def rim_depth(params: SpiralParams) -> float:
-    """Metres from the border to the strip: a slot beside the widest arm has room there."""
+    """Return the distance from the border to the strip in metres; it leaves a slot beside the widest arm."""
     return 0.5 * params.width_max + slot_needed(params)
 
 
 def _clear(params: SpiralParams) -> float:
-    """Metres: how far on both sides of a node the strip goes straight on, so that a neck and its fillets meet it there."""
+    """Return the least straight length of the strip on both sides of a node in metres, for a neck with its fillets."""
     return 1.02 * (0.5 * params.width_max + params.fillet)
 
 
 class _Path:
-    """A growing curve of arcs; points that fall together are kept once."""
+    """Builder of a curve of arcs; consecutive equal points are merged."""
 
     def __init__(self, start: complex):
         self.points, self.bulges = [complex(start)], [0.0]
 
     def to(self, place: complex, bulge: float = 0.0) -> None:
-        """On to a place, straight or along an arc."""
+        """Add a straight segment or an arc to a point."""
         if abs(place - self.points[-1]) < 1e-9:
             return
         self.bulges[-1] = float(bulge)
         self.points.append(complex(place))
         self.bulges.append(0.0)
 
-    def done(self) -> tuple[np.ndarray, np.ndarray]:
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (n, 2) and bulges (n,)."""
         points = np.array(self.points)
         return np.stack([points.real, points.imag], axis=1), np.array(self.bulges)
 
 
-def _walked(flat: FlatPatches, quad: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, Complex[np.ndarray, "nodes 2"]]:
-    """The node that follows each along the border of its patch, -1 at a cut; and the direction of the cut from there, else 0."""
+def _follow_border(
+    flat: FlatPatches, quad: np.ndarray, side: np.ndarray
+) -> tuple[np.ndarray, Complex[np.ndarray, "nodes 2"]]:
+    """Return the following node on the border of the patch (-1 at a cut), and the directions of cuts after and before it (else 0)."""
     layout = flat.layout
     mate, beyond = opposite_sides(layout.mesh)
     border = layout.mesh.border[layout.mesh.quad_edges]

@@ -1,14 +1,15 @@
-"""Room for the cutter as smooth functions of the design: how far every gap is open, with exact derivatives.
+"""Clearances of a design as smooth functions of widths and twists, with exact derivatives.
 
-Gaps are those between neighbouring arms of a quad over their outer part, between an arm and those beside its joint in the next
-quad, and between arms of quads that meet at no more than a vertex. To them comes the inner edge of every blended end, which must not
-fold. All are counted as rooms: 0 where there is just as much as needed, 1 where there is twice as much. Where an arm is wound nearly as
-far as the stiffness table goes, so is what it has left, in radians: so the model knows every design that has room.
+A design has gaps between neighbouring arms of a quad over their outer part, between an arm and the arms beside its mate, and
+between arms of quads that share only a vertex. The inner edge of every blend must not fold, and the twist of every arm must
+stay within the range of the stiffness table. Each condition has a clearance (called room): 0 at the limit, negative beyond it
+(closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
+radians.
 
-    room = Room.of(flat, params)                      # once per flat patches; ``moved`` where their points move
-    terms = room.terms(width, twist)                  # rooms below SUPPORT with their Jacobian by widths and twists
-    value, by_width, by_twist, hessian = room.barrier(width, twist)
-    room.closed(trial_width, trial_twist, quads)      # whose steps must be shorter
+    room = Room.of(flat, params)                      # once per flat patches; ``moved`` when their points move
+    terms = room.terms(width, twist)                  # clearances below SUPPORT with their Jacobian
+    barrier = room.barrier(width, twist)              # value, gradient and root of the Hessian
+    room.closed(trial_width, trial_twist, quads)      # quads whose steps must be shorter
 """
 
 from __future__ import annotations
@@ -31,30 +32,31 @@ from .shapes import Shapes
 from .slots import slot_needed, width_range
 from .spiral import alike
 
-# Rooms from which on the barrier is felt, unless said otherwise
+# clearance below which the barrier is not 0, by default; larger values keep designs farther from their limits
 SUPPORT = 0.5
-# How many times the smallest slot is asked for, since gaps are measured at some points of the arms only
-_MORE = 1.015
-_THIN = 0.95  # share of the room of the thinnest straight arms that is needed where it is less than it should be
-# Arms whose radius is smaller than so many slots at seams count as short. Of 2,586 joints in optimised, random and soft designs
-# of twelve surfaces, 106 of the 231 with less than 6 mm had no room for a dovetail, and 18 of all others; with slots of 1.2 mm
-# across these joints, 24 in all, and beside the arms in their own quads too, none of 166 in four optimised designs that had 35.
-# Asked for at every seam, it cost a third of the match of a surface with three holes, in vain.
+# safety factor on the smallest slot, because gaps are measured at some points of the arms only
+_SAFETY = 1.015
+# relaxed requirement where even the thinnest straight arms are too close, as a share of their gap
+_THIN = 0.95
+# largest radius of short arms, in slots at seams. Of 2,586 joints in optimised, random and soft designs of twelve surfaces, 106
+# of the 231 with less than 6 mm had no room for a dovetail, and 18 of all others; with slots of 1.2 mm across these joints, 24
+# in all; with such slots also beside the arms in their own quads, none of 166 in four optimised designs that had 35.
+# A slot at seams beside all arms made the match of a surface with three holes a third worse without benefit.
 _SHORT = 6.0
-# Share of the room of the thinnest straight arms that the slot at seams may take at most, so that small quads can still be
-# wound: at 12 mm, for which the usual connectors are too large, twists are 4 % smaller with it
+# largest slot at seams, as a share of the gap between the thinnest straight arms, so that small quads can still have twist:
+# at 12 mm, for which the usual connectors are too large, twists are 4 % smaller with it
 _AT_SEAMS = 0.5
-_SHARPEST = 0.25  # least share of its radius of curvature that an arm's inner edge keeps in a blend
+_SHARPEST = 0.25  # least radius of curvature of the inner edge in a blend over that of the centre line
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """The rooms of a design that are less than was asked for.
+    """Clearances of a design below a threshold, with derivatives.
 
-    value : (K,) rooms
-    by_design : (K, 5 F) derivatives by the widths (metres, four a quad in a row) and then by the twists (radians)
-    by_flat : (K, 2 V) derivatives by the flat points (metres, x and y of each in turn), if asked for
-    arms : (K, 4) the arms on whose widths and twists a room hangs: both, and their mates
+    value : (K,) clearances
+    by_design : (K, 5 F) derivatives by the widths (metres, four per quad) and then by the twists (radians)
+    by_flat : (K, 2 V) derivatives by the flat points (metres, x and y in turn), if requested
+    arms : (K, 4) arms whose widths and twists determine the clearance: first arm, its mate, second arm, its mate
     """
 
     value: Float[np.ndarray, " k"]
@@ -65,11 +67,13 @@ class Terms:
 
 @dataclass(frozen=True, eq=False)
 class Barrier:
-    """What the rooms of a design weigh: sum of -(v - D)^2 ln(v / D) over all rooms v < D (incremental potential contact).
+    """Clearance barrier (Li et al. 2020, incremental potential contact): sum of -(v / D - 1)^2 ln(v / D) over clearances v < D.
 
-    value : infinite where a room is closed
-    by_design : (5 F,) its gradient, ordered as in ``Terms``; by_flat : (2 V,) likewise
-    root : (K, 5 F) with root^T root the Gauss-Newton part of its Hessian; root_by_flat : (K, 2 V) likewise
+    value : infinite if a clearance is not positive
+    by_design : (5 F,) gradient, ordered as in ``Terms.by_design``
+    by_flat : (2 V,) gradient by the flat points, if requested
+    root : (K, 5 F), where root^T root is the Gauss-Newton part of the Hessian
+    root_by_flat : (K, 2 V) columns of the root for the flat points, if requested
     """
 
     value: float
@@ -81,12 +85,13 @@ class Barrier:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """The gaps of all designs in the same flat patches with the same settings.
+    """Clearance model: required gaps of all designs on given flat patches with given settings.
 
-    pairs : arms that some design brings near each other
-    need : metres, the least gap of each pair
-    sharpest : of every arm, the least share of its radius of curvature that its inner edge keeps in its blend
-    joined : whether every arm meets another one, so that the elastic model has to know it; nowhere to bound by room alone
+    pairs : pairs of arms that some design brings near each other
+    shapes : geometry of the flat quads
+    need : required gap of each pair, metres
+    sharpest : required radius of curvature of every arm's inner edge in its blend, over that of the centre line
+    joined : arms whose twist must stay within the range of the stiffness table
     """
 
     params: SpiralParams
@@ -97,17 +102,18 @@ class Room:
     joined: Bool[np.ndarray, " arms"]
 
     @classmethod
-    @lru_cache(maxsize=2)  # the starts of a search, and its stages, ask for those of the same patches again and again
+    @lru_cache(maxsize=2)  # all starts and stages of a search use the same patches
     def of(cls, flat: FlatPatches, params: SpiralParams) -> Room:
-        """Looks once which arms could come near each other, whatever the design.
+        """Find the pairs of arms that can come near each other in any design, and the gaps that they need.
 
-        Where the thinnest straight arms have less room than needed, in quads that are too small or too thin, that is what
-        other designs need there; where even those touch, nothing is asked for. Beside short arms that meet across a cut, the
-        slot at seams is asked for, but no more than half of what those straight arms leave.
+        In quads that are too small or too thin, where the thinnest straight arms have smaller gaps than required, those gaps
+        become the requirement; where even those arms touch, there is none. Beside short arms that meet across a cut, the
+        slot at seams is required, but at most half of the gap between the thinnest straight arms.
+
         Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
         """
-        slot, shapes = _MORE * slot_needed(params), Shapes.of(flat, params)
-        wide = max(slot, _MORE * params.slot_seam)
+        slot, shapes = _SAFETY * slot_needed(params), Shapes.of(flat, params)
+        wide = max(slot, _SAFETY * params.slot_seam)
         pairs = pairs_of(flat, params, wide + SUPPORT * slot)
         arms = len(shapes.mate)
         short = np.minimum(shapes.radius, shapes.radius[shapes.mate]) < _SHORT * params.slot_seam
@@ -126,17 +132,17 @@ class Room:
         return replace(room, pairs=pairs.of(some), need=need[some])
 
     def moved(self, flat: FlatPatches) -> Room:
-        """The same where the flat points have moved a little; which arms could come near is not looked for again."""
+        """Return the model for slightly moved flat points; pairs and requirements stay."""
         return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat, self.params))
 
     @property
     def by_gaps(self) -> Room:
-        """The same without what the elastic model asks for."""
+        """The model without the limit on twists from the stiffness table."""
         return replace(self, joined=np.zeros_like(self.joined))
 
     @property
     def slot(self) -> float:
-        """Metres that a room of 1 is wider than one of 0: the smallest slot, or a tenth of the thinnest arm if there is none."""
+        """Change of a gap that changes its clearance by 1, metres: the smallest slot, at least a tenth of the thinnest arm."""
         return max(slot_needed(self.params), 0.1 * self.params.width_min)
 
     def terms(
@@ -149,9 +155,15 @@ class Room:
         quads: Bool[np.ndarray, " quads"] | None = None,
         least: bool = False,
     ) -> Terms:
-        """All rooms less than ``below`` at widths in metres and twists in radians; by the flat points too if asked for.
+        """Compute all clearances below a threshold, with derivatives.
 
-        quads : only those in which some of these have a part; least : of a gap only its narrowest place, as ``gaps.narrow``
+        Parameters
+        ----------
+        width, twist : metres, radians
+        below : threshold
+        flat : compute derivatives by the flat points too
+        quads : only clearances that depend on these quads; default is all
+        least : only the narrowest place of every gap, as in ``gaps.narrow``
         """
         lines = self._lines(width, twist)
         pairs, need, arms = self._about(quads)
@@ -161,11 +173,11 @@ class Room:
         ends = np.zeros((len(i), first.shape[1]))
         slopes = sharp_slopes(lines, i, u)
         ends[:, : slopes.shape[1]] = slopes / _SHARPEST
-        wound, spare, by_wound = self._wound(width, twist, arms, below)
+        twisted, spare, by_spare = self._twist_terms(width, twist, arms, below)
         value = np.concatenate([(gaps.gap - need[gaps.pair]) / self.slot, (left - self.sharpest[i]) / _SHARPEST, spare])
-        one, two = (np.concatenate([a, i, wound]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
-        by_one = np.concatenate([first / self.slot, ends, by_wound])
-        by_two = np.concatenate([second / self.slot, np.zeros_like(ends), np.zeros_like(by_wound)])
+        one, two = (np.concatenate([a, i, twisted]) for a in (pairs.one[gaps.pair], pairs.two[gaps.pair]))
+        by_one = np.concatenate([first / self.slot, ends, by_spare])
+        by_two = np.concatenate([second / self.slot, np.zeros_like(ends), np.zeros_like(by_spare)])
         by_flat = None
         if flat:
             by_flat = self.shapes.by_points(one, by_one) + self.shapes.by_points(two, by_two)
@@ -174,9 +186,9 @@ class Room:
             rows = self.shapes.by_sides(laid, len(value), own, self.shapes.mate[own], way[laid], place[laid])
             by_flat = by_flat + rows / self.slot
         mate = self.shapes.mate
-        hang = np.stack([one, mate[one], two, mate[two]], axis=1)
-        hang[len(hang) - len(wound) :] = wound[:, None]
-        return Terms(value, self._by_design(hang, by_one, by_two), by_flat, hang)
+        four = np.stack([one, mate[one], two, mate[two]], axis=1)
+        four[len(four) - len(twisted) :] = twisted[:, None]
+        return Terms(value, self._by_design(four, by_one, by_two), by_flat, four)
 
     def barrier(
         self,
@@ -186,7 +198,14 @@ class Room:
         support: float = SUPPORT,
         flat: bool = False,
     ) -> Barrier:
-        """What the rooms weigh, smooth to the second derivative; nothing where all are at least ``support``."""
+        """Compute the barrier of all clearances below ``support``; smooth to the second derivative.
+
+        Parameters
+        ----------
+        width, twist : metres, radians
+        support : clearance from which on the barrier is 0
+        flat : compute derivatives by the flat points too
+        """
         terms = self.terms(width, twist, below=support, flat=flat)
         v = np.maximum(terms.value, 1e-12) / support
         log, rest = np.log(v), v - 1.0
@@ -209,7 +228,13 @@ class Room:
         twist: Float[np.ndarray, " quads"],
         quads: Bool[np.ndarray, " quads"] | None = None,
     ) -> Bool[np.ndarray, " quads"]:
-        """The quads that have a part in a room that is closed; of rooms in which some of ``quads`` have a part, if given."""
+        """Return a mask of the quads on which a closed clearance depends.
+
+        Parameters
+        ----------
+        width, twist : metres, radians
+        quads : check only clearances that depend on these quads; default is all
+        """
         lines, mate = self._lines(width, twist), self.shapes.mate
         pairs, need, arms = self._about(quads)
         which = narrow(lines, pairs, need, self.params.clockwise, least=True).pair
@@ -217,7 +242,7 @@ class Room:
         out = np.zeros(len(twist), dtype=bool)
         for a in (pairs.one[which], pairs.two[which], i):
             out[a // 4] = out[mate[a] // 4] = True
-        out[self._wound(width, twist, arms, 0.0)[0] // 4] = True
+        out[self._twist_terms(width, twist, arms, 0.0)[0] // 4] = True
         return out
 
     @classmethod
@@ -229,22 +254,21 @@ class Room:
         twist: Float[np.ndarray, " quads"],
         below: float,
     ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
-        """The gaps less than ``below`` metres between arms of different quads of a panel: both arms, and metres.
+        """Return both arms and the width of all gaps below ``below`` between arms of different quads of a panel, metres.
 
-        Negative where arms run through each other.
+        Widths are negative where arms overlap.
         """
         pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat, params)
         pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
         every = np.zeros(len(shapes.mate))
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
-        found = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
-        return np.stack([pairs.one[found.pair], pairs.two[found.pair]], axis=1), found.gap
+        gaps = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
+        return np.stack([pairs.one[gaps.pair], pairs.two[gaps.pair]], axis=1), gaps.gap
 
-    def _wound(
+    def _twist_terms(
         self, width: np.ndarray, twist: np.ndarray, arms: Int[np.ndarray, " n"], below: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Those of some arms that are wound less than ``below`` radians under what the stiffness table holds: which, by how much,
-        and (K, numbers) its derivatives."""
+        """Return the arms whose twist is less than ``below`` radians under its limit, the difference, and its derivatives."""
         arms = arms[self.joined[arms]]
         spare, by_radius, by_width = spare_twist(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
@@ -254,7 +278,7 @@ class Room:
         return arms[some], spare[some], by
 
     def _about(self, quads: np.ndarray | None) -> tuple[Pairs, np.ndarray, np.ndarray]:
-        """The pairs, what they need, and the arms in which some of the quads have a part."""
+        """Return the pairs, their required gaps, and the arms whose shape depends on some of the quads."""
         arms = np.arange(len(self.shapes.mate))
         if quads is None:
             return self.pairs, self.need, arms
@@ -263,17 +287,18 @@ class Room:
         return self.pairs.of(near), self.need[near], arms[some]
 
     def _lines(self, width: np.ndarray, twist: np.ndarray) -> Lines:
+        """Make the arms of a design."""
         wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
         widths = np.stack([width.ravel(), width.ravel()[s.mate]], axis=1)
         winds, leans = (np.stack([x, s.sign * x[s.mate]], axis=1) for x in (wind, s.lean))
         return Lines.of(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
-    def _by_design(self, hang: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
-        """(K, 5 F) of derivatives by the numbers of both arms."""
+    def _by_design(self, four: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
+        """Turn derivatives by the parameters of both arms into derivatives (K, 5 F) by the design; ``four`` as ``Terms.arms``."""
         sign, arms = -1.0 if self.params.clockwise else 1.0, len(self.shapes.mate)
-        columns = np.concatenate([hang, arms + hang // 4], axis=1)
+        columns = np.concatenate([four, arms + four // 4], axis=1)
         widths = [by[:, k] for by in (one, two) for k in (OWN_WIDTH, MATE_WIDTH)]
-        mates = self.shapes.sign[hang[:, [0, 2]].T]
+        mates = self.shapes.sign[four[:, [0, 2]].T]
         twists = [
             sign * by[:, k] * s
             for by, m in ((one, mates[0]), (two, mates[1]))

@@ -1,4 +1,4 @@
-"""What the flat quads give to their arms, one by one, with derivatives by the flat points. Arm 4 f + k is arm k of quad f."""
+"""Geometry of the flat quads, arm by arm, with derivatives by the flat points. Arm 4 f + k is arm k of quad f."""
 
 from __future__ import annotations
 
@@ -17,11 +17,16 @@ from .spiral import mirrored, opposite_sides, spokes
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """A arms: centres of their quads (metres), spokes (metres, radians), leans (radians), and the arms across their joints.
+    """Geometry of A arms that does not depend on widths and twists.
 
-    sign : by which the wind and the lean of that arm count, see ``spiral.mirrored``
-    corner : (A, 4) the flat points of their quads, from the first end of their own sides on
-    corners : (A, 4) metres, where these are
+    centre : centre of the quad, metres
+    radius, angle : length (metres) and direction (radians) from the centre to the joint
+    lean : angle from the side's outward normal to that direction, radians
+    mate : arm across the joint; at the border the arm itself
+    sign : factor on the mate's wind and lean, see ``spiral.mirrored``
+    corner : (A, 4) flat points of the quad, from the start of the arm's side on
+    corners : (A, 4) their positions, metres
+    points : number of flat points
     """
 
     centre: Complex[np.ndarray, " arms"]
@@ -36,6 +41,7 @@ class Shapes:
 
     @classmethod
     def of(cls, flat: FlatPatches, params: SpiralParams) -> Shapes:
+        """Read the geometry of all arms from the flat patches."""
         centre, radius, angle = spokes(flat.corners)
         mate, side = opposite_sides(flat.layout.mesh)
         turned = (np.arange(4)[:, None] + np.arange(4)) % 4
@@ -53,8 +59,18 @@ class Shapes:
         )
 
     def by_points(self, arm: Int[np.ndarray, " k"], by: Float[np.ndarray, "k numbers"]) -> csr_array:
-        """(K, 2 V) derivatives by the flat points of what has the derivatives ``by`` the numbers of arms (``lines``)."""
-        # a change dz of the corners changes a number by the real part of conj(g) dz
+        """Turn derivatives by the arms' parameters into derivatives by the flat points (chain rule).
+
+        Parameters
+        ----------
+        arm : (K,) arm of every row
+        by : (K, COUNT) derivatives of K quantities, in the columns of ``lines``
+
+        Returns
+        -------
+        (K, 2 V) derivatives, x and y of every flat point in turn
+        """
+        # a change dz of the corners changes a quantity by the real part of conj(g) dz
         spoke = np.exp(1j * self.angle[arm])
         weights = np.array([0.25, 0.25, -0.25, -0.25])
         radial, across = spoke[:, None] * weights, (1j * spoke / self.radius[arm])[:, None] * weights
@@ -71,9 +87,17 @@ class Shapes:
     def by_sides(
         self, row: np.ndarray, count: int, own: np.ndarray, there: np.ndarray, way: np.ndarray, place: np.ndarray
     ) -> csr_array:
-        """(K, 2 V) derivatives of what has the derivatives ``way`` by places, which are laid with the sides ``there`` upon ``own``."""
+        """Return derivatives (count, 2 V) by the flat points through the alignment of sides across cuts.
+
+        Parameters
+        ----------
+        row, count : (K,) row of every quantity, and the number of rows
+        own, there : (K,) arms whose sides are aligned: the side of ``there`` is placed on the side of ``own``
+        way : (K,) derivatives of the quantities by points that move with the side ``there``
+        place : (K,) these points
+        """
         middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
-        # place = middle + turn (q - middle there), and turn follows both sides' directions
+        # place = middle + turn (q - middle there), where turn depends on the directions of both sides
         about = (np.conj(way) * 1j * (place - middle)).real[:, None]
         g = about * self._side(own) + 0.5 * way[:, None]
         along = (self.corners[own, 1] - self.corners[own, 0]) / (self.corners[there, 1] - self.corners[there, 0])
@@ -83,12 +107,13 @@ class Shapes:
         return self._rows(row, count, points, np.hstack([g, h]))
 
     def _side(self, arm: np.ndarray) -> np.ndarray:
-        """How the direction of an arm's side follows its two corners, (K, 2) complex."""
+        """Return the derivative of the direction of an arm's side by its two corners, (K, 2) complex."""
         side = self.corners[arm, 1] - self.corners[arm, 0]
         across = 1j * side / np.abs(side) ** 2
         return np.stack([-across, across], axis=1)
 
     def _rows(self, row: np.ndarray, count: int, points: np.ndarray, g: np.ndarray) -> csr_array:
+        """Make a matrix (count, 2 V) from complex derivatives g by flat points."""
         columns = np.stack([2 * points, 2 * points + 1], axis=-1)
         data = np.stack([g.real, g.imag], axis=-1)
         rows = np.broadcast_to(row[:, None, None], columns.shape)

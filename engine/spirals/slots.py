@@ -1,8 +1,8 @@
-"""Room for the cutter: the width of the slots between the arms, and how far a spiral may be wound before they close.
+"""Slots between the arms: their width, and the largest twist that leaves them open for the cutter.
 
-Width, twist and size of a spiral are coupled (FlexMaps section 5): consecutive arms of a regular spiral of diameter s lie
-(pi / 4) s / sqrt(twist^2 + (s / 2r)^2) apart at the radius r, measured at right angles. Here the gap must leave the
-smallest slot over the outer third of every arm, so that there is a slot at all and its root has a place.
+Width, twist and size of a spiral are coupled (FlexMaps section 5): at the radius r, the centre lines of consecutive arms of
+a regular spiral of diameter s have the perpendicular distance (pi / 4) s / sqrt(twist^2 + (s / 2r)^2). The gap must be at
+least the smallest slot over the outer third of every arm, so that a slot exists and has room for its root.
 """
 
 from __future__ import annotations
@@ -30,39 +30,54 @@ from .spiral import (
     width_at,
 )
 
-# The share of every arm, from its tip, over which the slot beside it must stay open. Wound further, a thick spiral only
-# loses slot at the hub: about here its arms are free over their greatest length.
+# share of every arm, from its tip, over which the slot beside it must be open; with more twist, slots of thick spirals close
+# from the hub, and at about this share the free length of the arms is greatest
 DEPTH = 1.0 / 3.0
-PARALLEL = 0.3  # cosine of the angle between two edges beyond which they do not bound a slot
-# A quad without room for the smallest width gets thinner arms, with a warning, down to this share of it; below, a solid hub.
+PARALLEL = 0.3  # least cosine of the angle between two edges that bound a slot
+# least arm width in quads without room for the smallest width, as a share of it; quads with even less room get a solid hub
 THINNEST = 0.5
-# Share of the smallest width that the arms at a solid hub have; less than ``THINNEST`` by more than single precision rounds off
+# arm width at a solid hub, as a share of the smallest width; it differs from ``THINNEST`` by more than single precision
 SOLID = 0.48
-CLEAR = 1.0  # metres; a gap where there is nothing that an arm could touch
+CLEAR = 1.0  # gap that stands for "no neighbour", metres
 
 
 def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float = 0.0) -> np.ndarray:
-    """Largest twist in radians of a regular spiral whose slot is at least ``slot`` wide, in closed form.
+    """Return the largest twist of a regular spiral whose slots are at least ``slot`` wide, in closed form.
 
-    scale, width : metres, of any broadcasting shapes; ``depth`` is the share of the arm, from the tip, down to which the
-    slot is that wide. 0 where not even a straight cross leaves that much.
+    Parameters
+    ----------
+    scale, width : diameter of the spiral and width of its arms, metres, of any broadcasting shapes
+    slot : metres
+    depth : share of the arms, from the tip, over which slots must be that wide
+
+    Returns
+    -------
+    radians; 0 where even straight arms leave too little
     """
     pitch = 0.25 * math.pi * np.asarray(scale, dtype=float) / (np.asarray(width, dtype=float) + slot)
     return np.sqrt(np.maximum(pitch**2 - 1.0 / (1.0 - depth) ** 2, 0.0))
 
 
 def slot_needed(params: SpiralParams) -> float:
-    """Metres that every slot must be wide: the smallest slot, and room for the fillet at its root."""
+    """Return the least width of slots in metres: the smallest slot, or the diameter of the fillet at its root."""
     return max(params.slot_min, 2.0 * params.fillet)
 
 
 def width_range(
     flat: FlatPatches, params: SpiralParams
 ) -> tuple[Float[np.ndarray, " quads"], Float[np.ndarray, " quads"]]:
-    """Metres: the smallest and the largest width in every quad; that of a solid hub where no spiral has room."""
+    """Return the smallest and the largest arm width (F,) of every quad, metres.
+
+    In quads without room for a spiral both are the width of a solid hub.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params : range of widths, slots and fillets
+    """
     widest = widest_arms(flat, params)
     small = widest < THINNEST * params.width_min
-    # no wider than leaves a slot beside the outer thirds of straight arms, but for the smallest width
+    # straight arms must leave slots beside their outer thirds, unless they have the smallest width
     wide = np.minimum(
         params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
     )
@@ -71,7 +86,7 @@ def width_range(
 
 
 def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " n"]) -> str:
-    """What is wrong with quads that are far too small for the smallest width, and what to do."""
+    """Return the error message for quads that are far too small for the smallest width."""
     widest = widest_arms(flat, params)[quads].min(initial=params.width_min)
     remedy = (
         f"the object {params.width_min / widest:.3g} times larger, or the smallest width {widest * 1e3:.2g} mm"
@@ -81,8 +96,8 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
     return f"{counted(len(quads), 'quad is', 'quads are')} too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}"
 
 
-def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
-    """Metres: narrowest gap between the outer parts of arms and the arms that face them, ``step`` side on."""
+def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
+    """Return the narrowest gap in metres between the outer parts of arms and the facing arms, ``step`` sides before them."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
     t = np.broadcast_to(np.linspace(0.0, DEPTH, 18), (*outer.radius.shape, 18))
     p = centre_line(outer, t)[0]
@@ -101,12 +116,12 @@ def _facing(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]
 
 
 def _lowest(samples: np.ndarray) -> np.ndarray:
-    """The lowest value along the last axis, read between the samples by a parabola."""
+    """Return the lowest value along the last axis, with parabolic interpolation between the samples."""
     inner = np.clip(samples.argmin(axis=-1), 1, samples.shape[-1] - 2)[..., None]
     before, at, after = (np.take_along_axis(samples, inner + k, axis=-1)[..., 0] for k in (-1, 0, 1))
     bend = before + after - 2.0 * at
     dip = np.where(bend > 0.0, (after - before) ** 2 / (8.0 * np.where(bend > 0.0, bend, 1.0)), 0.0)
-    # only a lowest point between its neighbours has a vertex there
+    # the parabola has its vertex between the neighbours only if the sample is lower than both
     return np.minimum(samples.min(axis=-1), at - np.where((at <= before) & (at <= after), dip, 0.0))
 
 
@@ -117,14 +132,22 @@ def twist_bound(
     progress: Progress = SILENT,
     most: Float[np.ndarray, " quads"] | None = None,
 ) -> Float[np.ndarray, " quads"]:
-    """Radians: largest twist, up to the largest that is asked for, that leaves a slot in the real quad.
+    """Return the largest twist in radians that leaves slots in the real quads, by bisection.
 
-    ``width`` in metres; ``most`` radians where less than ``twist_max`` is asked for. Judged for pure spirals, so that the bound of a quad does not hang on its neighbours.
+    The spirals have no blends, so that the bound of a quad does not depend on its neighbours.
+
+    Parameters
+    ----------
+    flat : flat patches
+    params : slots, fillets and largest twist
+    width : metres
+    progress : called with the fraction done; may cancel
+    most : (F,) upper limit in radians; default is ``params.twist_max``
     """
     slot, count = slot_needed(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
-    # the middles of a quad's sides are symmetric about its centre: of arms alike, two of its slots tell of all four
+    # the middles of a quad's sides are symmetric about its centre: with equal arms, two of the four slots suffice
     slots = 2 if (width == width[:, :1]).all() else 4
     tightest = 0.5 * (width + np.roll(width, -1, axis=1)).max(axis=1)
     if most is not None:
@@ -134,11 +157,11 @@ def twist_bound(
         part = pure.of(quads).unblended(twist)
         every = np.arange(len(quads))
         zero = np.zeros_like(every)
-        found = [
-            _facing(part.one_by_one(every, (zero + k + 1) % 4), part.one_by_one(every, zero + k), 1)
+        gaps = [
+            _facing_gap(part.one_by_one(every, (zero + k + 1) % 4), part.one_by_one(every, zero + k), 1)
             for k in range(slots)
         ]
-        return np.min(found, axis=0)[:, 0] >= slot
+        return np.min(gaps, axis=0)[:, 0] >= slot
 
     open_ = np.arange(count)
     good = fits(open_, high)
@@ -154,17 +177,17 @@ def twist_bound(
     return low
 
 
-def _rolled(arms: Arms, step: int) -> Arms:
-    """The same arms, with arm k - step in the place of arm k."""
-    rolled = {
+def _roll(arms: Arms, step: int) -> Arms:
+    """Renumber the arms of every quad, so that arm k - step becomes arm k."""
+    fields = {
         name: np.roll(getattr(arms, name), step, axis=1)
         for name in ("radius", "angle", "width", "joint_width", "blend_slope", "share")
     }
-    return replace(arms, **rolled)
+    return replace(arms, **fields)
 
 
 def beside(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
-    """Of arms that are not cut, the slots k between arm k and arm k + 1 that are no slots without them."""
+    """Return a mask of the slots beside absent arms; slot k lies between arm k and arm k + 1."""
     return absent | np.roll(absent, -1, axis=1)
 
 
@@ -175,38 +198,51 @@ def narrowest(
     fillet: float,
     absent: Bool[np.ndarray, "quads 4"] | None = None,
 ) -> tuple[float, float]:
-    """Narrowest slot and narrowest piece of material in metres, measured between the true edges of the arms.
+    """Return the widths of the narrowest slot and of the narrowest piece of material in metres, between the arms' true edges.
 
-    left, right : t where the left edge of arm k and the right edge of arm k + 1 end at the root of their slot.
-    At its root a slot is as wide as its fillet's diameter. ``absent`` arms are not cut.
+    Parameters
+    ----------
+    arms : of all quads
+    left, right : t where the left edge of arm k and the right edge of arm k + 1 end, at the root of slot k
+    fillet : radius at the roots, metres; a slot is there as wide as the fillet's diameter
+    absent : arms that are not cut
     """
     absent = np.zeros(left.shape, dtype=bool) if absent is None else absent
-    # the arm itself, up to its hub
+    # width of the arms themselves, up to the hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
     bridge = np.where(absent[..., None], CLEAR, bridge).min()
-    # a slot without fillet ends in a point: its width is that of its outer half
+    # a slot without fillet ends in a point: measure its outer half only
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
-    # where the edges part at a wide angle there is room; only slots whose sides run along each other can be narrow
+    # edges at a wide angle bound no slot
     slot = float(np.where((lean > PARALLEL) & ~beside(absent)[..., None], apart, CLEAR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 
 def clockwise(arms: Arms) -> bool:
-    """Whether the spirals wind clockwise from their tips inwards; all of a design wind the same way."""
+    """Return whether the spirals wind clockwise from their tips inwards; all spirals of a design wind the same way."""
     return float(arms.wind.sum()) < 0.0
 
 
 def slot_widths(
     arms: Arms, left: Float[np.ndarray, "quads 4"], right: Float[np.ndarray, "quads 4"], share: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Width of every slot, measured from the edge of its outer arm at the shares (N,) of the way from mouth to root.
+    """Measure the width of every slot from points on the edge of its outer arm.
 
-    left, right : t where the edges of slot k end, on arm k and on arm k + 1. Returns, each (F, 4, N), the width in
-    metres, as the diameter of the circle between the edges that touches the outer arm there, the cosine of the angle between both edges (negative in the open corner of two arms), and t on the outer and on the inner arm.
+    Parameters
+    ----------
+    arms : of all quads
+    left, right : t where the edges of slot k end, on arm k and on arm k + 1
+    share : (N,) places of the points, 0 at the slot's mouth, 1 at its root
+
+    Returns
+    -------
+    width : (F, 4, N) diameter of the circle between the edges that touches the outer arm there, metres
+    lean : (F, 4, N) cosine of the angle between both edges, negative in the open corner of two arms
+    outer, inner : (F, 4, N) t on the outer and on the inner arm
     """
     step = 1 if clockwise(arms) else -1
-    other = _rolled(arms, -1)  # arm k + 1 in the place of arm k
+    other = _roll(arms, -1)
     opening = ((other.angle - arms.angle) % (2.0 * math.pi))[..., None]
     turned = opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None]
     outer, inner, ends = (arms, other, (left, right)) if step > 0 else (other, arms, (right, left))
@@ -222,9 +258,9 @@ def slot_widths(
 def _apart(
     one: Arms, side: float, t: np.ndarray, two: Arms, other: float, s: np.ndarray, end: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distance of edge points at t from the nearest point, near s and up to ``end``, of the other edge.
+    """Find the points of the other edge, near s and up to ``end``, that are nearest to edge points at t.
 
-    And the cosine of the angle between the ways inwards along both edges there, and the parameter of the nearest point.
+    Return the distance, the cosine of the angle between the inward directions of both edges, and the nearest points' parameter.
     """
     p, dp = edge(one, t, side)
     for _ in range(6):

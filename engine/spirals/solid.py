@@ -1,7 +1,7 @@
-"""Quads without room for a spiral: a solid hub, to which the four joints are joined straight.
+"""Solid hubs: quads without room for a spiral, whose hub reaches to straight bars at the four joints.
 
-The width says which they are: their arms are thinner than any spiral's may be. So the widths and twists that a piece is stored with are
-enough, and every stage sees the same quads. The model takes them for straight thin arms, which are softer than what is cut.
+Arms thinner than any spiral may have mark such a quad, so that the stored widths and twists suffice and every stage finds the
+same quads. The elastic model treats them as straight thin arms, which are softer than the cut shape.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from .contours import Hubs, hubs
 from .slots import SOLID, THINNEST, width_range
 from .spiral import LEFT, RIGHT, Arms, alike, arms, centre_line, edge
 
-BELOW = 0.49  # share of the smallest width below which arms belong to a solid hub: between ``SOLID`` and ``THINNEST``
-LARGEST_SHARE = 0.01  # of the quads that may stay without a spiral: more of them would make another piece
-MOST = 20  # quads that may stay without a spiral, however many there are
-DEEPEST = 0.4  # t at which a slot beside a solid hub ends at the latest: deeper ones make the joints' bars weak
-ASLANT = (
-    1.2  # times the slot: how far points of both edges at the same t are apart where the slot between them is that wide
-)
-STRAIGHT = 0.01  # radians by which the way round a hub's corner turns at least, so that its arc has a centre
-LOOKS = 33  # places between the joint and there where slots are measured
-FEWER = (
-    0.6  # times the count: larger quads in the same shape leave out the parts that no quad has room in; not measured
-)
+# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID`` and ``THINNEST``
+BELOW = 0.49
+LARGEST_SHARE = 0.01  # largest share of quads without a spiral; with more, the piece would be a different one
+MOST = 20  # largest number of quads without a spiral
+DEEPEST = 0.4  # largest t at the root of a slot beside a solid hub; larger values weaken the bars at the joints
+# distance of both edges at equal t over the slot's width, because the shortest way across is oblique; larger is safer
+ASLANT = 1.2
+MIN_TURN = 0.01  # least turn of the arc around a hub's corner, radians, so that the arc has a centre
+SAMPLES = 33  # number of t up to ``DEEPEST`` where slots are measured; more find the root more exactly
+# count of quads to remesh with, as a share of the present count: larger quads may skip parts too small for any spiral; not
+# measured
+FEWER = 0.6
 
 
 def without_spiral(width: Float[np.ndarray, "quads 4"], params: SpiralParams) -> Bool[np.ndarray, " quads"]:
-    """Which quads have a solid hub, by the widths of their arms in metres."""
+    """Return a mask of the quads with a solid hub, from the widths of their arms in metres."""
     return (width < BELOW * params.width_min).all(axis=1)
 
 
-@lru_cache(maxsize=4)  # a search asks for those of the same patches again and again
+@lru_cache(maxsize=4)  # a search calls this often with the same patches
 def hopeless(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
-    """Quads in which not even straight arms of the least width have slots."""
+    """Return a mask of the quads where even straight arms of the least width leave no slots."""
     low, high = width_range(flat, params)
     thinnest = np.minimum(low, THINNEST * params.width_min)
     straight = arms(flat, params, alike(thinnest), np.zeros(len(low)))
@@ -54,23 +54,23 @@ def solid(
     twist: Float[np.ndarray, " quads"],
     quads: Bool[np.ndarray, " quads"],
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
-    """Widths in metres and twists in radians with a solid hub in some quads."""
+    """Return widths (metres) and twists (radians) with solid hubs in the quads of a mask."""
     return np.where(quads[:, None], SOLID * params.width_min, width), np.where(quads, 0.0, twist)
 
 
 def fewer(count: int) -> int:
-    """How many quads to remesh with instead of ``count`` that leave some without room."""
+    """Return the number of quads to remesh with if some of ``count`` quads have no room for a spiral."""
     return max(round(FEWER * count), 1)
 
 
 def refuse_many(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
-    """Raise ``FlexMapsError`` where more quads are without a spiral than a piece of ``count`` quads may have."""
+    """Raise ``FlexMapsError`` (message ``why``) if too many of ``count`` quads are without a spiral."""
     if len(quads) > min(MOST, int(LARGEST_SHARE * count)):
         raise FlexMapsError(why, faces=quads, quads=fewer(count))
 
 
 def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
-    """The warning that names the quads without a spiral, if there are any."""
+    """Return the warning about quads without a spiral, if any."""
     if not len(quads):
         return []
     text = f"{named(quads)} without room for a spiral: {counted(len(quads), 'it has a solid hub', 'they have solid hubs')} and will not bend; remesh, or move the vertices there"
@@ -78,12 +78,20 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
 
 
 def with_solid(root: Hubs, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> Hubs:
-    """The roots of the slots, those beside solid hubs where the slots are still wide enough for the fillet (metres)."""
+    """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
+
+    Parameters
+    ----------
+    root : roots of all slots
+    arms : of all quads
+    fillet : metres
+    quads : mask of the quads with a solid hub
+    """
     some = np.flatnonzero(quads)
     if not len(some):
         return root
     part = arms.of(some)
-    t = np.broadcast_to(np.linspace(0.0, DEEPEST, LOOKS), (len(some), 4, LOOKS))
+    t = np.broadcast_to(np.linspace(0.0, DEEPEST, SAMPLES), (len(some), 4, SAMPLES))
     left = edge(part, t, LEFT)[0]
     right = np.roll(edge(part, t, RIGHT)[0], -1, axis=1)
     inwards = centre_line(part, t)[1]
@@ -94,24 +102,24 @@ def with_solid(root: Hubs, arms: Arms, fillet: float, quads: Bool[np.ndarray, " 
     wide = np.logical_and.accumulate(apart >= ASLANT * 2.0 * fillet, axis=-1)
     last = np.maximum(wide.sum(axis=-1) - 1, 1)
     missed = apart[..., 1] < 2.0 * fillet
-    depth = DEEPEST * last / (LOOKS - 1)
-    centre, radius = _arcs(part, depth)
-    found = {"left": depth, "right": depth, "missed": missed, "centre": centre, "fillet": radius}
-    made = {name: getattr(root, name).copy() for name in found}
-    for name, values in found.items():
-        made[name][some] = values
-    return replace(root, **made)
+    depth = DEEPEST * last / (SAMPLES - 1)
+    centre, radius = _corner_arcs(part, depth)
+    changes = {"left": depth, "right": depth, "missed": missed, "centre": centre, "fillet": radius}
+    fields = {name: getattr(root, name).copy() for name in changes}
+    for name, values in changes.items():
+        fields[name][some] = values
+    return replace(root, **fields)
 
 
-def _arcs(arms: Arms, depth: Float[np.ndarray, "quads 4"]) -> tuple[np.ndarray, np.ndarray]:
-    """Centre and radius, metres, of the arcs that lead from the left edges at these t to the right edges of the next arms."""
+def _corner_arcs(arms: Arms, depth: Float[np.ndarray, "quads 4"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return centre and radius (metres) of the arcs from the left edges at t ``depth`` to the right edges of the next arms."""
     (p, inwards), (q, outwards) = (
         (x[:, :, 0] @ np.array([1.0, 1j]) for x in edge(arms, t[..., None], side))
         for t, side in ((depth, LEFT), (np.roll(depth, 1, axis=1), RIGHT))
     )
     q, outwards = np.roll(q, -1, axis=1), -np.roll(outwards, -1, axis=1)
     turn = np.angle(outwards / inwards)
-    turn = np.minimum(np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, turn), -STRAIGHT)
+    turn = np.minimum(np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, turn), -MIN_TURN)
     half = 0.5 * (q - p)
     centre = 0.5 * (p + q) - 1j * half / np.tan(-0.5 * turn)
     return np.stack([centre.real, centre.imag], axis=-1), np.abs(half) / np.sin(-0.5 * turn)

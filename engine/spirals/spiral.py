@@ -1,9 +1,9 @@
 """The shape of the four-armed spirals in real quads: centre lines, widths and edges of every arm (FlexMaps section 5).
 
 Arm k of a quad runs from the middle of its side k (t = 0) to the quad's centre (t = 1), the mean of its corners. Outside
-the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with a radius R_k and a starting angle A_k of
-its own. Over the blend, both arms that meet at an edge turn to one common direction and width, so that their edges run
-on smoothly from one quad into the other.
+the blend it is an Archimedean spiral, r = R_k (1 - t), angle = A_k + t twist, with its own radius R_k and starting angle A_k.
+Over the blend, both arms that meet at an edge turn to one common direction and width, so that their edges continue smoothly
+from one quad into the next.
 """
 
 from __future__ import annotations
@@ -18,23 +18,25 @@ from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
 from .blends import blends, leans
 
-LEFT, RIGHT = 1.0, -1.0  # of a person who walks along an arm from the centre outwards
+LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards
 
 Floats = float | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Arms:
-    """All arms as numbers: four of every quad, or single ones, see ``one_by_one``. Every function of this module takes t of shape (F, 4, N), in [0, 1], and returns (F, 4, N, ...).
+    """Shape parameters of the four arms of every quad, or of single arms (see ``one_by_one``).
+
+    Functions that evaluate arms take t of shape (F, 4, N) in [0, 1] and return (F, 4, N, ...).
 
     centre : metres
-    radius : metres, from the centre to the middle of side k
-    angle : radians, direction from the centre to the middle of side k, ascending within a quad
+    radius : distance from the centre to the middle of side k, metres
+    angle : direction from the centre to the middle of side k, radians, ascending within a quad
     wind : radians, twist with the sign of the sense of rotation
-    width : metres, of every arm away from its joint
-    joint_width : metres, at the joint
-    blend_slope : metres, what the blend adds to the derivative of the centre line at the joint
-    share : share of t over which arm and joint are blended
+    width : of every arm away from its joint, metres
+    joint_width : at the joint, metres
+    blend_slope : added by the blend to the derivative of the centre line at the joint, metres
+    share : length of the blend, in t
     """
 
     centre: Float[np.ndarray, "quads 2"]
@@ -47,7 +49,7 @@ class Arms:
     share: Float[np.ndarray, "quads arms"]
 
     def unblended(self, wind: Float[np.ndarray, " quads"]) -> Arms:
-        """The same arms as pure spirals of another winding angle."""
+        """Return the arms without blends and with another twist."""
         return replace(
             self,
             wind=wind,
@@ -56,11 +58,16 @@ class Arms:
         )
 
     def of(self, quads: np.ndarray) -> Arms:
-        """The arms of some quads only."""
+        """Return the arms of some quads only."""
         return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
 
     def one_by_one(self, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]) -> Arms:
-        """N single arms, as N "quads" of one arm each, so that any choice of them can be evaluated together."""
+        """Return N single arms as N "quads" of one arm each, so that any selection can be evaluated at once.
+
+        Parameters
+        ----------
+        quad, side : (N,) quad and side of every arm
+        """
         of_quad = {name: getattr(self, name)[quad] for name in ("centre", "wind")}
         names = ("radius", "angle", "width", "joint_width", "blend_slope", "share")
         of_arm = {name: getattr(self, name)[quad, side][:, None] for name in names}
@@ -68,7 +75,7 @@ class Arms:
 
 
 def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.ndarray, "quads 4"]]:
-    """The quad and its side across every side; at the border the quad and the side themselves."""
+    """Return the quad and its side across every side; at the border the quad and the side themselves."""
     own = np.arange(len(mesh.quads))[:, None]
     quads, sides = mesh.edge_quads[mesh.quad_edges], mesh.edge_sides[mesh.quad_edges]
     across = np.where(quads[..., 0] == own, 1, 0)[..., None]
@@ -79,24 +86,27 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
 
 
 def mirrored(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
-    """-1 at sides where an arm's mate is its own mirror image, 1 at others: so arms meet a rim at right angles."""
+    """Return the factor on the mate's wind and lean at every side: -1 at a rim, else 1.
+
+    At a rim, the mate is the arm's own mirror image, so that the arm meets the rim at right angles.
+    """
     return np.where(mesh.border[mesh.quad_edges] & (params.border == "rim"), -1.0, 1.0)
 
 
 def alike(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
-    """The widths of four arms that are all as wide as their spiral's number says."""
+    """Repeat one width per spiral for its four arms."""
     return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
 
 
 def anisotropy(width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads"]:
-    """How unlike the two pairs of opposite arms are: |w0 + w2 - w1 - w3| over the sum of all, from 0 to 1."""
+    """Return the difference between the two pairs of opposite arms, |w0 + w2 - w1 - w3| over the sum of all, from 0 to 1."""
     return np.abs(width @ np.array([1.0, -1.0, 1.0, -1.0])) / width.sum(axis=1)
 
 
 def arms(
     flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:
-    """The arms of the spirals with these widths in metres and twists in radians, joints blended."""
+    """Compute the arms of spirals with given widths (metres) and twists (radians), including blends."""
     centre, radius, angle = spokes(flat.corners)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
     width, lean = np.asarray(width, dtype=float), leans(flat.corners, angle)
@@ -110,16 +120,16 @@ def arms(
 
 
 def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " quads"]:
-    """Metres: the widest arms whose straight cross still has slots, with their fillets, in every corner of the quads."""
+    """Return the largest width in metres at which straight arms leave slots with fillets in every corner of a quad."""
     _, radius, angle = spokes(flat.corners)
     opening = np.diff(angle, axis=1)
-    # edges at the distance a from straight centre lines meet at a (1 + cos) / sin from the centre
+    # edges at the distance a from straight centre lines meet at the distance a (1 + cos) / sin from the centre
     reach = ((1.0 + np.abs(np.cos(opening))) / np.maximum(np.sin(opening), 1e-9)).max(axis=1)
     return 2.0 * (0.9 * radius.min(axis=1) / reach - params.fillet)
 
 
 def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[np.ndarray, " quads"]:
-    """Metres: the widest arms whose straight cross has slots this wide (metres) beside the outer ``depth`` of its arms."""
+    """Return the largest width in metres at which straight arms leave slots ``slot`` wide beside their outer share ``depth``."""
     _, radius, angle = spokes(flat.corners)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
     return (1.0 - depth) * radius.min(axis=1) * least - slot
@@ -128,7 +138,7 @@ def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[n
 def spokes(
     corners: Float[np.ndarray, "quads 4 2"],
 ) -> tuple[Float[np.ndarray, "quads 2"], Float[np.ndarray, "quads 4"], Float[np.ndarray, "quads 4"]]:
-    """Centre, and distance and direction of the middles of the sides from it, directions ascending."""
+    """Return the centre of every quad, and distance and direction of the sides' middles from it; directions ascend."""
     centre = corners.mean(axis=1)
     spokes = 0.5 * (corners + np.roll(corners, -1, axis=1)) - centre[:, None]
     angle = np.arctan2(spokes[..., 1], spokes[..., 0])
@@ -138,9 +148,9 @@ def spokes(
 
 
 def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
-    """Smallest radius of curvature of an arm's inner edge within its blend, as a share of the centre line's.
+    """Return the smallest radius of curvature of every arm's inner edge in its blend, over that of the centre line.
 
-    1 where an arm is straight there; the edge folds at 0.
+    The value is 1 where the blend is straight; the edge folds at 0.
     """
     t = arms.share[..., None] * np.linspace(0.0, 1.0, 17)
     _, d1, d2 = centre_line(arms, t)
@@ -150,7 +160,13 @@ def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
 
 
 def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2) metres."""
+    """Return the points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2), metres.
+
+    Parameters
+    ----------
+    arms : of F quads
+    t : (F, 4, N) 0 at the joint, 1 at the centre
+    """
     slope = _complex(arms.blend_slope)[..., None]
     numbers = arms.radius[..., None], arms.angle[..., None], arms.wind[:, None, None], slope, arms.share[..., None]
     p, d1, d2 = curve(*numbers, t)
@@ -161,8 +177,14 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 def curve(
     radius: np.ndarray, angle: np.ndarray, wind: np.ndarray, slope: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centre lines at t, seen from their quads' centres, and their derivatives, as complex numbers; all arguments broadcast."""
-    # in the complex plane: r e^(i angle), and its derivatives; straight on beyond the centre
+    """Return centre lines at t relative to their quads' centres, and first and second derivatives, as complex numbers.
+
+    Parameters
+    ----------
+    radius, angle, wind, slope, share : as in ``Arms``, with a complex slope; all arguments broadcast
+    t : 0 at the joint, 1 at the centre
+    """
+    # r e^(i angle) in the complex plane; straight beyond the centre
     beyond = (t > 1.0).any()
     turn = np.exp(1j * (angle + wind * (np.minimum(t, 1.0) if beyond else t)))
     p = radius * (1.0 - t) * turn
@@ -189,14 +211,20 @@ def _pairs(numbers: np.ndarray) -> np.ndarray:
 
 
 def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Width of the arms at t in metres, and its derivative, each (F, 4, N)."""
+    """Return the width of the arms at t and its derivative by t, each (F, 4, N), metres."""
     return widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
 
 
 def widths(
     width: np.ndarray, joint: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Widths at t and their first and second derivatives by t, in metres; all arguments broadcast."""
+    """Return widths at t and their first and second derivatives by t, metres.
+
+    Parameters
+    ----------
+    width, joint, share : width away from the joint and at it, and length of the blend in t; all arguments broadcast
+    t : 0 at the joint, 1 at the centre
+    """
     u = np.minimum(t / share, 1.0)
     change, rest = joint - width, u * (1.0 - u)
     g = 1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))
@@ -208,9 +236,13 @@ def widths(
 
 
 def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What a tip is wider at t: ``extra`` metres up to t = ``full``, nothing from ``over`` on; and its derivative.
+    """Return the additional width of a tip at t and its derivative by t, smooth to the second derivative.
 
-    Smooth to the second derivative. All arguments broadcast.
+    Parameters
+    ----------
+    extra : additional width at the tip, metres; all arguments broadcast
+    full, over : t up to which the width is complete, and t from which it is 0
+    t : 0 at the joint, 1 at the centre
     """
     span = np.maximum(np.asarray(over) - full, 1e-9)
     u = np.clip((t - full) / span, 0.0, 1.0)
@@ -225,11 +257,15 @@ def edge(
     away: Floats = 0.0,
     wider: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points on the left or right edge of the arms at t, and their derivative by t (inwards), each (F, 4, N, 2) metres.
+    """Return points on an edge of the arms at t and their derivatives by t (inwards), each (F, 4, N, 2), metres.
 
-    ``side`` is LEFT or RIGHT, or an array of them that broadcasts with t; an axis before those of t stays in what is given.
-    ``away`` shifts the points, in metres, at right angles away from the arm: where a cutter or a fillet of that radius
-    has its centre while it touches the edge. ``wider`` is added to the width of the arms and to its derivative by t.
+    Parameters
+    ----------
+    arms : of F quads
+    t : (F, 4, N) 0 at the joint, 1 at the centre
+    side : LEFT, RIGHT, or an array of them that broadcasts with t; its additional leading axes remain in the result
+    away : offset of the points from the edge, metres: centres of a cutter or fillet with this radius that touches the edge
+    wider : additional width of the arms, and its derivative by t
     """
     p, d1, d2 = centre_line(arms, t)
     width, slope = width_at(arms, t)
@@ -251,7 +287,7 @@ def edge(
 
 
 def centre_lines(shape: Arms, samples: int) -> np.ndarray:
-    """Centre lines of all arms from joint to centre, (F, 4, samples, 2) metres, evenly spaced in t."""
+    """Return points on the centre lines of all arms from joint to centre, (F, 4, samples, 2), metres, evenly spaced in t."""
     t = np.broadcast_to(np.linspace(0.0, 1.0, samples), (*shape.radius.shape, samples))
     return centre_line(shape, t)[0]
 

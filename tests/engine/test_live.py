@@ -91,7 +91,7 @@ def test_it_rests_where_a_simulation_does(dome: FlatPatches, name: str) -> None:
 
 def test_what_is_refined_in_parts_is_what_is_made_at_once(dome: FlatPatches, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where many joints change: first with the second order of another thickness, in the end with their own."""
-    monkeypatch.setattr(rigs, "AT_ONCE", 100)
+    monkeypatch.setattr(rigs, "BATCH", 100)
     first = given_of(dome)
     thick = replace(first, spiral=replace(first.spiral, thickness=1.2 * first.spiral.thickness))
     old, pose = rigs.Rig.of(first)
