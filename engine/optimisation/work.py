@@ -66,19 +66,19 @@ class Work:
     def paced(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown.
 
-        Whether a search ends at ``enough`` of its limit or goes on is not known before: the share shown there is its square root,
-        which is wrong by the same factor in both cases.
+        A search ends at the share ``enough`` of its limit or at all of it; which one, it does not know before. At ``enough`` the
+        progress shows the square root of that share, which is wrong by the same factor in both cases.
         """
         report, limit = progress.report, self.limit
         if limit is None or report is None:
             return progress
         root = self.enough**0.5
 
-        def told(_: float, text: str) -> None:
+        def report_work(_: float, text: str) -> None:
             share = float(np.interp(self.done / limit, (0.0, self.enough, 1.0), (0.0, root, 1.0)))
             report(progress.lo + (progress.hi - progress.lo) * share, text)
 
-        return replace(progress, report=told)
+        return replace(progress, report=report_work)
 
     @property
     def over(self) -> bool:
