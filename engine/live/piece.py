@@ -23,8 +23,8 @@ from .rig import Rig
 # to 2,400 spirals end within 1e-4 mm, one step earlier than with a tolerance of 1e-10
 TOLERANCE = 1e-5
 SLICE = 0.015  # computing time before ``advance`` returns a shape, seconds; a frame at 60 Hz has 16 ms
-# least motion of a spiral at which a snap is suspected, and least distance from the earlier shape at which it is confirmed, in
-# mean distances of neighbours; the second as in ``equilibrium.other_minima``
+# a motion beyond JUMP is a suspected snap; it is confirmed if the shape stays farther than AWAY from the earlier one after the
+# change is undone. Unit: mean distance of neighbours; AWAY is as in ``equilibrium.other_minima``
 JUMP, AWAY = 1.0, 0.1
 RETURN_STEPS = 60  # most Newton steps for the return to the earlier shape; pieces that return need 5 to 60
 # number of stored poses at rest, so that undo and redo are immediate; each takes a quarter of a megabyte for 2,400 spirals

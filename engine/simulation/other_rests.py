@@ -13,8 +13,8 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .simulate import Simulation
 
-# standard deviation of the random start: shifts in mean distances of neighbours, turns in radians; larger starts lead
-# farther away but converge less often; by eye, not measured
+# standard deviation of the random start: shifts as a share of the mean distance of neighbours, turns in radians; larger
+# values lead farther away but converge less often; by eye, not measured
 PERTURBATION = 0.1
 ITERATIONS = 60  # most Newton steps for each other shape; more steps find more shapes and take longer; not measured
 

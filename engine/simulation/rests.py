@@ -18,8 +18,8 @@ Softest = Callable[[], tuple[np.ndarray, float]]
 SNAPPING = 0.02
 # least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
 MOVING = 0.5
-# largest RMS distance of another stable shape from the target, in RMS distances of the simulated shape, at which it
-# counts as equally good; by eye: .72 and .79 % look alike
+# another stable shape counts as equally near to the target if its RMS distance is at most this factor times the distance of
+# the simulated shape; by eye: .72 and .79 % look alike
 AS_NEAR = 1.25
 RESTS = ("other-rest", "rest-as-near")  # finding codes for another stable shape: a worse match, an equal match
 # energy difference, as a share of the elastic energy, from which another stable shape counts as lower; rounding errors

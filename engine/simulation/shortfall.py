@@ -48,7 +48,7 @@ class Shortfall:
 
     @property
     def wrong(self) -> str:
-        """Sentence that says what is wrong."""
+        """Sentence about the fault."""
         kind = "The piece stays flat" if self.flat else "The shape is far from its target"
         return f"{kind}: RMS distance {100.0 * self.rms:.1f} % of its size."
 

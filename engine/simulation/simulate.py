@@ -34,7 +34,8 @@ from .band import Band
 from .rests import SNAPPING, rest_findings
 from .shortfall import Shortfall, shortfalls
 
-# radians that neighbours may be twisted further than in the target: beyond it the search has probably tied a knot; by eye
+# difference between a joint's torsion and its torsion in the target, radians, above which the search has probably ended in a
+# false minimum; larger values warn about fewer shapes; by eye
 KNOTTED = 1.0
 
 
@@ -87,7 +88,7 @@ class Simulation:
 
     @cached_property
     def strain(self) -> Float[np.ndarray, " quads"] | None:
-        """(F,) largest surface strain of every spiral's arms, without fillets, in strain limits; None for the rod model.
+        """(F,) largest surface strain of every spiral's arms, without fillets, over the strain limit; None for the rod model.
 
         The more strained arm of a joint counts for both of its spirals (see ``strain_changes.largest``).
         """
@@ -135,14 +136,14 @@ class Simulation:
 
     @cached_property
     def twisted(self) -> Float[np.ndarray, " joints"]:
-        """(m,) radians by which the hubs of every joint are twisted against each other further than in the target."""
+        """(m,) absolute difference between the torsion of every joint and its torsion in the target, radians."""
         aim = Stance(self.loads, self.target, self.design.flat.corners).aim
         here, there = (self.model.torsion(self.model.start(pose)) for pose in (self.equilibrium.pose, aim))
         return np.abs(np.angle(np.exp(1j * (here - there))))
 
     @property
     def locked(self) -> bool:
-        """Whether some joint is twisted so much further than in the target that the shape is probably a false minimum."""
+        """Whether some joint's torsion differs so much from the target that the shape is probably a false minimum."""
         return bool(self.twisted.max(initial=0.0) > KNOTTED)
 
     @cached_property

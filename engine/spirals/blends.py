@@ -29,12 +29,13 @@ NUMBERS = 8  # number of these columns
 _CROSSING_MIN = 0.1
 # half width, as a sine, of the smooth transition to _CROSSING_MIN; at 0.1 + 0.05, equal squares have a twist of 6.6
 _CROSSING_SOFT = 0.05
-# radius of curvature of the inner edge over that of the centre line that the blend alone leaves; larger values lengthen
-# blends. With the arm's own curvature, 0.6 is left in 9 of 10 random arms of 19 surfaces, and 0.43 in 99 of 100, as with
-# blends that were lengthened step by step.
+# least ratio of the inner edge's radius of curvature to the centre line's, from the blend alone; larger values lengthen blends.
+# With the arm's own curvature, the ratio is above 0.6 in 9 of 10 random arms of 19 surfaces, and above 0.43 in 99 of 100, as
+# with blends that were lengthened step by step.
 _INNER_RADIUS = 0.7
 _BLEND_MAX = 0.7  # longest blend, as a share of the arm; the rest stays a spiral
-_BLEND_SOFT = 0.3  # half width of the smooth transition from the shortest to longer blends, in shortest blends
+# half width of the smooth transition from the shortest blend to longer ones, as a share of the shortest blend's length
+_BLEND_SOFT = 0.3
 _TOP_SOFT = 0.1  # half width of the smooth transition to the longest blend, as a share of the arm
 # largest curvature of the blending quintic, times 1 - h, per square root of h, where h is the squared sine of half the
 # turning angle: 7.88 for small angles, 7.6 for a right angle
@@ -83,7 +84,7 @@ def blends(
     angle: Float[np.ndarray, "*n"],
     shortest: float,
 ) -> Blends:
-    """Compute the blends of arms from their own parameters and those of their mates.
+    """Compute the blends of arms from the parameters of the arms and of their mates.
 
     Parameters
     ----------

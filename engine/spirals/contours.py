@@ -30,8 +30,9 @@ _LARGEST_T = 1.2
 # Retries for wrong roots: start from these t, first with the requested fillet, then with larger ones. Of 30,000 spirals
 # with widths of 1 or 2 mm some 20 need that.
 _RETRY_T = (0.95, 0.85, 0.75)
-_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # in requested fillets
-_SMALLEST_RETRY = 0.1  # least base of the retry fillets, in smallest arm widths; matters if the requested fillet is 0
+_RETRY_FILLETS = (1.5, 2.2, 3.3, 5.0)  # factors on the requested fillet
+# the factors apply to at least this share of the smallest arm width, so that retries work if the requested fillet is 0
+_SMALLEST_RETRY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,7 +362,7 @@ def _pieces(
 
 
 def _links(arms: Arms, rim: Rim, fillet: float) -> dict[int, Curve]:
-    """Return the outline's curve along the rim, by the number of the arm whose right edge it starts from."""
+    """Return the outlines' curves along the rim; the keys are the arms whose right edges they start from."""
     half = 0.5 * arms.joint_width[rim.quad, rim.side]
     number = (4 * rim.quad + rim.side).tolist()
     return {arm: Curve(*rim.link(n, half, fillet), closed=False) for n, arm in enumerate(number)}

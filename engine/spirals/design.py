@@ -96,7 +96,7 @@ class SpiralDesign:
 
     @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
-        """The t where every arm begins if it has no connector."""
+        """Place t on every arm where it begins, from 0 at the joint to 1 at the centre; without connectors."""
         plain = ends(self.flat.layout, self.arms, slot_needed(self.params))
         return np.where(self.absent, stumps(self.roots), plain)
 

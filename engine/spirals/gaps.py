@@ -223,7 +223,7 @@ def _nearest(
         slope -= h1
         bend = np.maximum(bend, 0.25 * (d1.real**2 + d1.imag**2) / apart)
         wanted = -slope / bend
-        # a step back is at most half as long as the one before it
+        # after a change of direction, halve the longest step, so that steps do not oscillate
         farthest = np.where(wanted * before < 0.0, 0.5 * np.abs(before), farthest)
         move = before = np.clip(s + np.clip(wanted, -farthest, farthest), 0.0, last) - s
         less = np.abs(slope * move)
@@ -279,7 +279,7 @@ def _narrowest_jointly(
         share = np.where(held, 0.0, cross / other)
         slope, bend = by_t - np.where(held, 0.0, share * by_s), own - share * cross
         wanted = np.where(bend > 0.0, -slope / np.where(bend > 0.0, bend, 1.0), -np.sign(slope) * step[moving])
-        # a step back is at most half as long as the one before it
+        # after a change of direction, halve the longest step, so that steps do not oscillate
         far[moving] = np.where(wanted * before[moving] < 0.0, 0.5 * np.abs(before[moving]), far[moving])
         to = np.clip(at + np.clip(wanted, -far[moving], far[moving]), low[moving], high[moving])
         before[moving] = to - at
@@ -332,10 +332,10 @@ def _bends(
 
 
 def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the derivatives of gaps.
+    """Return the derivatives of K gaps, and the nearest points on the second arms.
 
-    With respect to the parameters of the first and of the second arm, (K, lines.COUNT) each, and to the nearest point of the
-    second arm; last, that point. The last two are complex, in the first arm's frame.
+    The derivatives are by the first arm's parameters and by the second arm's parameters, each (K, lines.COUNT), and by the
+    nearest points. Points are complex, in the first arm's frame.
     """
     (one, t), (two, s) = gaps.both(pairs)
     turn = pairs.turn[gaps.pair]
@@ -352,7 +352,7 @@ def sharp(
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Find the places in blends where the inner edge is sharp.
 
-    Sharp means that the radius of curvature of the inner edge over that of the centre line is less than ``below`` (n,).
+    Sharp means that the ratio of the inner edge's radius of curvature to the centre line's is less than ``below`` (n,).
     Return the arm, u and that ratio of every such place.
     """
     end = lines.end

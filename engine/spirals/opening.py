@@ -13,7 +13,7 @@ from .room import Room
 # most rounds in total; the later ones change all spirals at closed gaps by a fixed share
 SLOPE_ROUNDS, ROUNDS = 25, 90
 SPARE_ROOM = 0.02  # target clearance, as in ``Terms.value``; larger values need fewer rounds but unwind more
-# slope of a gap with respect to all twists, in units of ``Terms.value`` per radian, below which arms become thinner instead
+# least slope of a clearance (``Terms.value``) by the twists, per radian, for which unwinding helps; below, arms become thinner
 IDLE = 0.02
 # largest change in one round: twist in radians, width as a share; larger values need fewer rounds but overshoot
 MAX_UNWIND, MAX_THIN = 0.4, 0.1

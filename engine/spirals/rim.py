@@ -238,7 +238,7 @@ class Rim:
         return dict(zip((4 * self.quad + self.side).tolist(), to.tolist(), strict=True))
 
     def _last_nodes(self) -> Int[np.ndarray, " nodes"]:
-        """Return the last node of the strip for its first node; all other nodes map to themselves."""
+        """Map the first node of every strip to its last node, and every other node to itself."""
         out = np.arange(len(self.quad))
         for i in np.flatnonzero(self.before < 0):
             at = i

@@ -38,15 +38,17 @@ SUPPORT = 0.5
 _SAFETY = 1.015
 # relaxed requirement where even the thinnest straight arms are too close, as a share of their gap
 _THIN = 0.95
-# largest radius of short arms, in slots at seams. Of 2,586 joints in optimised, random and soft designs of twelve surfaces, 106
-# of the 231 with less than 6 mm had no room for a dovetail, and 18 of all others; with slots of 1.2 mm across these joints, 24
-# in all; with such slots also beside the arms in their own quads, none of 166 in four optimised designs that had 35.
-# A slot at seams beside all arms made the match of a surface with three holes a third worse without benefit.
+# Arms with a radius below this many slots at seams are short: the wider slot is required only beside them. Larger values leave
+# more room for connectors and less twist. Of 2,586 joints in designs of twelve surfaces, 106 of the 231 with a radius below
+# 6 mm had no room for a dovetail, but only 18 of all others. Slots of 1.2 mm beside short arms reduced both to 24 in all when
+# required across their joints, and to 0 of 166 joints (35 before) when required in their own quads too.
+# Slots at seams beside all arms made the match of a surface with three holes a third worse without benefit.
 _SHORT = 6.0
 # largest slot at seams, as a share of the gap between the thinnest straight arms, so that small quads can still have twist:
 # at 12 mm, for which the usual connectors are too large, twists are 4 % smaller with it
 _AT_SEAMS = 0.5
-_SHARPEST = 0.25  # least radius of curvature of the inner edge in a blend over that of the centre line
+# least ratio of the inner edge's radius of curvature in a blend to the centre line's; larger values keep edges rounder
+_SHARPEST = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,7 @@ class Room:
     pairs : pairs of arms that some design brings near each other
     shapes : geometry of the flat quads
     need : required gap of each pair, metres
-    sharpest : required radius of curvature of every arm's inner edge in its blend, over that of the centre line
+    sharpest : least ratio of the inner edge's radius of curvature in the blend to the centre line's, for every arm
     joined : arms whose twist must stay within the range of the stiffness table
     """
 

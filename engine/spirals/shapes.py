@@ -87,14 +87,20 @@ class Shapes:
     def by_sides(
         self, row: np.ndarray, count: int, own: np.ndarray, there: np.ndarray, way: np.ndarray, place: np.ndarray
     ) -> csr_array:
-        """Return derivatives (count, 2 V) by the flat points through the alignment of sides across cuts.
+        """Return derivatives by the flat points for gaps across cuts, where one quad is placed beside the other.
+
+        Moving a corner of the cut's two sides moves the second quad's arms in the frame of the first quad.
 
         Parameters
         ----------
-        row, count : (K,) row of every quantity, and the number of rows
-        own, there : (K,) arms whose sides are aligned: the side of ``there`` is placed on the side of ``own``
-        way : (K,) derivatives of the quantities by points that move with the side ``there``
-        place : (K,) these points
+        row, count : (K,) row of every gap in the result, and the number of rows
+        own, there : (K,) arms on both sides of the cut; the side of ``there`` is placed on the side of ``own``
+        way : (K,) derivatives of the gaps by points on the second arm
+        place : (K,) these points, in the first quad's frame
+
+        Returns
+        -------
+        (count, 2 V) derivatives
         """
         middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
         # place = middle + turn (q - middle there), where turn depends on the directions of both sides

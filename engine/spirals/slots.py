@@ -251,7 +251,7 @@ def slot_widths(
     apart, lean, s = _apart(
         outer, LEFT if step > 0 else RIGHT, t, inner, RIGHT if step > 0 else LEFT, s, ends[1][..., None]
     )
-    # between edges that enclose the angle a, a circle that touches this point is 1 / cos^2(a / 2) times as wide
+    # between edges at the angle a, the touching circle's diameter is the distance of the edges times 1 / cos^2(a / 2)
     return apart * 2.0 / np.maximum(1.0 + lean, 1e-3), lean, t, s
 
 

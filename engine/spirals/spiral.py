@@ -148,7 +148,7 @@ def spokes(
 
 
 def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
-    """Return the smallest radius of curvature of every arm's inner edge in its blend, over that of the centre line.
+    """Return the smallest ratio of the inner edge's radius of curvature to the centre line's, in the blend of every arm.
 
     The value is 1 where the blend is straight; the edge folds at 0.
     """

@@ -11,7 +11,7 @@ from ..surface.remeshing.regularise import best_squares
 
 RINGS = 2  # rings of neighbours around a small quad whose corners move too; more rings spread the change wider
 MOVES = 60  # smoothing iterations; more come closer to convergence and take longer
-SMALL = 0.7  # target side of small quads, in median sides; larger values leave less room to their neighbours
+SMALL = 0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
 
 
 def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
