@@ -291,10 +291,9 @@ def symmetry_notes(
         text += "; the first cuts chose one of several equal parametric lines"
     if len(rest) < len(kept):
         largest = ranked[0][2]
-        more = len(largest.pieces)
-        text += (
-            f"; with {1 + len(largest.symmetries)} of them there would be {more} panels instead of {len(board.pieces)}"
-        )
+        more, now = len(largest.pieces), len(board.pieces)
+        if more != now:
+            text += f"; with {1 + len(largest.symmetries)} of them there would be {more} panels instead of {now}"
     return said | {"symmetry": text}
 
 
