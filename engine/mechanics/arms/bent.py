@@ -1,10 +1,10 @@
-"""The shape of every arm in an assembled piece: which way each of its sections has gone and how it is turned.
+"""The shape of every arm in an assembled piece: position and rotation of each of its sections.
 
-The hubs are rigid and stand where a pose has them. Both arms of a joint are one elastic beam from hub to hub: they carry
-the same wrench, and their tips meet in one frame. The arm's sections bend, twist, stretch and shear as the wrench asks
-(Castigliano's beam, as in ``beams``), with the wrench's moments taken along the flat arm; its kinematics are those of
-finite turns. So arms that wind round their hub turn all along their way, and nothing but the small stretch of the beam
-changes their length. Young's modulus has no part in it: only the poses count.
+The hubs are rigid and stand where a pose puts them. Both arms of a joint form one elastic beam from hub to hub: they
+carry the same wrench, and their tips meet in one frame. The sections bend, twist, stretch and shear under the wrench
+(Castigliano's beam, as in ``beams``), whose moments are taken along the flat arm; the kinematics are those of finite
+rotations. So a wound arm turns all along its length, and only the small stretch of the beam changes that length.
+Young's modulus has no influence: the poses alone determine the shape.
 """
 
 from __future__ import annotations
@@ -23,28 +23,27 @@ from ..vectors import exponential, rotation_vector, skew, times
 from .bent_rim import RimPieces, rim_pieces
 from .pieces import POISSON, STATIONS, Grain, answers
 
-ROUNDS = 12  # of Newton's method; what is left then is spread along the arms
-# where Newton's method ends, relative to the size of a spiral: one step more is taken, and the rest is spread
+ROUNDS = 12  # Newton iterations at most; the remaining error is spread along the arms
+# Error, relative to the size of a spiral, at which Newton's method takes its last step; the remaining error is spread
+# along the arms. Larger is faster and less exact.
 CLOSE = 1e-6
-BATCH = 400  # joints at a time, so that they stay in the processor's cache
-BENDING = "Bending the arms"  # what the progress says
-_LARGEST = 0.5  # radians that a joint turns at most in one round
+BATCH = 400  # joints at a time, few enough to stay in the processor's cache
+BENDING = "Bending the arms"  # text of the progress
+_MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
 
 
 @dataclass(frozen=True, eq=False)
 class BentArms:
-    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations go from the hub, 0, to the tip, S.
+    """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from the hub, 0, to the tip, S.
 
-    Behind them come those of the rim's nodes, four for each, see ``mechanics.rim``.
+    The arms of the rim's nodes follow, four per node, see ``mechanics.rim``. A point P of the flat arm, in the frame of
+    its patch, that lies beside the centre line point c(t), moves to x(t) + D(t) (P - c(t)).
 
-    A point of the flat arm, P in the frame of its patch, that lies at right angles to the centre line c at t goes to
-    x(t) + D(t) (P - c(t)).
-
-    hub : (A,) t where the arm leaves its rigid hub; it is 0 at the tip
-    flat : (A, S + 1, 3) metres, the flat centre line, seen from the hub's centre
+    hub : (A,) t where the arm leaves its rigid hub; t is 0 at the tip
+    flat : (A, S + 1, 3) metres, the flat centre line c, relative to the hub's centre
     place : (A, S + 1, 3) metres, x in space; turn : (A, S + 1, 3, 3), D
-    bend : (A, S, 3) radians, by how much D turns over every piece, in the flat frame
-    stretch : (A, S, 3) metres, what the way of x over every piece is longer than that of c, in the flat frame turned half way
+    bend : (A, S, 3) radians, turn of D over every piece, in the flat frame
+    stretch : (A, S, 3) metres, chord of x minus chord of c over every piece, in the flat frame turned half way
     wrench : (A, 6) force and moment at the tip in the joint's axes, for a Young's modulus of 1 Pa
     """
 
@@ -59,32 +58,42 @@ class BentArms:
     def at(
         self, arm: np.ndarray, t: Float[np.ndarray, " nodes"], flat: Float[np.ndarray, "nodes 3"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """x (N, 3) metres and D (N, 3, 3) of arms (N,) at t (N,), where the flat centre lines are at ``flat`` (N, 3)."""
+        """Evaluate the deformation at single points.
+
+        Parameters
+        ----------
+        arm, t : (N,) arm and position on it, 0 at the tip
+        flat : (N, 3) metres, points of the flat centre lines at ``t``
+
+        Returns
+        -------
+        (N, 3) metres and (N, 3, 3) : x and D, as in ``BentArms``
+        """
         count = self.bend.shape[1]
-        hub = np.maximum(self.hub[arm], 1e-9)  # spirals that are wound too far for their settings are hub to the tip
+        hub = np.maximum(self.hub[arm], 1e-9)  # spirals too wound for their settings are rigid up to the tip
         way = np.clip(1.0 - t / hub, 0.0, 1.0) * count
         piece = np.minimum(way.astype(int), count - 1)
         share = way - piece
         half = exponential(0.5 * share[:, None] * self.bend[arm, piece])
         turn = self.turn[arm, piece] @ half
         chord = flat - self.flat[arm, piece] + share[:, None] * self.stretch[arm, piece]
-        # the hub's own part is rigid
+        # within the hub the arm is rigid
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + times(turn, chord), turn @ half
 
     def first(self, count: int) -> BentArms:
-        """The first arms alone."""
+        """Return the first ``count`` arms."""
         return BentArms(*(getattr(self, name)[:count] for name in self.__dataclass_fields__))
 
     @property
     def tips(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places (A, 3) and turns (A, 3, 3) of the tips."""
+        """Positions (A, 3) and rotations (A, 3, 3) of the tips."""
         return self.place[:, -1], self.turn[:, -1]
 
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """What the arms are, piece by piece: ``hub`` and ``flat`` as in ``BentArms``, and how they answer to a wrench.
+    """The arms divided into pieces: ``hub`` and ``flat`` as in ``BentArms``.
 
     answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip, in the joint's axes
     """
@@ -97,7 +106,18 @@ class _Pieces:
 def flat_centre(
     design: SpiralDesign, quad: np.ndarray, side: np.ndarray, t: Float[np.ndarray, "nodes _"]
 ) -> Float[np.ndarray, "nodes _ 3"]:
-    """(N, M, 3) metres: centre lines of single arms (N,) at t (N, M), seen from their hubs' centres."""
+    """Centre lines of single arms, flat, relative to their hubs' centres.
+
+    Parameters
+    ----------
+    design : the spirals
+    quad, side : (N,) the arms
+    t : (N, M) positions on the arms
+
+    Returns
+    -------
+    (N, M, 3) metres
+    """
     out = np.zeros((*t.shape, 3))
     shape = design.arms.one_by_one(quad, side)
     out[..., :2] = centre_line(shape, t[:, None])[0][:, 0] - shape.centre[:, None]
@@ -105,7 +125,7 @@ def flat_centre(
 
 
 def hub_ends(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
-    """(F, 4) t where every arm leaves its hub: before both of its slots have ended, so that the hub is rigid."""
+    """(F, 4) t where every arm leaves its hub, before either slot beside it ends, so that the hub counts as rigid."""
     root = design.roots
     return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
@@ -119,12 +139,16 @@ def bent(
     material: Material | None = None,
     progress: Progress = SILENT,
 ) -> BentArms:
-    """The arms of a design whose hubs stand in a pose.
+    """Bend the arms of a design whose hubs stand in a pose.
 
-    closed : (m,) bool, the joints, in the order of the inner edges, whose tips meet; all if not given
-    wrench : (A, 6) as in ``BentArms``, at the tips of the others, and where the search for those of the joints begins;
-        none if not given
-    material : its Poisson's ratio and its grain count; else ``POISSON``
+    Parameters
+    ----------
+    design, pose : the spirals, and where their hubs are
+    closed : (m,) joints, in the order of the inner edges, whose tips meet; by default all
+    wrench : (A, 6) as in ``BentArms``: fixed at the tips of the other arms, start of the search at the closed joints;
+        default 0
+    material : gives Poisson's ratio and the grain; by default ``POISSON`` and no grain
+    progress : is updated and can cancel
     """
     progress(0.0, BENDING)
     return Bender.of(design, material).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
@@ -132,9 +156,10 @@ def bent(
 
 @dataclass(frozen=True, eq=False)
 class Bender:
-    """What bending the arms of a design has in common for all poses.
+    """Bending of the arms of one design, prepared for many poses.
 
-    arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
+    arm : (m, 2) int, the arms of every joint; axes : (A, 3, 3) axes of the arms' joints in the flat frames of their
+        patches
     size : metres, of a spiral; rim : the joints of the rim, if there is one
     """
 
@@ -146,6 +171,7 @@ class Bender:
 
     @classmethod
     def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
+        """Divide the arms of a design into pieces; ``material`` as in ``bent``."""
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]
@@ -153,12 +179,12 @@ class Bender:
         axes[arm] = rest_joints(mesh, design.flat.corners)[1]
         size = float(np.median(design.scale))
         if design.rim is None:
-            return cls(_pieces(design, axes, material), arm, axes, size)
+            return cls(_divide(design, axes, material), arm, axes, size)
         rim = rim_pieces(design, material)
         axes = np.concatenate([axes, np.broadcast_to(np.eye(3), (4 * rim.nodes, 3, 3))])
         axes[rim.arm] = rim.axes
-        own = _pieces(design, axes[: 4 * len(mesh.quads)], material)
-        more = rim.answer @ _both(axes[4 * len(mesh.quads) :])[:, None]
+        own = _divide(design, axes[: 4 * len(mesh.quads)], material)
+        more = rim.answer @ _block_axes(axes[4 * len(mesh.quads) :])[:, None]
         parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
         return cls(_Pieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
 
@@ -171,10 +197,13 @@ class Bender:
         close: float = CLOSE,
         progress: Progress = SILENT,
     ) -> BentArms:
-        """As the function ``bent``; the search for the closed joints' wrenches begins with those given.
+        """Bend the arms for one pose.
 
-        only : (F,) bool, quads whose arms are asked for; of the others' arms nothing but zeros comes back
-        close : how near it brings the tips, relative to the size of a spiral, before the rest is spread along the arms
+        Parameters
+        ----------
+        pose, closed, wrench, progress : as in the function ``bent``
+        only : (F,) quads whose arms are needed; the deformation of the other arms is zero
+        close : largest gap between the tips, relative to the size of a spiral, before the rest is spread along the arms
         """
         load = np.zeros((len(self.axes), 6))
         if wrench is not None:
@@ -188,21 +217,22 @@ class Bender:
         if only is not None:
             both = both[only[both // 4].any(axis=1)]
             some = np.union1d(some[np.repeat(only, 4)], both)
-        # some hundred joints at a time stay in the processor's cache
         for batch in progress.part(0.0, 0.6).batches(len(both), BATCH, BENDING):
-            _close(self.pieces, pose, self.axes, load, both[batch], close * self.size)
+            _close_joints(self.pieces, pose, self.axes, load, both[batch], close * self.size)
         progress(0.6, BENDING)
-        shaped = _shaped(self.pieces, pose, load, some)
+        shaped = _bend(self.pieces, pose, load, some)
         progress(0.8, BENDING)
-        return _met(shaped, both, self.axes, some)
+        return _join_tips(shaped, both, self.axes, some)
 
 
-def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float) -> None:
-    """Find the wrenches (A, 6) that bring the tips of joints (m, 2), arms in pairs, as near to each other as ``close`` metres."""
+def _close_joints(
+    pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
+) -> None:
+    """Update the wrenches (A, 6) so that the tips of joints (m, 2), pairs of arms, meet within ``close`` metres."""
     for _ in range(ROUNDS):
         some = joint.ravel()
-        tip, turn, yielding = _tips(pieces, some, pose, load[some])
-        step, miss = _newton(tip, turn @ axes[some], yielding)
+        tip, turn, yielding = _tip_states(pieces, some, pose, load[some])
+        step, miss = _newton_step(tip, turn @ axes[some], yielding)
         load[joint[:, 0]] += step
         load[joint[:, 1]] -= step
         joint = joint[miss > close]
@@ -210,8 +240,9 @@ def _close(pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, join
             break
 
 
-def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _Pieces:
-    """All arms in pieces that are equally long in t; axes (A, 3, 3) of their joints in the flat frames of their patches."""
+def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _Pieces:
+    """Divide all arms into pieces of equal length in t; axes : (A, 3, 3) of their joints in the flat frames of their
+    patches."""
     count = design.arms.radius.shape
     hub = hub_ends(design)
     step = np.linspace(1.0, 0.0, 2 * STATIONS + 1)
@@ -238,20 +269,21 @@ def _pieces(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
         POISSON if material is None else material.poisson,
         grain,
     )
-    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _both(axes)[:, None])
+    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _block_axes(axes)[:, None])
 
 
-def _both(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
-    """Axes for forces and for moments."""
+def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
+    """(A, 6, 6) block matrices that rotate forces and moments by ``axes``."""
     turned = np.zeros((len(axes), 6, 6))
     turned[:, :3, :3] = turned[:, 3:, 3:] = axes
     return turned
 
 
-def _run(
+def _integrate(
     flat: np.ndarray, rotations: np.ndarray, centres: np.ndarray, bend: np.ndarray, stretch: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (n, S + 1, 3) and turns (n, S + 1, 3, 3) of the stations, and turns half way between them (n, S, 3, 3)."""
+    """Integrate the pieces from hub to tip: positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and
+    rotations half way between them (n, S, 3, 3)."""
     half = exponential(0.5 * bend)
     whole = half @ half
     turn = np.empty((len(flat), STATIONS + 1, 3, 3))
@@ -265,45 +297,51 @@ def _run(
     return place, turn, middle
 
 
-def _tips(pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (n, 3) and turns (n, 3, 3) of the tips of some arms (n,), and how they yield to their wrench (n, 6, 6), in space."""
+def _tip_states(
+    pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6), in space, of the tips of arms (n,)."""
     answer, flat = pieces.answer[arm], pieces.flat[arm]
     strain = (answer @ load[:, None, :, None])[..., 0]
-    place, turn, middle = _run(flat, pose.rotations[arm // 4], pose.centres[arm // 4], strain[..., :3], strain[..., 3:])
+    place, turn, middle = _integrate(
+        flat, pose.rotations[arm // 4], pose.centres[arm // 4], strain[..., :3], strain[..., 3:]
+    )
     turning, going = middle @ answer[:, :, :3], middle @ answer[:, :, 3:]
     lever = place[:, -1:] - 0.5 * (place[:, 1:] + place[:, :-1])
-    # what a turn of a piece shifts at the tip: turn x lever
+    # a turn of a piece shifts the tip by turn x lever
     shift = (going - skew(lever) @ turning).sum(axis=1)
     return place[:, -1], turn[:, -1], np.concatenate([shift, turning.sum(axis=1)], axis=1)
 
 
-def _newton(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What to add to the wrench (m, 6) of the first arms, for tips (2 m, ...) in pairs, and what still misses (m,)."""
+def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Newton step for the wrench (m, 6) of the first arms of tips (2 m, ...) in pairs, and the remaining gap (m,) in
+    metres, to which a turn adds 1 mm per radian."""
     apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
     middle = frame[::2] @ exponential(0.5 * apart)
     miss = np.concatenate([tip[1::2] - tip[::2], times(middle, apart)], axis=1)
     large = np.linalg.norm(apart, axis=1)
-    share = np.minimum(1.0, _LARGEST / np.maximum(large, 1e-12))
-    # the arms' stiffness spans decades: lengths in tips' own units keep the solution exact
+    share = np.minimum(1.0, _MAX_TURN / np.maximum(large, 1e-12))
+    # scaled by the diagonal, because the arms' stiffnesses span decades
     both = yielding[::2] + yielding[1::2]
     unit = np.sqrt(np.abs(np.einsum("mii->mi", both)))
-    rigid = unit == 0.0  # arms that are hub to the tip: no wrench moves them
+    rigid = unit == 0.0  # arms that are hub up to the tip: no wrench moves them
     unit = np.where(rigid, 1.0, unit)
     both = both / (unit[:, :, None] * unit[:, None]) + rigid[:, None] * np.eye(6)
     step = np.where(rigid, 0.0, np.linalg.solve(both, (miss / unit)[..., None])[..., 0] / unit)
     return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
 
 
-def _shaped(pieces: _Pieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
-    """Arms ``some`` (n,) under loads (A, 6); zeros for the others."""
+def _bend(pieces: _Pieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
+    """Bend the arms ``some`` (n,) under loads (A, 6); the others stay zero."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])
-    place, turn, _ = _run(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
-    place, turn, bend, stretch = (_spread(values, some, len(load)) for values in (place, turn, bend, stretch))
+    place, turn, _ = _integrate(pieces.flat[some], pose.rotations[some // 4], pose.centres[some // 4], bend, stretch)
+    place, turn, bend, stretch = (_scatter(values, some, len(load)) for values in (place, turn, bend, stretch))
     return BentArms(pieces.hub, pieces.flat, place, turn, bend, stretch, load)
 
 
-def _spread(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
+def _scatter(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
+    """Put values of the arms ``some`` into an array of all ``count`` arms, zero elsewhere."""
     if len(some) == count:
         return values
     out = np.zeros((count, *values.shape[1:]))
@@ -311,10 +349,10 @@ def _spread(values: np.ndarray, some: np.ndarray, count: int) -> np.ndarray:
     return out
 
 
-def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) -> BentArms:
-    """The same with tips that meet to the last digit, joints (m, 2): what is left is spread evenly along both arms.
+def _join_tips(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) -> BentArms:
+    """Make the tips of joints (m, 2) meet exactly: spread the remaining gap evenly along both arms.
 
-    So joints that no beam can close, of poses that are torn apart, are closed as well.
+    This also closes joints that no beam can close, in poses that are torn apart.
     """
     place, turn = arms.place.copy(), arms.turn.copy()
     tip, frame = place[:, -1], turn[:, -1] @ axes
@@ -336,4 +374,6 @@ def _met(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.ndarray) 
     half = own[:, :-1] @ exponential(0.5 * bend)
     stretch = times(np.swapaxes(half, 2, 3), np.diff(place[some], axis=1)) - np.diff(arms.flat[some], axis=1)
     count = len(turn)
-    return replace(arms, place=place, turn=turn, bend=_spread(bend, some, count), stretch=_spread(stretch, some, count))
+    return replace(
+        arms, place=place, turn=turn, bend=_scatter(bend, some, count), stretch=_scatter(stretch, some, count)
+    )

@@ -1,13 +1,13 @@
-"""What the arm that is cut is more compliant than the arm of the stiffness table, with exact derivatives.
+"""Compliance of an arm as it is cut minus that of the stiffness table's arm, with exact derivatives.
 
-The table knows arms that are pure spirals with fillets of their own size, in spirals of four arms alike. An arm that is cut
-is blended at its end with the arm beyond its joint (see ``spirals.blends``), begins where its neighbours' widths put the
-crotches of its spiral, and has the fillets of the settings. Both differences are integrals along beams, as in ``beams``:
+The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
+ways: its end is blended with the arm beyond its joint (see ``spirals.blends``), and its root lies where its neighbours'
+widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
 
-    blended arm - pure spiral, over the share of t that is blended,
-    - pure spiral, from where it would begin by its own width to where it begins.
+    blended arm - pure spiral, over the blended part of t,
+    - pure spiral, from the root that its own width would give to its true root.
 
-The levers reach from every place to the tip, which stays where it is.
+The levers reach from every station to the tip, which does not move.
 """
 
 from __future__ import annotations
@@ -28,51 +28,51 @@ from .beams import SHEAR_FACTOR, gauss, torsion_constant
 from .grain import Yielding, line_compliance
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
-# What an arm's compliance follows, besides its geometry, in this order: its own width and twist, the mean width of both
-# neighbours in its spiral, and width and twist of the arm beyond the joint.
+# Parameters, besides its geometry, on which the compliance of an arm depends: its own width and twist, the mean width
+# of its two neighbours in the spiral, and width and twist of the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
-NUMBERS = 5  # how many these are
-# by which the blended end has derivatives, behind the values themselves
-_BLENDED = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
-# the same of the root
-_ROOTED = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
-# the numbers of ``blends`` by which an arm's end has derivatives: those of the design, and behind them those of ``shapes``
-_IN_BLENDS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
-_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of these
-_GRAIN = 3  # column of the grain in ``shapes``
+NUMBERS = 5  # number of these parameters
+# rows in derivative arrays: the value and the parameters of a blended end, and of a root
+_BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
+_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
+# parameters of ``blends`` in the columns of ``slope_by``: first those of the design, then those of ``shapes``
+_END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
+_BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape
+_GRAIN = 3  # column of the grain angle in ``shapes``
 
-# rows and columns of a compliance that are not 0, of the lower triangle
-_PLACES = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
+# rows and columns of the nonzero entries in the lower triangle of a compliance
+_NONZERO = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
 
-# where an arm begins to bend, in its neighbours' widths from the centre of the hub; 0.1 more or less changes energies by
-# 1.4e-4 at most, on a dome, a saddle and a torus
+# Distance from hub centre to where an arm begins to bend, in its neighbours' widths; larger makes arms stiffer. A
+# change by 0.1 changes energies by at most 1.4e-4, on a dome, a saddle and a torus.
 HUB = 0.55
-# share of the radius beyond which no arm begins: longer blends than the rest are none. Of arms so short, or between
-# neighbours so wide, nothing can be cut
+# Largest distance of a root from the hub's centre, as a share of the radius: a blend longer than the rest is ignored.
+# Arms so short, or between neighbours so wide, cannot be cut.
 LAST_ROOT = 0.3
-# largest share of the table's compliance that is taken away from an arm, and s/w up to which one may ask for it: of 90,000
-# random arms, most of which cannot be cut, 2 in 100 would ask for more, none beyond s/w 8.1
-MOST, STUB = 0.9, 10.0
-TABLE_FILLET = 0.04  # arm widths, of the table's spirals
-# by how much of its radius a fillet shortens an arm: 0.57 at fillets of 0.06 to 0.4 mm in solids of straight arms
+# Largest share of the table's compliance that may be subtracted from an arm, and largest s/w at which this is checked.
+# Of 90,000 random arms, most of which cannot be cut, 2 in 100 exceed the share, all of them below s/w 8.1.
+MAX_REDUCTION, STUB_RATIO = 0.9, 10.0
+TABLE_FILLET = 0.04  # arm widths: fillet radius of the table's spirals
+# Length by which a fillet shortens an arm, in fillet radii: 0.57 in solids of straight arms, fillets 0.06 to 0.4 mm.
 FILLET_REACH = 0.55
-# Gauss points over the blend: within 4e-6 of 32 points in half of 4000 random arms, strongly unlike ones and such as cannot be
-# cut among them
+# Gauss points over the blend; more are slower and more exact. 8 are within 4e-6 of 32 points in half of 4000 random
+# arms, which include very unequal ones and some that cannot be cut.
 POINTS = 8
-ROOT_POINTS = 3  # over the way between both roots: within 4e-6 of 8 in all of them
-BATCH = 500  # arms at a time, so that they stay in the processor's cache
+ROOT_POINTS = 3  # Gauss points between the two roots: within 4e-6 of 8 points in all of these arms
+BATCH = 500  # arms at a time, few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
 class CutArms:
-    """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind inwards.
+    """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind
+    inwards.
 
-    radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in their spirals
-    fillet : metres, by how much the fillets at its root are larger than those of the table's arm, and its derivative by the
-    width, fillet_by; slope, joint, share : as in ``Blends``, in these axes
-    grain : radians from the radius to the grain, of sheets that have one
-    slope_by, joint_by, share_by : (N, 7) by their own width and twist, by those of the arm beyond the joint, and by the first three
-        of their ``shapes``
+    radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in the spiral
+    fillet : metres, fillet radius minus that of the table's arm; fillet_by : its derivative with respect to the width
+    slope, joint, share : as in ``Blends``, in these axes
+    grain : radians from the radius to the grain, 0 for sheets without a grain
+    slope_by, joint_by, share_by : (N, 7) derivatives with respect to own width and twist, mate's width and twist,
+        radius, own lean and mate's lean
     """
 
     radius: Float[np.ndarray, " n"]
@@ -91,7 +91,7 @@ class CutArms:
 
     @classmethod
     def of(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
-        """Both arms of every joint, one joint after the other; of these shapes instead of their own (see ``shapes``)."""
+        """Both arms of every joint, joint by joint; ``shape`` replaces the shapes of the assembly (see ``shapes``)."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
@@ -108,25 +108,25 @@ class CutArms:
             twist[ties, 1] = -twist[ties, 0]  # the mate of an arm at a rim is its mirror image
         widths, twists = (_with_mates(v) for v in (width, twist))
         end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
-        slope_by, joint_by, share_by = (by[:, _IN_BLENDS] for by in (end.slope_by, end.width_by, end.share_by))
+        slope_by, joint_by, share_by = (by[:, _END_COLUMNS] for by in (end.slope_by, end.width_by, end.share_by))
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
         return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by, grain)
 
     def part(self, arms: slice) -> CutArms:
-        """Some of them."""
+        """Select arms."""
         return CutArms(*(getattr(self, name)[arms] for name in self.__dataclass_fields__))
 
     @property
     def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Shares of the radius where the table's arms begin, and where these begin."""
+        """Roots of the table's arms and of these arms, as shares of the radius."""
         own = HUB * self.width / self.radius
         moved = HUB * self.beside + FILLET_REACH * self.fillet
         return np.minimum(own, LAST_ROOT), np.minimum(moved / self.radius, LAST_ROOT)
 
 
 def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
-    """(2 m, 3) what the rest geometry gives to both arms of every joint: radius (metres), own lean and that of the arm beyond
-    the joint (radians, in the sense of the spirals, see ``spirals.blends``); of sheets with a grain also the angle to it."""
+    """(2 m, 3) rest shape of both arms of every joint: radius (metres), own and mate's lean (radians, positive in the
+    sense of the spirals, see ``spirals.blends``). Sheets with a grain add a column: the angle from radius to grain."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
@@ -139,16 +139,16 @@ def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.nda
 
 
 def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2"]:
-    """(2 m, 2) of both arms of every joint, and of those beyond it."""
+    """(2 m, 2) values of both arms of every joint, each followed by the value of the arm beyond the joint."""
     return np.stack([values, values[:, ::-1]], axis=-1).reshape(-1, 2)
 
 
 def by_shapes(
     assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
 ) -> Float[np.ndarray, "n _ 6 6"]:
-    """Derivatives of what both arms of every joint are more compliant than the table's, by their ``shapes``.
+    """(2 m, k, 6, 6) derivatives of the compliance added to the table's, with respect to the k ``shapes`` of every arm.
 
-    The share that is believed of it (see ``believable``) counts as given.
+    The factor of ``believable`` counts as constant.
     """
     shape = shapes(assembly, material)
     n, count = len(shape), shape.shape[1]
@@ -158,15 +158,15 @@ def by_shapes(
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
-        lines: list[tuple[float, list[int], _Line]] = [(-1.0, [0, 1, *rows[1 + _GRAIN :]], _between_roots(some, False))]
-        if _unlike(some):
-            lines += zip((1.0, -1.0), (rows, rows), _blended(some, _BY_SHAPE), strict=True)
-        found = _added(some, lines, 1 + count, assembly.thickness, material)
-        fade, _, fade_by = _fade(some)
+        lines: list[tuple[float, list[int], _Line]] = [(-1.0, [0, 1, *rows[1 + _GRAIN :]], _root_line(some, False))]
+        if _any_blend(some):
+            lines += zip((1.0, -1.0), (rows, rows), _blend_lines(some, _BY_SHAPE), strict=True)
+        found = _sum_lines(some, lines, 1 + count, assembly.thickness, material)
+        fade, _, fade_by = _fade_factor(some)
         found[:, 1] = found[:, 1] * fade + found[:, 0] * fade_by
         found[:, 2:] *= fade
         found[:, 0] *= fade
-        for (i, j), entry in zip(_PLACES, found, strict=True):
+        for (i, j), entry in zip(_NONZERO, found, strict=True):
             value[part, i, j] = value[part, j, i] = entry[0]
             by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
     return by * believable(arms, table, value)[:, None, None, None]
@@ -175,47 +175,48 @@ def by_shapes(
 def more_compliant(
     arms: CutArms, thickness: float, material: Material, slopes: bool = True
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
-    """SI: what N arms that are cut are more compliant at their tips than those of the table, and its derivatives.
+    """Compliance of N cut arms minus that of the table's arms, SI, and its derivatives.
 
-    Rows and columns as in ``ArmCompliance``; derivatives by the numbers above, per metre and per radian. Arms that are
-    hardly longer than wide, which count as others, keep the table's compliance more and more. Without ``slopes`` the
-    derivatives are zero, and less is done.
+    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``NUMBERS`` parameters above, per metre
+    and per radian. It fades to zero for arms hardly longer than wide. Without ``slopes`` the derivatives are zero,
+    which is faster.
     """
     n, kept = len(arms.radius), slice(None if slopes else 1)
     value, by = np.zeros((n, 6, 6)), np.zeros((n, NUMBERS, 6, 6))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
-        lines = [(-1.0, _ROOTED[kept], _between_roots(some))]
-        if _unlike(some):
-            lines += zip((1.0, -1.0), (_BLENDED[kept], _BLENDED[kept]), _blended(some), strict=True)
-        found = _added(some, lines, NUMBERS + 1, thickness, material)
-        fade, fade_by, _ = _fade(some)
+        lines = [(-1.0, _ROOT_ROWS[kept], _root_line(some))]
+        if _any_blend(some):
+            lines += zip((1.0, -1.0), (_BLEND_ROWS[kept], _BLEND_ROWS[kept]), _blend_lines(some), strict=True)
+        found = _sum_lines(some, lines, NUMBERS + 1, thickness, material)
+        fade, fade_by, _ = _fade_factor(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by
             found[:, 2 + WIDTH :] *= fade
         found[:, 0] *= fade
-        for (i, j), entry in zip(_PLACES, found, strict=True):
+        for (i, j), entry in zip(_NONZERO, found, strict=True):
             value[part, i, j] = value[part, j, i] = entry[0]
             if slopes:
                 by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
     return value, by
 
 
-def _unlike(arms: CutArms) -> bool:
-    """Whether any of the arms is blended with another one than its like."""
+def _any_blend(arms: CutArms) -> bool:
+    """Return whether any arm has a blended end that differs from a pure spiral's."""
     return bool(arms.slope.any() or (arms.joint != arms.width).any())
 
 
-def _added(
+def _sum_lines(
     arms: CutArms, lines: list[tuple[float, list[int], _Line]], count: int, thickness: float, material: Material
 ) -> Float[np.ndarray, "12 count n"]:
-    """Sum of the compliances of lines at ``_PLACES``, each with a sign and with the rows to which its value and derivatives go."""
-    out = np.zeros((len(_PLACES), count, len(arms.radius)))
+    """(12, count, N) sum of the compliances of lines at ``_NONZERO``, each with its sign and the rows of its
+    derivatives."""
+    out = np.zeros((len(_NONZERO), count, len(arms.radius)))
     for sign, rows, line in lines:
         place, pace, width, weight = (part[: len(rows)] for part in line)
         if material.orthotropy is None:
-            out[:, rows] += sign * _beam(place, pace, width, weight, thickness, material)
+            out[:, rows] += sign * _line_compliance(place, pace, width, weight, thickness, material)
             continue
         turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + _GRAIN and count == 2 + _GRAIN}
         grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.of, material.orthotropy)
@@ -226,24 +227,26 @@ def _added(
 def believable(
     arms: CutArms, table: Float[np.ndarray, "n 6 6"], more: Float[np.ndarray, "n 6 6"]
 ) -> Float[np.ndarray, " n"]:
-    """Shares of ``more`` that take no more than ``MOST`` of the table's compliance away: 1 for all arms that can be cut.
+    """(N,) factors on ``more`` that keep its reduction within ``MAX_REDUCTION`` of the table's compliance; 1 for arms that can
+    be cut.
 
-    Wound stubs are far stiffer than beams, and a difference of beams may be more than all that they yield.
+    Tightly wound stubs are far stiffer than beams, so a difference of beams may exceed their whole compliance.
     """
     out = np.ones(len(table))
-    short = np.flatnonzero(2.0 * arms.radius < STUB * arms.width)
+    short = np.flatnonzero(2.0 * arms.radius < STUB_RATIO * arms.width)
     root = np.linalg.inv(np.linalg.cholesky(table[short]))
     least = np.linalg.eigvalsh(root @ more[short] @ np.swapaxes(root, 1, 2))[:, 0]
-    out[short] = np.minimum(1.0, MOST / np.maximum(-least, MOST))
+    out[short] = np.minimum(1.0, MAX_REDUCTION / np.maximum(-least, MAX_REDUCTION))
     return out
 
 
-# a line: place seen from the tip (complex), derivative of the place by t (complex), width and weight of t of every station, each
-# (1 + P, S, N): value, and derivatives by P numbers; the width of all stations may be one, (1 + P, 1, N)
+# Stations on N arms: position seen from the tip (complex), its derivative by t (complex), width, weight in t; each (1 +
+# P, S, N), a value and its derivatives by P parameters. A width equal at all stations may be (1 + P, 1, N).
 _Line = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -> np.ndarray:
+    """Stack a value and its derivatives by ``count`` parameters; those not in ``by`` are zero."""
     out = np.zeros((1 + count, *value.shape), dtype=value.dtype)
     out[0] = value
     for k, change in by.items():
@@ -252,7 +255,7 @@ def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -
 
 
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of values with derivatives."""
+    """Product of two arrays of values with derivatives (product rule)."""
     out = a * b[:1] + a[:1] * b
     out[0] = a[0] * b[0]
     return out
@@ -261,7 +264,8 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _spiral(
     arms: CutArms, t: np.ndarray, *, twist: int | None = None, radius: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places, seen from the tips, and derivatives by t of pure spirals at t (1 + P, S, N); which of the P numbers are twist and radius."""
+    """Positions, seen from the tips, and t-derivatives of pure spirals at t (1 + P, S, N); twist, radius : parameter
+    indices."""
     wind = arms.twist * t
     if twist is not None:
         wind[1 + twist] += t[0]
@@ -278,11 +282,11 @@ def _spiral(
     return places, paces
 
 
-def _blended(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
-    """The blended ends, and the pure spirals in their place, with derivatives by the design or by shape and grain."""
+def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
+    """The blended ends, and the pure spirals that they replace, with derivatives by the design or by shape and grain."""
     x, w = gauss(POINTS)
     of_design, n = by == _BY_DESIGN, len(arms.radius)
-    behind = np.zeros((0 if of_design else 1, n))  # no end follows the grain
+    behind = np.zeros((0 if of_design else 1, n))  # no end depends on the grain
     share, joint, slope = (
         np.concatenate([v[None], change[:, by].T, behind])[:, None]
         for v, change in ((arms.share, arms.share_by), (arms.joint, arms.joint_by), (arms.slope, arms.slope_by))
@@ -292,15 +296,15 @@ def _blended(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
     width = _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, 4)
     xx = x * x
-    # the quintics of ``spirals.spiral``
+    # blending quintics of ``spirals.spiral``
     bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
     speed = pace + slope * (1.0 + xx * (-18.0 + x * (32.0 - 15.0 * x)))
     wide = width + (joint - width) * (1.0 + xx * x * (-10.0 + x * (15.0 - 6.0 * x)))
     return (bent, speed, wide, weight), (place, pace, width, weight)
 
 
-def _between_roots(arms: CutArms, of_design: bool = True) -> _Line:
-    """Pure spirals from where the table's arms begin to where these do, with derivatives by the design or by radius and grain."""
+def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
+    """Pure spirals from the table's roots to the true roots, with derivatives by the design or by radius and grain."""
     x, w = gauss(ROOT_POINTS)
     radius = arms.radius
     first, last = arms.roots
@@ -320,21 +324,22 @@ def _between_roots(arms: CutArms, of_design: bool = True) -> _Line:
     return place, pace, _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, count), way * w[:, None]
 
 
-def _fade(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(N,): 1 for arms in the table's range, 0 for stubs, and the derivatives by the width and by the radius."""
+def _fade_factor(arms: CutArms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N,) smoothstep of s/w, 1 within the table's range and 0 for stubs, and its derivatives by width and radius."""
     ratio, span = 2.0 * arms.radius / arms.width, SCALE_RANGE[0] - SHORTEST
     s = np.clip((ratio - SHORTEST) / span, 0.0, 1.0)
     slope = 6.0 * s * (1.0 - s) / span * ratio
     return s * s * (3.0 - 2.0 * s), -slope / arms.width, slope / arms.radius
 
 
-def _beam(
+def _line_compliance(
     place: np.ndarray, pace: np.ndarray, width: np.ndarray, weight: np.ndarray, height: float, material: Material
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """Compliance of the tip from the stations of a line, and its derivatives, at ``_PLACES``; see ``beams.path_integrals``."""
+    """Tip compliance from the stations of a line, and its derivatives, at ``_NONZERO``; see ``beams.path_integrals``."""
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
-    along = pace * (np.conj(pace[0]) / speed)  # how the pace changes along itself, and across
+    # derivatives of the velocity: along it (real part) and across it (imaginary part)
+    along = pace * (np.conj(pace[0]) / speed)
     unit = 1j * along.imag * (pace[0] / speed**2)
     unit[0] = pace[0] / speed
     tx, ty = unit.real, unit.imag
@@ -345,12 +350,12 @@ def _beam(
     shear = 2.0 * SHEAR_FACTOR * (1.0 + material.poisson)
 
     sx, sy = _times(stretch, tx), _times(stretch, ty)
-    xx, xy, yy = _total(sx, tx), _total(sx, ty), _total(sy, ty)
+    xx, xy, yy = _dot(sx, tx), _dot(sx, ty), _dot(sy, ty)
     bx, by = _times(bend, x), _times(bend, y)
     inside = (
-        _total(by, y) + xx + shear * yy,
-        (1.0 - shear) * xy - _total(by, x),
-        _total(bx, x) + yy + shear * xx,
+        _dot(by, y) + xx + shear * yy,
+        (1.0 - shear) * xy - _dot(by, x),
+        _dot(bx, x) + yy + shear * xx,
         -by.sum(axis=1),
         bx.sum(axis=1),
         bend.sum(axis=1),
@@ -358,18 +363,18 @@ def _beam(
     tt, tw_x, tw_y = _times(twist, torque), _times(twist, tx), _times(twist, ty)
     rl, ra_x, ra_y = _times(lift, lever), _times(lift, tx), _times(lift, ty)
     outside = (
-        _total(tt, torque) + _total(rl, lever) + shear * stretch.sum(axis=1),
-        _total(tt, tx) + _total(rl, ty),
-        _total(tw_x, tx) + _total(ra_y, ty),
-        _total(tt, ty) - _total(rl, tx),
-        _total(tw_x, ty) - _total(ra_x, ty),
-        _total(tw_y, ty) + _total(ra_x, tx),
+        _dot(tt, torque) + _dot(rl, lever) + shear * stretch.sum(axis=1),
+        _dot(tt, tx) + _dot(rl, ty),
+        _dot(tw_x, tx) + _dot(ra_y, ty),
+        _dot(tt, ty) - _dot(rl, tx),
+        _dot(tw_x, ty) - _dot(ra_x, ty),
+        _dot(tw_y, ty) + _dot(ra_x, tx),
     )
     return np.stack(inside + outside)
 
 
-def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
-    """Sums over the stations of the products of values with derivatives."""
+def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
+    """Sum over the stations of the product of two arrays of values with derivatives."""
     out = np.einsum("psn,sn->pn", a, b[0])
     out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
@@ -378,7 +383,8 @@ def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
 def _flexibilities(
     width: np.ndarray, length: np.ndarray, height: float, material: Material
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of the stations' pieces, (1 + P, S, N) each: stretch per force; turn in the sheet, out of it and along the arm per moment."""
+    """Flexibilities of pieces, (1 + P, S, N) each: stretch per force; turn in the sheet, out of it, along the arm per
+    moment."""
 
     def of(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width

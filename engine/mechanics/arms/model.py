@@ -1,11 +1,11 @@
-"""The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of the stiffness table and what
-the arm that is cut differs by (see ``cut``).
+"""The 6 x 6 arm model: rigid hubs joined by two arms in series, each with the tip compliance of a cut arm.
 
-The compliances of both arms of a joint add up, for both carry the same wrench. Their motion is that of one hub against
-the other: the relative turn is a rotation vector, and the way from the bend point of the first arm to that of the second
-(see ``arm_bend``) is measured in the frame half way between both hubs (corotational). What the curving of the arms adds to
-these strains to second order (see ``arm_curving``) makes spirals stiffer as they are pulled straight; it costs time and
-matters under strong forces only, so that the search for a design does without it.
+A cut arm's compliance is that of the stiffness table plus a correction (see ``cut``). The compliances of both arms of a
+joint add up, because both carry the same wrench. A joint's strains are the motion of one hub relative to the other: the
+relative turn as a rotation vector, and the vector from the bend point of the first arm to that of the second (see
+``arm_bend``) in the frame half way between both hubs (corotational). A second-order term from the curving of the arms
+(see ``curving``) stiffens spirals as they are pulled straight. It takes time and matters under strong forces only, so
+the search for a design leaves it out.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .strain_changes import arm_strains
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """A pose, how the joints have moved there, and the strains (m, 6) that the step to it predicted."""
+    """A pose, the joints' motion in it, and the strains (m, 6) that the last step predicted to first order."""
 
     pose: Pose
     motion: JointMotion
@@ -43,17 +43,16 @@ class ArmState:
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """The elastic model of an assembly with one 6 x 6 stiffness a joint.
+    """The elastic model of an assembly with one 6 x 6 stiffness per joint.
 
-    assembly : spirals and joints at rest
-    compliance : of both arms of every joint
-    material : of all arms
-    at_joint : (m, 6, 6) SI, stiffness against motions of the joint as the second hub carries it relative to the first, in the joint's axes
+    assembly : spirals and joints at rest; compliance : of both arms of every joint; material : of all arms
+    at_joint : (m, 6, 6) SI, stiffness against motions of the joint on the second hub relative to the joint on the
+        first, in the joint's axes
     lever : (m, 2, 3) metres, from the hubs to the arms' bend points, in the flat frames of their patches
     rest : (m, 3) metres, from the first bend point to the second at rest, in the joint's axes
-    stiffness : (m, 6, 6) SI, of the way between the bend points and the turn, in the joint's axes
-    offset : (m, 3) metres, from the joint to the middle between both bend points at rest, in the joint's axes
-    curving_at_joint : (m, 6, 6, 6) the second order of the joints' own motion; None leaves it out
+    stiffness : (m, 6, 6) SI, against the vector between the bend points and the turn, in the joint's axes
+    offset : (m, 3) metres, from the joint to the midpoint of both bend points at rest, in the joint's axes
+    curving_at_joint : (m, 6, 6, 6) second-order term of the joints' motion; None leaves it out
     """
 
     assembly: Assembly
@@ -77,61 +76,71 @@ class ArmModel:
         slopes: bool = True,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """The model of an assembly of one material, with or without the strains' second order.
+        """Build the model of an assembly of one material.
 
-        slopes : find the derivatives by the design at once; they are found when they are needed otherwise
+        Parameters
+        ----------
+        assembly : spirals and joints at rest, with or without a rim
+        material : of all arms
+        curving : include the strains' second-order term
+        slopes : compute the derivatives by the design now; otherwise they are computed when first used
+        progress : reports the second-order term
         """
         whole = assembly.whole
         found = arm_compliances(whole, material, slopes)
-        return cls._with(whole, found, whole.bend[0], material, curving, progress)
+        return cls._assemble(whole, found, whole.bend[0], material, curving, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
-        """The model of the same spirals on a rest geometry that differs a little; compliances follow to first order.
+        """Return the model of the same spirals on a slightly different rest geometry; compliances follow to first
+        order.
 
-        The strains' second order stays as it is at the joints.
+        The strains' second-order term is kept at the joints.
         """
         change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
-        compliance = self.compliance.varied(change, self._by_shapes) if change.any() else self.compliance
-        found = self._with(assembly, compliance, self.assembly.bend[0], self.material, False)
+        compliance = self.compliance.varied(change, self._cut_by_shapes) if change.any() else self.compliance
+        found = self._assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
     def with_compliance(self, compliance: ArmCompliances) -> ArmModel:
-        """The model of the same spirals, whose arms have these compliances; without the strains' second order."""
-        return self._with(self.assembly, compliance, self.assembly.bend[0], self.material, False)
+        """Return the model of the same spirals with these arm compliances, without the strains' second-order term."""
+        return self._assemble(self.assembly, compliance, self.assembly.bend[0], self.material, False)
 
     @cached_property
-    def _by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
+    def _cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
+        """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.by_shapes``."""
         found, ties = (
             by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material),
             self.assembly.ties,
         )
-        if self.assembly.nodes:  # necks and strips are no spirals
+        if self.assembly.nodes:  # necks and strips have no table compliance
             found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
         return found
 
     @cached_property
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
-        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``: those that are known, which ``varied``
-        leaves as they were, else of this assembly."""
+        """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
+
+        They are the stored ones, which ``varied`` does not update, or else computed for this assembly.
+        """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
         return known.by
 
     @cached_property
     def curving(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
-        """(m, 6, 6, 6) the strains' second order, that of the bend points' motion."""
+        """(m, 6, 6, 6) second-order term of the bend points' motion."""
         return None if self.curving_at_joint is None else moved_curving(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
-        """The model with the second order of its own strains."""
-        return self._with(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
+        """Return the model with the second-order term of its own strains."""
+        return self._assemble(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
-        """The model with this second order of the joints' own motion (m, 6, 6, 6)."""
+        """Return the model with this second-order term of the joints' motion (m, 6, 6, 6)."""
         return replace(self, curving_at_joint=at_joint)
 
     @classmethod
-    def _with(
+    def _assemble(
         cls,
         assembly: Assembly,
         compliance: ArmCompliances,
@@ -140,14 +149,14 @@ class ArmModel:
         curving: bool,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """With these compliances and bend points (m, 2, 2) of the arms."""
+        """Build the model from the arms' compliances and bend points (m, 2, 2)."""
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
-        # a turn about the middle between the bend points leaves the joint aside
+        # a turn about the midpoint of the bend points also shifts the joint
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
-        stiffness = _at_bend_points(at_joint, offset)
+        stiffness = _move_to_bend_points(at_joint, offset)
         second = None
         if curving:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
@@ -166,21 +175,21 @@ class ArmModel:
         if whole.nodes and rim is not None:
             nodes, strips = rim.kept(hubs)
             joints = np.concatenate([joints, whole.inner + nodes, whole.ties.stop + strips])
-        return self._of_joints(own, joints)
+        return self._select_joints(own, joints)
 
     @property
     def without_strips(self) -> ArmModel:
         """The model without the joints between the rim's nodes."""
-        return self._of_joints(self.assembly.without_strips, np.arange(self.assembly.ties.stop))
+        return self._select_joints(self.assembly.without_strips, np.arange(self.assembly.ties.stop))
 
     @property
     def of_rim(self) -> ArmModel:
-        """The model of the rim's joints alone."""
+        """The model of the rim's joints only."""
         whole, joints = self.assembly, np.arange(self.assembly.inner, len(self.pairs))
         parts = {name: getattr(whole, name)[joints] for name in ("pairs", "sides", "lever", "axes")}
-        return self._of_joints(replace(whole, **parts), joints)
+        return self._select_joints(replace(whole, **parts), joints)
 
-    def _of_joints(self, assembly: Assembly, joints: np.ndarray) -> ArmModel:
+    def _select_joints(self, assembly: Assembly, joints: np.ndarray) -> ArmModel:
         return replace(
             self,
             assembly=assembly,
@@ -194,10 +203,10 @@ class ArmModel:
         return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
 
     def with_bending(self, factor: float) -> ArmModel:
-        """Return the model with so many times the stiffness against what leaves the plane of the sheet."""
+        """Return the model with its stiffness against bending out of the sheet multiplied by ``factor``."""
         scale = np.where(OUT_OF_PLANE, np.sqrt(factor), 1.0)
         at_joint = np.outer(scale, scale) * self.at_joint
-        return replace(self, at_joint=at_joint, stiffness=_at_bend_points(at_joint, self.offset))
+        return replace(self, at_joint=at_joint, stiffness=_move_to_bend_points(at_joint, self.offset))
 
     def start(self, pose: Pose) -> ArmState:
         if self.assembly.nodes and pose.nodes is None:
@@ -206,7 +215,7 @@ class ArmModel:
         return ArmState(pose, motion, motion.vector)
 
     def _with_nodes(self, pose: Pose) -> Pose:
-        """The pose with the rim's nodes at rest where the hubs stand still."""
+        """Add the rim's nodes to a pose, in equilibrium with the hubs held."""
         from ...params import SimulateParams
         from ..equilibrium import solve
         from ..loads import Loads
@@ -226,24 +235,27 @@ class ArmModel:
         return ArmState(pose, self.motion(pose), motion.vector + change)
 
     def energy(self, state: ArmState) -> float:
-        e = _curved(state.motion.vector, self.curving)[0]
+        e = _add_second_order(state.motion.vector, self.curving)[0]
         return 0.5 * float((times(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        """(m, 6) N and N m at every joint that the second arm exerts on the first, in the joint's axes half way."""
+        """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint, in its
+        half-way axes."""
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
-        e, slope = _curved(motion, self.curving_at_joint)
+        e, slope = _add_second_order(motion, self.curving_at_joint)
         return times(np.swapaxes(slope, -1, -2), times(self.at_joint, e))
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
-        """(m, 12) every joint's own share of the gradient of the energy, in the order of ``Expansion.hessian``."""
+        """(m, 12) contribution of every joint to the gradient of the energy, in the order of ``Expansion.hessian``."""
         inner = self.wrenches(state)
         inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
-        return times(np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _in_space(state.motion, inner))
+        return times(
+            np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _rotate_to_space(state.motion, inner)
+        )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) largest strain on the surface of both arms of every joint, fillets left out; see ``peak_strain``."""
+        """(m, 2) largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``."""
         return arm_strains(self.assembly, self.wrenches(state), material)
 
     def beyond(self) -> list[Beyond]:
@@ -257,22 +269,32 @@ class ArmModel:
         return state.motion.turn[:, 0]
 
     def motion(self, pose: Pose) -> JointMotion:
-        """How the joints have moved."""
+        """Motion of the joints in a pose."""
         return joint_motion(pose, self.pairs, self.lever, self.assembly.axes, self.rest)
 
     def strain_rates(self, state: ArmState) -> Float[np.ndarray, "joints 6 12"]:
-        """Return the derivatives (m, 6, 12) of the strains, to second order, by the increments of both hubs."""
-        slope, middle = _curved(state.motion.vector, self.curving)[1], state.motion.middle
+        """(m, 6, 12) derivatives of the strains, second-order term included, by the increments of both hubs."""
+        slope, middle = _add_second_order(state.motion.vector, self.curving)[1], state.motion.middle
         rates = first_order(SpatialMotion.of(state.motion)).reshape(-1, 2, 3, 12)
         return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
 
     def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Return the derivatives of every joint's convex part along a motion by widths and twists of both spirals, at a fixed pose."""
+        """Differentiate every joint's convex part along a motion by widths and twists of both spirals, at a fixed pose.
+
+        Parameters
+        ----------
+        state : where the convex part is taken
+        way : (m, 12) increments of both hubs, in the order of ``Expansion.hessian``
+
+        Returns
+        -------
+        (m, 2, 5) : side of the joint; four widths (per metre) and the twist (per radian)
+        """
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return convex_by_design(*known, state.motion, way, self.curving_at_joint)
 
     def changes(self, state: ArmState) -> JointChanges:
-        """How the joints answer to the pose and to the design; the strains' second order counts as given."""
+        """Derivatives of the joints' wrenches by the pose and the design; the second-order term counts as constant."""
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return JointChanges.of(*known, state.motion, self.curving_at_joint)
 
@@ -283,11 +305,10 @@ class ArmModel:
         m = len(self.pairs)
         per_joint, gradient = np.empty(m), np.empty((m, 12))
         hessian, convex = np.empty((m, 12, 12)), np.empty((m, 12, 12))
-        # a few hundred joints at a time stay in the processor's cache
         for start in range(0, m, BATCH):
             part = slice(start, start + BATCH)
             motion = state.motion.part(part)
-            per_joint[part], gradient[part], hessian[part], convex[part] = _expanded(
+            per_joint[part], gradient[part], hessian[part], convex[part] = _expand_joints(
                 motion,
                 self.stiffness[part],
                 None if self.curving is None else self.curving[part],
@@ -298,20 +319,20 @@ class ArmModel:
         )
 
 
-def _curved(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Strains (m, 6) with their second order, if that is not left out, and the derivative (m or 1, 6, 6)."""
+def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Strains (m, 6) with their second-order term, unless ``curving`` is None, and their derivatives (m or 1, 6, 6)."""
     return (strains, np.eye(6)[None]) if curving is None else curved(strains, curving)
 
 
-def _expanded(
+def _expand_joints(
     motion: JointMotion, stiffness: np.ndarray, curving: np.ndarray | None, predicted: Float[np.ndarray, "joints 6"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints; all in the axes of space.
+    """Energy (m,), gradient (m, 12), Hessian (m, 12, 12) and its convex part of joints, in the axes of space.
 
     predicted : (m, 6) strains whose stresses weight the curvature of the strains
     """
     base = motion.middle
-    strains, slope = _curved(motion.vector, curving)
+    strains, slope = _add_second_order(motion.vector, curving)
     across = np.swapaxes(slope, 1, 2)
     inner = times(stiffness, strains)
     per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
@@ -333,24 +354,27 @@ def _expanded(
     return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
 
 
-def _in_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 6"]:
-    """(m, 6) in the axes of space of vectors (m, 6) in those half way."""
+def _rotate_to_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 6"]:
+    """Rotate vectors (m, 6) from the half-way axes to the axes of space."""
     middle = motion.middle
     return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
 
 
-# which motions of a joint leave the plane of the sheet: along its normal, and the turns about both axes in the sheet
+# motions of a joint that leave the plane of the sheet: the shift along its normal and the turns about the two axes in
+# it
 OUT_OF_PLANE = np.array([False, False, True, True, True, False])
-BATCH = 1000  # joints at a time, so that they stay in the processor's cache
+BATCH = 1000  # joints at a time, few enough to stay in the processor's cache
 
 
 def _bend_levers(assembly: Assembly, bend: np.ndarray) -> Float[np.ndarray, "joints 2 3"]:
-    """(m, 2, 3) metres: from the hubs to the bend points (m, 2, 2) of the arms."""
+    """(m, 2, 3) vectors, metres, from the hubs to the arms' bend points ``bend`` (m, 2, 2)."""
     return bend[..., :1] * assembly.lever + bend[..., 1:] * assembly.left
 
 
-def _at_bend_points(at_joint: Float[np.ndarray, "joints 6 6"], offset: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
-    """Return stiffnesses against motions between the bend points, of those at the joints."""
+def _move_to_bend_points(
+    at_joint: Float[np.ndarray, "joints 6 6"], offset: np.ndarray
+) -> Float[np.ndarray, "joints 6 6"]:
+    """Convert stiffnesses against motions at the joints to stiffnesses against motions between the bend points."""
     transfer = np.broadcast_to(np.eye(6), at_joint.shape).copy()
     transfer[:, :3, 3:] = skew(offset)
     return np.swapaxes(transfer, 1, 2) @ at_joint @ transfer

@@ -1,16 +1,17 @@
-"""How stiff the arm of a spiral is: the fitted table and its exact derivatives.
+"""Stiffness of a spiral's arm: the fitted table and its exact derivatives.
 
-Table values come from the linear limit of volumetric finite elements, stored relative to a curved beam and
-interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio. What is interpolated
-is the Cholesky factor of the compliance relative to the beam's, with the logarithm of its diagonal: every value is a
-positive definite compliance.
+The table is fitted to the linear limit of volumetric finite elements. It stores the compliance relative to a curved
+beam's, interpolated by Chebyshev polynomials over ln(s/w), ln(w/h), twist / limit(s/w) and Poisson's ratio: s is the
+scale of the spiral, w the width of the arm, h the thickness of the sheet. It interpolates the entries of the relative
+Cholesky factor, with the logarithm of the diagonal, so that every compliance is positive definite.
 
-One table serves every thickness and Young's modulus: energies go with E h^3 times a function of s/h, w/h and the twist.
+One table serves every thickness and Young's modulus, because energies are E h^3 times a function of s/h, w/h and the
+twist.
 
-Outside its nodes the table goes on without a step. What separates a slender arm from the beam is its hub, about one
-width long, so beyond the largest s/w the corrections fade like w/s (finite elements at s/w 50 to 400 do just that).
-Shorter arms go with the powers of a beam's length. Where w/h or the twist lie outside, the correction is that of the
-nearest arm inside, on the beam of the true arm. ``beyond`` names the arms for which no finite elements vouch.
+Outside its nodes the table continues without a jump. A slender arm differs from the beam by its hub, about one width
+long, so beyond the largest s/w the corrections fade like w/s, as finite elements at s/w 50 to 400 confirm. Shorter arms
+scale with the powers of a beam's length. Where w/h or the twist lie outside, the correction of the nearest arm inside
+applies to the beam of the true arm. ``beyond`` lists the arms that no finite elements cover.
 """
 
 from __future__ import annotations
@@ -32,24 +33,25 @@ from ..beyond import Beyond
 from . import beams
 
 TABLE = Path(__file__).resolve().parents[3] / "data" / "stiffness.npz"
-SLENDEREST = 400.0  # s/w up to which finite elements bear out how the corrections fade
-SHORTEST = 2.0  # s/w at which an arm is all hub: shorter ones count as that short
-WIDTH_RANGE = (0.3, 3.0)  # w/h of the table's nodes
-POISSON_RANGE = (0.0, 0.45)  # Poisson's ratios of the table's nodes
-IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # places of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
-# of a lower triangle, in the order of the table
+SLENDEREST = 400.0  # largest s/w at which finite elements confirm the fading of the corrections
+SHORTEST = 2.0  # s/w at which an arm is nothing but hub; smaller ratios count as this one
+WIDTH_RANGE = (0.3, 3.0)  # range of w/h of the table's nodes
+POISSON_RANGE = (0.0, 0.45)  # range of Poisson's ratio of the table's nodes
+IN_PLANE, OUT_OF_PLANE = (0, 1, 5), (2, 3, 4)  # indices of (Fx, Fy, Mz) and of (Fz, Mx, My) in a wrench
+# lower triangle of a 3 x 3 block, in the order of the table
 ENTRIES: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-_DIAGONAL = (0, 2, 5)  # places of the diagonal in ``ENTRIES``
+_DIAGONAL = (0, 2, 5)  # indices of the diagonal in ``ENTRIES``
 
 
 @dataclass(frozen=True, eq=False)
 class ArmCompliance:
-    """Compliance of n arms' tips against their hubs, and its derivatives.
+    """Tip compliances of n arms relative to their hubs, and their derivatives.
 
-    values : (n, 6, 6) SI: motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; axes: along the
-        radius from the hub to the tip, to the left of it in the sheet, normal to the sheet; shifts first, turns last
+    values : (n, 6, 6) SI: motion (m, rad) of the tip relative to the hub per wrench (N, N m) at the tip; axes: along
+        the radius from the hub to the tip, to the left of it in the sheet, normal to the sheet; shifts first, turns
+        last
     by_scale, by_width, by_twist : (n, 6, 6) derivatives, per metre, per metre, per radian
-    by_grain : (n, 6, 6) per radian that the grain turns, of sheets with one
+    by_grain : (n, 6, 6) per radian of the grain's direction; None for sheets without a grain
     """
 
     values: Float[np.ndarray, "... 6 6"]
@@ -63,9 +65,10 @@ class ArmCompliance:
 class Table:
     """The interpolation table.
 
-    coefficients : (T, channels, N) Chebyshev coefficients: twist and w/h together (T pairs), channels, scale
+    coefficients : (T, channels, N) Chebyshev coefficients: T pairs of degrees in w/h and twist, channels, degrees in
+        s/w
     pairs : (T, 2) int, degrees in w/h and in twist
-    provenance : how the table was made, with what errors
+    provenance : how the table was made, and its errors
     """
 
     coefficients: Float[np.ndarray, "_ channels nodes"]
@@ -75,7 +78,7 @@ class Table:
 
 @lru_cache(maxsize=8)
 def load_table(poisson: float, path: Path = TABLE) -> Table:
-    """The table for one Poisson's ratio; raises FlexMapsError if the file is missing or of another version."""
+    """Load the table for one Poisson's ratio; raises FlexMapsError if the file is missing or has another version."""
     if not POISSON_RANGE[0] < poisson < POISSON_RANGE[1]:
         raise FlexMapsError(f"Poisson's ratio is {poisson:g}; it must lie between 0 and 0.45")
     if not path.is_file():
@@ -84,7 +87,7 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
         provenance = json.loads(str(stored["provenance"]))
         if provenance.get("format") != FORMAT:
             raise FlexMapsError(f"The stiffness table {path.name} has another version; build the database again")
-        # earlier tables hold strains behind the compliances
+        # earlier tables have channels of strains after those of the compliances
         full, pairs = stored["coefficients"][:, :CHANNELS].astype(float), stored["pairs"]
     low, high = POISSON_RANGE
     x = 2.0 * (poisson - low) / (high - low) - 1.0
@@ -92,15 +95,15 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
     return Table(np.ascontiguousarray(full @ basis), pairs, provenance)
 
 
-FORMAT = 1  # of the file
-CHANNELS = 12  # of the compliances
+FORMAT = 1  # version of the file
+CHANNELS = 12  # channels of the compliances: six entries of each block
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """Where n arms lie in the table: coordinates in [-1, 1], and how they depend on ln(s/w), ln(w/h), twist.
+class _TablePoint:
+    """Positions of n arms in the table: coordinates in [-1, 1] and their derivatives by ln(s/w), ln(w/h) and twist.
 
-    share : of the corrections that is left, 1 up to the largest s/w of the nodes
+    share : factor on the corrections, 1 up to the largest s/w of the nodes
     """
 
     x: np.ndarray
@@ -113,15 +116,15 @@ class _Point:
     share: np.ndarray
 
 
-def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point:
-    """The nearest place in the table; a coordinate that is clipped there no longer depends on anything."""
+def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
+    """Nearest positions in the table; a clipped coordinate has zero derivatives."""
     within = np.clip(ratio, *SCALE_RANGE)
     limit, slope = limit_and_slope(within)
     part = twist / limit
-    x, x_slope = _unit(np.log(within), *np.log(SCALE_RANGE))
-    y, y_slope = _unit(np.log(flatness), *np.log(WIDTH_RANGE))
-    z, z_slope = _unit(part, 0.0, 1.0)
-    return _Point(
+    x, x_slope = _to_unit_interval(np.log(within), *np.log(SCALE_RANGE))
+    y, y_slope = _to_unit_interval(np.log(flatness), *np.log(WIDTH_RANGE))
+    z, z_slope = _to_unit_interval(part, 0.0, 1.0)
+    return _TablePoint(
         x,
         y,
         z,
@@ -133,10 +136,10 @@ def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _Point
     )
 
 
-def _unit(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
-    """The place of values between low (-1) and high (1), clipped there, and its slope."""
+def _to_unit_interval(value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
+    """Map values from [low, high] to [-1, 1], clipped there, with the slope."""
     place = 2.0 * (value - low) / (high - low) - 1.0
-    # the ends belong to the inside, up to rounding
+    # both ends count as inside, up to rounding
     inside = np.abs(place) <= 1.0 + 1e-9
     return np.clip(place, -1.0, 1.0), np.where(inside, 2.0 / (high - low), 0.0)
 
@@ -148,9 +151,10 @@ def beyond(
     thickness: float,
     spiral: Int[np.ndarray, " arms"],
 ) -> list[Beyond]:
-    """Which spirals have arms that no finite elements vouch for; they are taken for their nearest neighbours, see above.
+    """List the spirals with arms that no finite elements cover; such arms count as their nearest neighbours in the
+    table.
 
-    scale, width : (n,) m and twist : (n,) rad of arms; spiral : (n,) int that they belong to
+    scale, width : (n,) metres and twist : (n,) radians of arms; spiral : (n,) int, the spiral of each arm
     """
     ratio = scale / width
     share = twist / twist_limit(np.clip(ratio, *SCALE_RANGE))
@@ -173,7 +177,7 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return value, slope
 
 
-def interpolate(table: Table, at: _Point) -> tuple[np.ndarray, np.ndarray]:
+def interpolate(table: Table, at: _TablePoint) -> tuple[np.ndarray, np.ndarray]:
     """(12, n) values and (3, 12, n) derivatives by ln(s/w), ln(w/h) and twist."""
     c = table.coefficients
     pairs, count, degree = c.shape
@@ -193,7 +197,7 @@ def interpolate(table: Table, at: _Point) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cholesky(a: np.ndarray, da: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cholesky factors (6, ...) of symmetric 3 x 3 matrices (6, ...), and their derivatives for (k, 6, ...)."""
+    """Cholesky factors (6, ...) of symmetric 3 x 3 matrices (6, ...), and their derivatives (k, 6, ...)."""
     l, dl = np.empty_like(a), np.empty_like(da)
     l[0] = np.sqrt(a[0])
     dl[:, 0] = 0.5 * da[:, 0] / l[0]
@@ -219,7 +223,7 @@ def _lower_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Entries of A B^T for lower-triangular A and B, both (..., 6, 2, n): the lower triangle."""
+    """Lower triangle of A B^T for lower-triangular A and B, both (..., 6, 2, n)."""
     a0, a1, a2, a3, a4, a5 = np.moveaxis(a, -3, 0)
     b0, b1, b2, b3, b4, b5 = np.moveaxis(b, -3, 0)
     return np.stack(
@@ -230,7 +234,8 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def relative_factor(
     compliance: np.ndarray, scale: float, height: float, twist: float, poisson: float
 ) -> Float[np.ndarray, " 12"]:
-    """(12,) what the table stores of a dimensionless (6, 6) compliance: logarithms and ratios against the beam."""
+    """(12,) table entries of a dimensionless compliance (6, 6): its Cholesky factor relative to the beam's, logarithms
+    on the diagonal."""
     base = beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[..., 0]
     out = []
     for block, rows in zip(base, (IN_PLANE, OUT_OF_PLANE)):
@@ -242,7 +247,8 @@ def relative_factor(
     return np.array(out)
 
 
-# beams with the numbers s/w, h/w and twist (n,); those of sheets with a grain have a fourth derivative, by its direction
+# function of s/w, h/w and twist (n,) that gives the beam; with a grain, it has a fourth derivative, by the grain's
+# direction
 Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]
 
 
@@ -254,9 +260,9 @@ def blocks(
     poisson: float,
     beam: Beams | None = None,
 ) -> beams.Blocks:
-    """The dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,).
+    """Dimensionless compliance of arms at s/w = ``ratio``, w/h = ``flatness`` and ``twist``, all (n,).
 
-    beam : what the table is taken relative to; the isotropic one if not given
+    beam : the beam that the table is relative to; by default the isotropic one
     """
     at = locate(ratio, flatness, twist)
     log, dlog = interpolate(table, at)
@@ -267,7 +273,7 @@ def blocks(
     for k in _DIAGONAL:
         factor[k] = np.exp(log[k])
         dfactor[:, k] *= factor[k]
-    # the beam is known up to here; no spiral can be cut that is wound any further
+    # the beam's series ends here; no spiral with a larger twist can be cut
     wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
     if beam is None:
         base = beams.tip_compliance(ratio, 1.0 / flatness, wound, poisson)
@@ -293,25 +299,34 @@ def tip_compliance(
     poisson: float,
     beam: Beams | None = None,
 ) -> ArmCompliance:
-    """Compliance of the tips of n arms with exact derivatives, for every arm there is: see ``beyond``.
+    """Tip compliances of n arms with exact derivatives, for arms of any shape (see ``beyond``).
 
-    scale : (n,) m, diameter of the circumscribed circle: twice the distance from the centre to the tip; width : (n,) m;
-    twist : (n,) rad; thickness in m, Young's modulus in Pa; beam : as in ``blocks``, per Young's modulus. Arms shorter than the table's shortest, s/w = 5, are hardly
-    longer than wide: down to s/w = 2 they get its compliance, shortened as that of a beam is. Raises FlexMapsError where
-    something is no length or angle; ``faces`` of the error are positions in the given arrays.
+    Arms shorter than the table's shortest, s/w = 5, are hardly longer than wide: down to s/w = 2 they get the shortest
+    arm's compliance, scaled with the powers of a beam's length.
+
+    Parameters
+    ----------
+    scale : (n,) metres, diameter of the circumscribed circle: twice the distance from the centre to the tip
+    width, twist : (n,) metres and radians
+    thickness, youngs, poisson : metres, Pa and Poisson's ratio
+    beam : as in ``blocks``, its compliance times ``youngs``
+
+    Raises
+    ------
+    FlexMapsError : a length or an angle is not a number or not positive; ``faces`` are indices into the arrays
     """
     refuse_material(thickness, youngs)
     scale, width, twist = lengths_and_twists(scale, width, twist)
     ratio, least = scale / width, SCALE_RANGE[0]
     table = load_table(float(poisson))
     found = blocks(np.maximum(ratio, least), width / thickness, twist, table, float(poisson), beam)
-    # a wrench (F, M) is (E w^2, E w^3) and a motion (u, turn) is (w, 1) of the dimensionless one
+    # units of a wrench (F, M): (E w^2, E w^3); units of a motion (u, turn): (w, 1)
     power = np.zeros((2, 6), dtype=int)
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         kind = [0 if r < 3 else 1 for r in rows]
         power[b] = [-1 - kind[i] - kind[j] for i, j in ENTRIES]
     power = power[..., None]
-    # a beam's compliance goes with length^(4 + power): the third power from force to shift, the first from moment to turn
+    # a beam's compliance scales with length^(4 + power): cubed from force to shift, linear from moment to turn
     short = np.minimum(np.maximum(ratio, SHORTEST) / least, 1.0)
     unit = width**power * short ** (4 + power) / youngs
     values = found.values * unit
@@ -319,33 +334,34 @@ def tip_compliance(
     by_ratio = np.where(ratio < least, np.where(ratio > SHORTEST, (4 + power) * values, 0.0), by_ratio)
     by_scale = by_ratio / scale
     by_width = (by_flatness - by_ratio + power * values) / width
-    return ArmCompliance(*(_full(part) for part in (values, by_scale, by_width, by_twist, *others)))
+    return ArmCompliance(*(_full_matrices(part) for part in (values, by_scale, by_width, by_twist, *others)))
 
 
 def lengths_and_twists(
     scale: np.ndarray, width: np.ndarray, twist: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scales, widths and twists as arrays (n,); raises FlexMapsError with the positions of those that are none."""
+    """Scales, widths and twists as arrays (n,); raises FlexMapsError with the indices of invalid arms."""
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
     scale, width, twist = np.broadcast_arrays(scale, width, twist)
     known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
     if not known.all():
         raise FlexMapsError(
-            f"{counted(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is no number; make the spirals again",
+            f"{counted(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is not a number; make the spirals again",
             faces=np.flatnonzero(~known),
         )
     return scale, width, twist
 
 
 def refuse_material(thickness: float, youngs: float) -> None:
+    """Raise FlexMapsError unless thickness (metres) and Young's modulus (Pa) are positive numbers."""
     if not (math.isfinite(thickness) and thickness > 0):
         raise FlexMapsError(f"The sheet's thickness is {thickness:g} m; it must be a positive number")
     if not (math.isfinite(youngs) and youngs > 0):
         raise FlexMapsError(f"Young's modulus is {youngs:g} Pa; it must be a positive number")
 
 
-def _full(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
-    """(n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
+def _full_matrices(entries: np.ndarray) -> Float[np.ndarray, "arms 6 6"]:
+    """Matrices (n, 6, 6) from the lower triangles (2, 6, n) of both blocks."""
     out = np.zeros((6, 6, entries.shape[-1]))
     for b, rows in enumerate((IN_PLANE, OUT_OF_PLANE)):
         for k, (i, j) in enumerate(ENTRIES):
