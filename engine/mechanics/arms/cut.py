@@ -32,9 +32,9 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 # of its two neighbours in the spiral, and width and twist of the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
 NUMBERS = 5  # number of these parameters
-# rows in derivative arrays: the value and the parameters of a blended end, and of a root
+# rows in derivative arrays: the value and the parameters of a blended end
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
-_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]
+_ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of the parameters of a root
 # parameters of ``blends`` in the columns of ``slope_by``: first those of the design, then those of ``shapes``
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
 _BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape

@@ -1,14 +1,16 @@
-"""How the forces of the arm model change with the widths and twists of the spirals, at a fixed pose.
+"""Derivatives of the arm model's forces by the widths and twists of the spirals, at a fixed pose.
 
-With the motion y of a joint, y = T x, and the wrench n = K y there, K = (C_a + C_b)^-1, the energy y.K.y / 2 changes with
-a parameter of one arm by -n.C' n / 2, C' of both arms, for each is blended with the other, and, because the bend points move with the twist, by n_force.Y', where
+Let y be the motion of a joint and n = K y the wrench there, K = (C_a + C_b)^-1. The energy y.K.y / 2 changes with a
+parameter of one arm by -n.C' n / 2; C' includes both arms, because each is blended with the other. The bend points move
+with the twist, which adds n_force.Y', where
 
     Y' = A(-turn) beta' for the first arm, -A(turn) beta' for the second,  A(turn) = e^(turn/2) - 1 - turn x / 2,
 
-and beta is the way from an arm's bend point to the joint in the joint's axes. The derivatives by the pose follow.
+and beta is the vector from an arm's bend point to the joint in the joint's axes. Derivatives of the forces follow by
+differentiating by the pose.
 
-With the strains' second order y + y.D.y in the place of y (see ``arm_curving``), the wrench is S'K (y + y.D.y) with
-S = 1 + 2 y.D, and D counts as given: what the design changes in it is left out.
+With the strains' second-order term, y + y.D.y replaces y (see ``curving``) and the wrench is S'K (y + y.D.y) with S = 1
++ 2 y.D. D counts as constant: its change with the design is left out.
 """
 
 from __future__ import annotations
@@ -24,21 +26,22 @@ from .curving import curved, weighted
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order
 
-# What a joint follows of the spiral on either side, in this order: width of the arm that meets it, twist (``WIDTH`` and
-# ``TWIST`` of ``cut``), width of the arms on both sides of that one, half of their sum.
-PARAMETERS = 3  # how many these are
+# Parameters of a joint, for the spiral on either side: width of the arm that meets it, twist (indices ``WIDTH`` and
+# ``TWIST`` of ``cut``), and half the sum of the widths of the two arms beside that arm (``BESIDE``).
+PARAMETERS = 3
 
 
 @dataclass(frozen=True, eq=False)
 class JointChanges:
-    """How m joints answer to the pose and to the design, in the axes of their half-way frames.
+    """Derivatives of m joints by the pose and the design, in the axes of their half-way frames.
 
     sides : (m, 2) int, the arms that meet
     wrench : (m, 6) N, N m at the joint
-    by_pose : (m, 6, 12) of the joint's motion y by the increments of both hubs
-    wrench_by_design : (m, 2, 3, 6) at a fixed pose; side of the joint, then the parameters above
-    wrench_by_pose : (m, 6, 12)
-    turned : (m, 2, 3) what a twist's change of the bend points adds to the gradient by the turn, by side
+    by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
+    wrench_by_design : (m, 2, 3, 6) at a fixed pose, per side of the joint and parameter
+    wrench_by_pose : (m, 6, 12) by the increments of both hubs
+    turned : (m, 2, 3) contribution of the moving bend points to the derivative by the twist of the gradient by the
+        turn, per side
     """
 
     sides: Int[np.ndarray, "joints 2"]
@@ -58,7 +61,15 @@ class JointChanges:
         motion: JointMotion,
         curving: np.ndarray | None = None,
     ) -> JointChanges:
-        """Arguments as in ``ArmModel`` and ``ArmCompliances``, but ``curving`` is that of the motion at the joint."""
+        """Differentiate the joints in one motion.
+
+        Parameters
+        ----------
+        assembly, at_joint, offset : as in ``ArmModel``
+        by : derivatives of the compliances, as in ``ArmCompliances``
+        motion : of the joints
+        curving : (m, 6, 6, 6) second-order term of the motion at the joint; None leaves it out
+        """
         turn, base = motion.turn, motion.middle
         angle = np.linalg.norm(turn, axis=1)
         shift = motion.shift + np.cross(offset, turn)
@@ -78,13 +89,13 @@ class JointChanges:
         changes = -softened(assembly, by, inner) @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
         for side in (0, 1):
             sign = 1.0 if side == 0 else -1.0
-            moved, found = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
+            moved, found = _bend_shift(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
             changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
             turned[:, side] = -found
         return cls(assembly.sides, wrench, by_pose, changes, tangent @ by_pose, turned)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """Return ``gradient_by_design`` along a motion of both hubs, by the widths and the twist of both spirals."""
+        """(m, 2, 5): ``gradient_by_design`` along a motion ``way`` (m, 12) of both hubs."""
         along = times(self.by_pose, way)
         out = times(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += times(self.turned, along[:, 3:])
@@ -92,9 +103,9 @@ class JointChanges:
 
     @property
     def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
-        """(m, 12, 2, 5): derivative of every joint's gradient by the four widths and the twist of both spirals.
+        """(m, 12, 2, 5) derivatives of every joint's gradient by the four widths and the twist of both spirals.
 
-        Rows as in ``Expansion.hessian``; then the side of the joint; then the widths, the twist.
+        Axes: rows as in ``Expansion.hessian``; side of the joint; four widths, then the twist.
         """
         m = len(self.wrench)
         out = (self.wrench_by_design.reshape(m, -1, 6) @ self.by_pose).reshape(m, 2, PARAMETERS, 12)
@@ -105,7 +116,8 @@ class JointChanges:
 def softened(
     assembly: Assembly, by: Float[np.ndarray, "joints 2 numbers 6 6"], wrench: Float[np.ndarray, "joints 6"]
 ) -> Float[np.ndarray, "joints 2 parameters 6"]:
-    """Return how the motion under a constant wrench follows the parameters of both sides: the compliance's derivatives times it."""
+    """(m, 2, 3, 6) derivatives of the motion under a constant wrench by the parameters of both sides: C' times the
+    wrench."""
     axes = assembly.arm_axes
     own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
     softer = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
@@ -123,9 +135,10 @@ def convex_by_design(
     way: Float[np.ndarray, "joints 12"],
     curving: np.ndarray | None = None,
 ) -> Float[np.ndarray, "joints 2 5"]:
-    """Return how every joint's r.K.r follows the widths and the twist of both spirals, with r = S x' along a motion of both hubs.
+    """(m, 2, 5) derivatives of every joint's r.K.r by the widths and the twist of both spirals; r = S y' along a motion
+    of both hubs.
 
-    Arguments as in ``JointChanges.of``.
+    Arguments as in ``JointChanges.of``; way : (m, 12) the motion.
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
@@ -138,7 +151,7 @@ def convex_by_design(
     found = -times(softened(assembly, by, inner), inner[:, None])
     force = times(np.swapaxes(slope, 1, 2), inner)[:, :3]
     for side, sign in ((0, 1.0), (1, -1.0)):
-        moved, bent = _second_bend(-sign * turn, angle, _way_by_twist(assembly, side), force)
+        moved, bent = _bend_shift(-sign * turn, angle, _way_by_twist(assembly, side), force)
         found[:, side, TWIST] -= 2.0 * (bent * rates[:, 3:]).sum(axis=1)
         if curving is not None:
             found[:, side, TWIST] += 4.0 * sign * (times(weighted(inner, curving)[:, :3], rates) * moved).sum(axis=1)
@@ -146,7 +159,8 @@ def convex_by_design(
 
 
 def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
-    """(m, 2, 5, ...) by the widths and the twist of both spirals, from changes (m, 2, 3, ...) by the joints' parameters."""
+    """Convert derivatives (m, 2, 3, ...) by the joints' parameters to derivatives (m, 2, 5, ...) by the widths and the
+    twist of both spirals."""
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
     every = np.arange(len(sides))[:, None], [0, 1]
     out[(*every, sides)] = changes[:, :, WIDTH]
@@ -157,18 +171,28 @@ def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.nd
 
 
 def arm_wrenches(assembly: Assembly, wrench: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 2 6"]:
-    """Wrenches of the joints, N and N m in their axes, in the axes of both arms."""
+    """Rotate wrenches (N and N m) from the joints' axes to the axes of both arms.
+
+    Parameters
+    ----------
+    assembly : with m joints
+    wrench : (m, 6)
+
+    Returns
+    -------
+    (m, 2, 6)
+    """
     return (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:
-    """(m, 3) metres per radian: how the way from the bend point to the joint changes, in the joint's axes."""
+    """(m, 3) metres per radian: derivative of the vector from the bend point to the joint, in the joint's axes."""
     change = assembly.bend[1][:, side]
     way = change[:, :1] * assembly.lever[:, side] + change[:, 1:] * assembly.left[:, side]
     return -np.einsum("eji,ej->ei", assembly.axes[:, side], way)
 
 
-def _second_bend(
+def _bend_shift(
     turn: Float[np.ndarray, "joints 3"], angle: np.ndarray, way: np.ndarray, force: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """A(turn) way, and the gradient of force.A(turn) way by the turn, both (m, 3)."""

@@ -1,10 +1,10 @@
-"""Widths of the slots between the bent arms of a spiral as smooth functions of the tips' motions and of the flat arms.
+"""Slot widths between the bent arms of a spiral as smooth functions of the tip motions and of the flat arms.
 
-The search for a design needs thousands of them with derivatives, many times over. Of ``slots_in_space`` they keep what
-matters where slots are narrow: the arm's shape between its hub and its tip is that of the curved beam (Castigliano), to
-first order in the motion of its tip; the width of a slot is measured at a few places of its outer arm, at right angles
-to the middle of the inner one, from edge to edge. On three optimised pieces 9 of 10 slots narrower than 0.3 mm come out
-between 0.19 mm less and 0.02 mm more than what is measured; none by more than 0.07 mm too wide.
+The search for a design evaluates thousands of them with derivatives, many times over, so this is a quick version of
+``slots_in_space`` for narrow slots. The shape of an arm between hub and tip is that of the curved beam (Castigliano),
+to first order in the motion of its tip. The width is measured from edge to edge at a few points of the outer arm, at
+right angles to the centre line of the inner one. On three optimised pieces, 9 of 10 slots narrower than 0.3 mm are
+estimated between 0.19 mm too narrow and 0.02 mm too wide, none by more than 0.07 mm too wide.
 """
 
 from __future__ import annotations
@@ -30,28 +30,30 @@ from ...spirals.lines import Lines
 from .sections import Section, SectionPull, dot
 from .tip_beams import BentByTips, Pair, Pull, TipBeams
 
-# t on the outer arm: in four optimised pieces all 98 slots that close do so within the first sixth of its way
+# t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
+# within the first sixth of their arm.
 PLACES = np.array([0.0, 0.05, 0.1, 0.15, 0.22, 0.3])
-# pieces of an arm: on three optimised surfaces, one of 150 spirals and one of 986 among them, half of the narrow places are within
-# 0.004 mm of what 48 pieces give, 99 of 100 within 0.04 mm, all within 0.06 mm
+# Pieces of an arm; more are slower. On three optimised surfaces, two of them of 150 and 986 spirals, half of the narrow
+# points are within 0.004 mm of the result of 48 pieces, 99 of 100 within 0.04 mm, all within 0.06 mm.
 STATIONS = 12
-# of the search for the facing place: with them 95 of 100 derivatives are within 1e-6 of differences
+# Newton iterations for the facing point: with 3, 95 of 100 derivatives are within 1e-6 of finite differences.
 ROUNDS = 3
-# sine of the tilt of two sections against each other below which it counts less and less: 0.02 mm of a sheet of 2 mm
-_TILT = 0.02
-_EITHER = 5e-5  # metres; over which the better of two ways to part two sections passes from one to the other
-PAST = 1e-4  # metres; an arm that ends this much before the place faces nothing there
-# of the rough look for slots that may be too narrow: pieces of an arm, stations at its outer end, and metres by which it may be
-# wrong. With 0.3 mm it missed one narrow place of 250, with 6 and 3 up to five of 40; like this none on those surfaces
-SCREEN, SCREENED, MARGIN = 8, 4, 4e-4
+# Sine of the tilt between two sections below which the tilt is smoothed out: 0.02 mm for a sheet of 2 mm.
+_TILT_ROUNDING = 0.02
+_AXIS_ROUNDING = 5e-5  # metres over which the smooth maximum of two separating distances blends
+END_TOLERANCE = 1e-4  # metres; where the inner arm ends this much before the point, no section faces it
+# Rough search for slots that may be too narrow: pieces of an arm, stations at its outer end, and assumed error in
+# metres; larger is safer and slower. With 0.3 mm it missed one narrow point of 250, with 6 and 3 up to five of 40;
+# these values missed none on those surfaces.
+ROUGH_PIECES, ROUGH_STATIONS, ROUGH_MARGIN = 8, 4, 4e-4
 
 
 @dataclass(frozen=True, eq=False)
 class SlotWidths:
-    """Widths at K places of slots.
+    """Widths of slots at K points.
 
-    slots : they are of; arms : (K, 2) int, the outer and the inner arm; values : (K,) metres
-    t, s : (K,) where the place is on them; numbers, motion : of both arms, as in ``Slots.below``
+    slots : to which they belong; arms : (K, 2) int, the outer and the inner arm; values : (K,) metres
+    t, s : (K,) positions of the point on outer and inner arm; numbers, motion : of both arms, as in ``Slots.below``
     """
 
     slots: Slots
@@ -64,15 +66,15 @@ class SlotWidths:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives by the motions and by the numbers of both arms."""
+        """Derivatives by the tip motions and by the parameters of both arms."""
         return self.slots.slopes(self.arms, self.numbers, self.motion, self.t, self.s)
 
 
 @dataclass(frozen=True, eq=False)
 class Slots:
-    """The slots within spirals, of A arms; arm 4 f + k is arm k of quad f.
+    """The slots within spirals with A arms; arm 4 f + k is arm k of quad f.
 
-    shortest : share of t over which arms are blended that hardly turn; fillet, thickness : metres
+    shortest : share of t over which an arm that hardly turns is blended; fillet, thickness : metres
     """
 
     shortest: float
@@ -83,16 +85,20 @@ class Slots:
     def below(
         self, width: float, numbers: Float[np.ndarray, "arms numbers"], motion: Float[np.ndarray, "arms 6"]
     ) -> SlotWidths:
-        """The places that are narrower than a width in metres.
+        """Find the points where slots are narrower than a limit.
 
-        numbers : of every arm, in the order of ``blends``; motion : metres and radians, of its tip in the flat frame
+        Parameters
+        ----------
+        width : metres, the limit
+        numbers : (A, 8) parameters of every arm, in the order of ``blends``
+        motion : (A, 6) metres and radians, motion of the arms' tips in the flat frame
         """
         first = np.arange(len(numbers))
         second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
         pair = np.stack([first, second] if self.clockwise else [second, first], axis=1)
-        rough = _rough(self._beams(numbers, SCREEN).bent(motion), pair, self._sign)
-        pair = pair[rough < width + MARGIN]
-        # of arms that may be too near each other alone
+        rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bent(motion), pair, self._sign)
+        pair = pair[rough < width + ROUGH_MARGIN]
+        # only arms that may be too close to each other
         own, index = np.unique(pair, return_inverse=True)
         t = np.tile(PLACES, (len(pair), 1))
         field, local = self._beams(numbers[own], STATIONS).bent(motion[own]), index.reshape(pair.shape)
@@ -109,16 +115,26 @@ class Slots:
         t: Float[np.ndarray, " k"],
         s: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives of the widths at single places by the motions and the numbers of both arms; s faces t."""
-        # an arm has many places: it is bent once for all of them
+        """Differentiate the widths at single points.
+
+        Parameters
+        ----------
+        arms, numbers, motion : outer and inner arm of every point, with parameters and tip motions
+        t, s : (k,) the point on the outer arm and the point that faces it on the inner one
+
+        Returns
+        -------
+        (k, 2, 6) by the tip motions and (k, 2, 8) by the parameters of both arms
+        """
+        # many points may share an arm, which is bent only once
         own, index = np.unique(arms, return_index=True, return_inverse=True)[1:]
         bent = self._beams(numbers.reshape(-1, NUMBERS)[own], STATIONS).bent(motion.reshape(-1, 6)[own])
         field = bent.rows(index.ravel())
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.of(field, np.arange(0, len(both), 2), both[::2])
         there = Section.of(field, np.arange(1, len(both), 2), both[1::2])
-        outer, inner = self._apart(here, there)[1]
-        # the facing place moves along: s keeps the way between the arms at right angles to the inner one
+        outer, inner = self._section_distance(here, there)[1]
+        # the facing point moves too: s keeps the distance at right angles to the inner arm
         way = here.middle - there.middle
         facing = SectionPull.none(way)
         facing.middle, facing.along = -there.along, way
@@ -135,9 +151,12 @@ class Slots:
 
     @property
     def _sign(self) -> float:
+        """1 if the outer arm lies on the side of the inner arm's ``across``, -1 (clockwise spirals) if on the other
+        side."""
         return -1.0 if self.clockwise else 1.0
 
     def _beams(self, numbers: Float[np.ndarray, "arms numbers"], pieces: int) -> TipBeams:
+        """Build the beams of arms with these parameters."""
         given = (
             numbers[:, list(both)] for both in ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         )
@@ -152,10 +171,11 @@ class Slots:
         pair: Int[np.ndarray, "n 2"],
         t: Float[np.ndarray, "n places"],
     ) -> tuple[Float[np.ndarray, "n places"], Float[np.ndarray, "n places"]]:
-        """Widths in metres of slots between arms at t on the outer ones, and the facing places."""
+        """Widths in metres of slots at t on their outer arms, and the facing points; infinite where no section faces
+        them."""
         outer, inner = pair.T
         here = Section.of(field, outer, t)
-        # from the station that is nearest
+        # start at the nearest station
         stations = Pair(field.beams.flat + field.shift.flat, field.shift.off).space
         apart = np.linalg.norm(here.middle[:, :, None] - stations[inner][:, None], axis=-1)
         s = field.beams.hub[inner, None] * (1.0 - apart.argmin(axis=2) / STATIONS)
@@ -166,25 +186,32 @@ class Slots:
             slope = np.maximum(pace - dot(way, there.turning), 0.25 * pace)
             s = np.clip(s + np.clip(dot(way, there.along) / slope, -0.1, 0.1), 0.0, 1.0)
         there = Section.of(field, inner, s)
-        beyond = np.abs(dot(here.middle - there.middle, there.along)) >= PAST
-        return np.where(beyond, np.inf, self._apart(here, there)[0]), s
+        beyond = np.abs(dot(here.middle - there.middle, there.along)) >= END_TOLERANCE
+        return np.where(beyond, np.inf, self._section_distance(here, there)[0]), s
 
-    def _apart(
+    def _section_distance(
         self, here: Section, there: Section
     ) -> tuple[Float[np.ndarray, "n places"], tuple[SectionPull, SectionPull]]:
-        """Widths between facing sections of outer and inner arms, and their derivatives by both."""
+        """Distances between facing sections of outer and inner arms, and their derivatives by both."""
         way, sign, height = here.middle - there.middle, self._sign, 0.5 * self.thickness
         tilt = dot(here.across, there.across)
         level, turned = np.abs(tilt), np.sign(tilt)
         rolls = dot(here.off, there.across), dot(there.off, here.across)
-        by_inner = sign * dot(way, there.across) - there.half - level * here.half - height * _soft(rolls[0], _TILT)
-        by_outer = sign * dot(way, here.across) - here.half - level * there.half - height * _soft(rolls[1], _TILT)
-        # the axis that parts them better
-        value = 0.5 * (by_inner + by_outer + _soft(by_inner - by_outer, _EITHER))
-        # its share, and what the axes have to do with it
-        share = 0.5 * (1.0 + (by_inner - by_outer) / np.hypot(by_inner - by_outer, _EITHER))
+        by_inner = (
+            sign * dot(way, there.across)
+            - there.half
+            - level * here.half
+            - height * _soft_abs(rolls[0], _TILT_ROUNDING)
+        )
+        by_outer = (
+            sign * dot(way, here.across) - here.half - level * there.half - height * _soft_abs(rolls[1], _TILT_ROUNDING)
+        )
+        # smooth maximum of the distances along the two separating axes
+        value = 0.5 * (by_inner + by_outer + _soft_abs(by_inner - by_outer, _AXIS_ROUNDING))
+        # weight of the first axis, and derivatives by the directions of both
+        share = 0.5 * (1.0 + (by_inner - by_outer) / np.hypot(by_inner - by_outer, _AXIS_ROUNDING))
         inner, outer = share[..., None], 1.0 - share[..., None]
-        steep = [-height * (roll / np.hypot(roll, _TILT))[..., None] for roll in rolls]
+        steep = [-height * (roll / np.hypot(roll, _TILT_ROUNDING))[..., None] for roll in rolls]
         halves = -(turned * (share * here.half + (1.0 - share) * there.half))[..., None]
         middle = sign * (inner * there.across + outer * here.across)
         here_pull = SectionPull(
@@ -204,14 +231,14 @@ class Slots:
         return value, (here_pull, there_pull)
 
 
-def _rough(field: BentByTips, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
-    """About how many metres the slots are wide about the outer thirds of their outer arms, seen in the plane.
+def _rough_widths(field: BentByTips, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
+    """(n,) metres, approximate slot widths near the outer ends of the outer arms, seen in the plane.
 
-    From stations there to the pieces of the inner arms, as if these were arcs.
+    Measured from stations of the outer arms to the pieces of the inner arms, which count as arcs.
     """
     beams, (outer, inner) = field.beams, pair.T
     count = beams.velocity.shape[1]
-    some = range(count - SCREENED, count + 1)
+    some = range(count - ROUGH_STATIONS, count + 1)
     shift, turn, half = field.shift, field.middle, 0.5 * beams.width
     middle = beams.middle + 0.5 * (shift.flat[:, 1:] + shift.flat[:, :-1])
     height = 0.5 * (shift.off[:, 1:] + shift.off[:, :-1])
@@ -223,7 +250,7 @@ def _rough(field: BentByTips, pair: Int[np.ndarray, "n 2"], sign: float) -> Floa
         axis, roll = along[nearest], turn.flat[nearest]
         seen = np.conj(axis) * (place - middle[nearest])
         across = -seen.imag + 0.5 * beams.curving[nearest] * seen.real**2
-        # the inner arm's section leans
+        # correction for the tilt of the inner arm's section
         across -= (shift.off[outer, k] - height[nearest]) * (np.conj(axis) * roll).real
         apart = sign * across - half[nearest] - half[outer, min(k, count - 1)]
         apart -= 0.5 * beams.thickness * np.abs((np.conj(axis) * (field.turn.flat[outer, k] - roll)).real)
@@ -231,6 +258,6 @@ def _rough(field: BentByTips, pair: Int[np.ndarray, "n 2"], sign: float) -> Floa
     return least
 
 
-def _soft(x: np.ndarray, over: float) -> np.ndarray:
-    """The absolute value, smooth over so much about 0."""
+def _soft_abs(x: np.ndarray, over: float) -> np.ndarray:
+    """Absolute value, rounded off within ``over`` around 0."""
     return np.hypot(x, over) - over

@@ -1,10 +1,10 @@
-"""How wide the slots between the arms are in the assembled piece, where they may close.
+"""Widths of the slots between the arms in the assembled piece, where they may close.
 
-Every arm is a bent strip of rectangular sections, as wide as its flat arm and as thick as the sheet, that stand at right
-angles to it (``BentArms``): a point P of the flat arm's true edge lies at x(t) + D(t) (P - c(t)). The width of a slot is the
-smallest distance of the sections of its two arms: of each section of the one to that section of the other in whose plane
-its middle lies. Arms that part in height by more than the sheet's thickness do not touch. A negative width says by how
-much arms would run through each other, which no arm and no maker can do: the elastic models do not know of contact.
+Every arm is a bent strip of rectangular sections at right angles to it, as wide as its flat arm and as thick as the
+sheet (``BentArms``): a point P on the edge of the flat arm lies at x(t) + D(t) (P - c(t)). The width of a slot is the
+smallest distance between sections of its two arms. Each section of the first arm is compared with the section of the
+second arm whose plane contains its middle. Arms whose heights differ by more than the sheet's thickness do not touch. A
+negative width is an overlap, which real arms cannot have: the elastic models ignore contact.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from ...spirals.slots import beside, clockwise, slot_widths
 from ...spirals.spiral import Arms, centre_line, width_at
 from .bent import BentArms
 
-# places along every slot within a spiral, from its mouth inwards, and places about the narrowest of them at which it is
-# looked at once more: 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than 1 mm, in 1,238
-# optimised spirals of 20 mm, and no other slots closed
-ALONG = 14
-CLOSER = 7  # as ALONG
-# share of the way to its root up to which a slot within a spiral is looked at: further in it is as wide as its fillet, and
-# the beam that bends as soon as it has left the hub closes slots that the root's width keeps open
+# Stations along every slot within a spiral, from its mouth inwards, and stations of the second look around the
+# narrowest one; more are slower. 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than
+# 1 mm, in 1,238 optimised spirals of 20 mm, but no other closed slots.
+STATIONS = 14
+CLOSER_STATIONS = 7  # see STATIONS
+# Share of the slot, from its mouth towards its root, that is measured. Farther in the slot is as wide as its fillet,
+# and the beam, which bends right outside the hub, would close slots that the root keeps open.
 DEEPEST = 0.9
-# of the search for the facing section (Newton): within 1e-8 mm of 12 where slots are narrower than 1 mm, in the same spirals
+# Newton iterations for the facing section: within 1e-8 mm of 12 iterations where slots are narrower than 1 mm, in the
+# spirals of STATIONS.
 ROUNDS = 4
-REACH = (
-    0.5  # slots between arms of different spirals are looked at where they may be narrower than this, in widths of arms
-)
-# places along an arm, round the one that is nearest to another spiral's arm: 41 find widths smaller by up to 0.02 mm
-ROUND_ABOUT = 9
-TOGETHER = 4000  # slots at a time, so that the user sees progress
-MEASURING = "Measuring the slots in space"  # what the progress says
+REACH = 0.5  # arm widths: slots between arms of different spirals that may be narrower than this are measured
+# Stations on an arm around the point nearest to another spiral's arm; more are slower. 41 find widths smaller by up to
+# 0.02 mm.
+PAIR_STATIONS = 9
+BATCH = 4000  # slots between two updates of the progress
+MEASURING = "Measuring the slots in space"  # text of the progress
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceSlots:
     """The slots between n pairs of arms in space.
 
-    arms : (n, 2) int, arm 4 f + k is arm k of quad f. First come the 4 F slots within the spirals, slot 4 f + k between the
-        arms k and k + 1; then those between arms of different spirals that lie near each other
-    width : (n,) metres, of the narrowest place; negative where arms run through each other, infinite beside arms that are not cut
+    arms : (n, 2) int, arm 4 f + k is arm k of quad f. The first 4 F slots lie within the spirals, slot 4 f + k between
+        the arms k and k + 1; the others lie between arms of different spirals that come close to each other
+    width : (n,) metres at the narrowest point; negative where arms overlap, infinite beside arms that are not cut
     """
 
     arms: Int[np.ndarray, "slots 2"]
@@ -55,12 +55,12 @@ class SpaceSlots:
 
     @cached_property
     def closed(self) -> Int[np.ndarray, " closed"]:
-        """The slots whose arms run through each other."""
+        """Indices of the slots whose arms overlap."""
         return np.flatnonzero(self.width < 0.0)
 
     @cached_property
     def of_quads(self) -> Float[np.ndarray, " quads"]:
-        """Metres: the narrowest slot beside the arms of every spiral."""
+        """(F,) metres, the narrowest slot beside the arms of every spiral."""
         least = np.full(int(self.arms.max()) // 4 + 1, np.inf)
         for which in (0, 1):
             np.minimum.at(least, self.arms[:, which] // 4, self.width)
@@ -69,8 +69,12 @@ class SpaceSlots:
 
 @dataclass(frozen=True, eq=False)
 class _Sections:
-    """Sections of n arms at M places: their middles in metres, unit vectors along, across the arm and off the sheet; half of
-    their width in metres, and metres of the centre line per unit of t."""
+    """Sections of n arms at M stations.
+
+    middle : metres; along, across, off : unit vectors along the arm, across it and normal to the sheet
+    half : metres, half of the width; curvature : 1 / metres, of the flat arm; pace : metres of the centre line per unit
+        of t
+    """
 
     middle: Float[np.ndarray, "arms places 3"]
     along: Float[np.ndarray, "arms places 3"]
@@ -82,21 +86,27 @@ class _Sections:
 
 
 def slots_in_space(design: SpiralDesign, bent: BentArms, progress: Progress = SILENT) -> SpaceSlots:
-    """The slots of a design whose arms are bent."""
+    """Measure the slots of a design whose arms are bent.
+
+    Parameters
+    ----------
+    design, bent : the spirals, and their deformation
+    progress : is updated and can cancel
+    """
     progress(0.0, MEASURING)
-    one, two, t, s = _within(design)
-    width = _narrowest(design, bent, one, two, t, s, progress.part(0.1, 0.6))
+    one, two, t, s = _slots_within(design)
+    width = _narrowest_widths(design, bent, one, two, t, s, progress.part(0.1, 0.6))
     width[beside(design.absent).ravel()] = np.inf
     progress(0.6, MEASURING)
-    near, far, u, v = _between(design, bent)
-    others = _narrowest(design, bent, near, far, u, v, progress.part(0.7, 1.0))
+    near, far, u, v = _slots_between(design, bent)
+    others = _narrowest_widths(design, bent, near, far, u, v, progress.part(0.7, 1.0))
     arms = np.concatenate([np.stack([one, two], axis=1), np.stack([near, far], axis=1)])
     return SpaceSlots(arms, np.concatenate([width, others]))
 
 
-def _within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The outer and the inner arm (4 F,) of every slot within a spiral, and facing places t and s (4 F, M) on them."""
-    share = np.linspace(0.0, DEEPEST, ALONG)
+def _slots_within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Outer and inner arm (4 F,) of every slot within a spiral, and facing stations t and s (4 F, M) on them."""
+    share = np.linspace(0.0, DEEPEST, STATIONS)
     t, s = slot_widths(design.arms, design.roots.left, design.roots.right, share)[2:]
     first = np.arange(t.shape[0] * 4)
     second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
@@ -104,10 +114,11 @@ def _within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     return outer, inner, t.reshape(len(first), -1), s.reshape(len(first), -1)
 
 
-def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Arms (n,) of different spirals that come near each other, and places t and s (n, M) about the nearest ones.
+def _slots_between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of arms (n,) of different spirals that come close to each other, and stations t and s (n, M) around the
+    nearest points.
 
-    Arms that meet at a joint are no such pair, nor those of different bodies, which are pieces of their own.
+    Excluded are arms that meet at a joint, and arms of different bodies, which are separate pieces.
     """
     bent = bent.first(4 * len(design.width))
     count, stations = bent.place.shape[:2]
@@ -129,10 +140,10 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
     first = np.ones(len(arm), dtype=bool)
     first[1:] = (arm[1:] != arm[:-1]).any(axis=1)
     pair, arm = pair[first], arm[first]
-    # stations go from the hub to the tip in even steps of t
+    # stations run from the hub to the tip in equal steps of t
     t = bent.hub[arm] * (1.0 - (pair % stations) / (stations - 1))
     step = 1.5 * bent.hub[arm[:, 0]] / (stations - 1)
-    about = t[:, :1] + step[:, None] * np.linspace(-1.0, 1.0, ROUND_ABOUT)
+    about = t[:, :1] + step[:, None] * np.linspace(-1.0, 1.0, PAIR_STATIONS)
     within = np.clip(about, 0.0, bent.hub[arm[:, :1]])
     return arm[:, 0], arm[:, 1], within, np.broadcast_to(t[:, 1:], within.shape)
 
@@ -140,10 +151,10 @@ def _between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarr
 def _near_stations(
     place: Float[np.ndarray, "arms stations 3"], reach: Float[np.ndarray, " arms"]
 ) -> Int[np.ndarray, "pairs 2"]:
-    """Return the pairs of stations that are nearer to each other than the longer reach of their arms, metres, and some beyond.
+    """Pairs of stations closer to each other than the longer reach (metres) of their arms, and some farther pairs.
 
-    Arms whose reach is within a factor of two are looked up together: at the tip of a cone, whose quads are far smaller than the others, the longest
-    reach of all would join every arm to every other.
+    Arms whose reach differs by less than a factor of two are searched together. With one reach for all, the small quads
+    at the tip of a cone would pair every arm with every other.
     """
     point, size = place.reshape(-1, 3), np.repeat(reach, place.shape[1])
     level = np.floor(np.log2(size / size.min()))
@@ -157,7 +168,7 @@ def _near_stations(
     return np.sort(np.concatenate(pairs), axis=1)
 
 
-def _narrowest(
+def _narrowest_widths(
     design: SpiralDesign,
     bent: BentArms,
     one: Int[np.ndarray, " slots"],
@@ -166,29 +177,32 @@ def _narrowest(
     s: Float[np.ndarray, "slots places"],
     progress: Progress,
 ) -> Float[np.ndarray, " slots"]:
-    """Metres: least distance of the arms ``one`` at t from the arms ``two``, near s."""
+    """(n,) metres, smallest distance of the arms ``one`` at t from the arms ``two``, near s."""
     width = np.empty(len(one))
-    for some in progress.batches(len(one), TOGETHER, MEASURING):
+    for some in progress.batches(len(one), BATCH, MEASURING):
         pair, rows = (one[some], two[some]), np.arange(len(one[some]))
-        apart, facing = _facing(design, bent, pair, t[some], s[some])
+        apart, facing = _facing_distances(design, bent, pair, t[some], s[some])
         least = apart.argmin(axis=1)
-        # once more between the neighbours of the narrowest place
+        # second look between the neighbours of the narrowest station
         step = np.diff(t[some], axis=1).max(axis=1)[:, None]
-        closer = t[some][rows, least, None] + step * np.linspace(-1.0, 1.0, CLOSER)
+        closer = t[some][rows, least, None] + step * np.linspace(-1.0, 1.0, CLOSER_STATIONS)
         closer = np.clip(closer, t[some].min(axis=1)[:, None], t[some].max(axis=1)[:, None])
-        again = _facing(design, bent, pair, closer, np.broadcast_to(facing[rows, least, None], closer.shape))[0]
+        again = _facing_distances(design, bent, pair, closer, np.broadcast_to(facing[rows, least, None], closer.shape))[
+            0
+        ]
         width[some] = np.minimum(apart.min(axis=1), again.min(axis=1))
     return width
 
 
-def _facing(
+def _facing_distances(
     design: SpiralDesign,
     bent: BentArms,
     pair: tuple[Int[np.ndarray, " slots"], Int[np.ndarray, " slots"]],
     t: Float[np.ndarray, "slots places"],
     s: Float[np.ndarray, "slots places"],
 ) -> tuple[Float[np.ndarray, "slots places"], Float[np.ndarray, "slots places"]]:
-    """Metres from the first arms' sections at t to those of the second ones that face them, and where these are, near s."""
+    """Distances in metres from the first arms' sections at t to the facing sections of the second arms, and the t of
+    these, near s."""
     mine, other = (design.arms.one_by_one(*np.divmod(arm, 4)) for arm in pair)
     here, end = _sections(bent, mine, pair[0], t), bent.hub[pair[1], None]
     for _ in range(ROUNDS):
@@ -197,11 +211,11 @@ def _facing(
         bend = np.maximum(1.0 + there.curvature * _dot(way, there.across), 0.25)
         move = _dot(way, there.along) / (bend * there.pace)
         s = np.clip(s + np.clip(move, -0.1, 0.1), 0.0, end)
-    return _apart(here, _sections(bent, other, pair[1], s), 0.5 * design.params.thickness), s
+    return _section_distance(here, _sections(bent, other, pair[1], s), 0.5 * design.params.thickness), s
 
 
 def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray, "arms places"]) -> _Sections:
-    """Of single arms with these numbers (n,) at t."""
+    """Sections of single arms with these numbers (n,) at t."""
     point, speed, change = (x[:, 0] for x in centre_line(shape, t[:, None]))
     flat = np.zeros((*t.shape, 3))
     flat[..., :2] = point - shape.centre[:, None]
@@ -214,11 +228,12 @@ def _sections(bent: BentArms, shape: Arms, arm: np.ndarray, t: Float[np.ndarray,
     return _Sections(place.reshape(*t.shape, 3), along, across, turn[..., 2], half, curvature, pace)
 
 
-def _apart(a: _Sections, b: _Sections, height: float) -> Float[np.ndarray, "arms places"]:
-    """Metres between rectangles of these half widths and half of this height; negative by how much they overlap.
+def _section_distance(a: _Sections, b: _Sections, height: float) -> Float[np.ndarray, "arms places"]:
+    """Distances in metres between rectangles with these half widths and the half height ``height``; negative for an
+    overlap.
 
-    By the axis that parts them best (separating axes); where they are apart both ways, from corner to corner. Where the
-    other arm ends before it comes by, the way beyond its end counts too.
+    The distance is taken along the axis that separates them best (separating axis theorem), or between corners where
+    two axes separate them. Where the second arm ends before it faces the first, the distance beyond its end counts too.
     """
     way = a.middle - b.middle
     level, tilt, tilted, upright = (np.abs(_dot(x, y)) for x in (a.across, a.off) for y in (b.across, b.off))
