@@ -102,7 +102,7 @@ class LivePiece:
         start : pose at rest of a new piece
         """
         self._given = Given(**changes) if self._given is None else replace(self._given, **changes)
-        known, old = self._rest_poses.get(self._given.mark), self._now
+        stored, old = self._rest_poses.get(self._given.mark), self._now
         try:
             rig, pose = Rig.of(self._given, None if old is None else old.rig, start if old is None else old.pose)
         except FlexMapsError as error:
@@ -111,9 +111,9 @@ class LivePiece:
         if old is not None and old.rig.mesh.quads is not rig.mesh.quads:
             self._rest_poses, self._rest = OrderedDict(), None
         # a stored pose needs no transformation: equal input has equal flat frames
-        self._now = RigPose(rig, pose if known is None else known)
+        self._now = RigPose(rig, pose if stored is None else stored)
         self._refusal, self._problem, self._snapped = "", "", 0.0
-        self._work = self._solve(known is not None)
+        self._work = self._solve(stored is not None)
 
     @one_thread
     def advance(self) -> Shape:

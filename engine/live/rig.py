@@ -145,15 +145,15 @@ def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
     if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
         return old.flat
-    made = PatchLayout(mesh, given.cut & ~mesh.border)
-    points = np.zeros((int(made.flat_corners.max()) + 1, 2))
-    points[made.flat_corners] = given.flat
-    stored = measured(made, points)
+    old_layout = PatchLayout(mesh, given.cut & ~mesh.border)
+    points = np.zeros((int(old_layout.flat_corners.max()) + 1, 2))
+    points[old_layout.flat_corners] = given.flat
+    stored = measured(old_layout, points)
     least, share = ROUNDING
     with np.errstate(invalid="ignore"):
         moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)
     layout = make_disks(PatchLayout(mesh, given.seams & ~mesh.border))
-    if not moved.any() and np.array_equal(layout.cut, made.cut):
+    if not moved.any() and np.array_equal(layout.cut, old_layout.cut):
         return stored
     return flatten(layout, given.layout, previous=stored, moved=moved)
 
@@ -173,8 +173,8 @@ def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticMo
     part = build_model(assembly.part(hubs, some), material, name, quick=not whole, slopes=False)
     assert isinstance(part, ArmModel)
     if not whole:
-        known = old.model.part(hubs, some).curving_at_joint
-        part = part.with_curving(known)
+        curving = old.model.part(hubs, some).curving_at_joint
+        part = part.with_curving(curving)
     rough = old.rough.copy()
     rough[some] = not whole
     return _replace_joints(old.model, part, assembly, some, material), rough

@@ -23,10 +23,10 @@ class Tolerance:
     @property
     def text(self) -> str:
         """Phrase for people, with the distances from best to worst."""
-        known = sorted(one for one in (self.less, self.more) if one is not None)
-        if len(known) < 2:
+        distances = sorted(one for one in (self.less, self.more) if one is not None)
+        if len(distances) < 2:
             return f"no equilibrium found {self.words}"
-        return f"{1e3 * known[0]:.2g} to {1e3 * known[1]:.2g} mm {self.words}"
+        return f"{1e3 * distances[0]:.2g} to {1e3 * distances[1]:.2g} mm {self.words}"
 
 
 @dataclass(frozen=True)

@@ -32,15 +32,15 @@ def other_rests(simulation: Simulation, params: SimulateParams, progress: Progre
     -------
     The simulation with ``others`` in order of energy, and with ``assembled`` if the target's pose leads to another shape.
     """
-    found, loads, model = simulation.equilibrium, simulation.loads, simulation.model
-    if not found.converged:
+    equilibrium, loads, model = simulation.equilibrium, simulation.loads, simulation.model
+    if not equilibrium.converged:
         return simulation
     aim = target_pose(simulation.target, simulation.design.flat.corners)
     quick, others = replace(params, iterations=min(params.iterations, ITERATIONS)), list[Equilibrium]()
     assembled: Equilibrium | None = None
     for k, start in enumerate((aim, _perturb(aim, simulation))):
         other = solve(model, start, loads, quick, progress.part(0.5 * k, 0.5 * (k + 1)))
-        if other.converged and all(differ(other.pose, one.pose, model.pairs, loads) for one in (found, *others)):
+        if other.converged and all(differ(other.pose, one.pose, model.pairs, loads) for one in (equilibrium, *others)):
             others.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
             assembled = others[-1] if start is aim else assembled
     return replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)

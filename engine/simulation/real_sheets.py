@@ -70,11 +70,11 @@ def _rms_distance(
     else:
         assert isinstance(simulation.model, ArmModel)
         model = simulation.model.with_bending(1.0 + step)
-    found = solve(model, simulation.equilibrium.pose, loads, params, replace(progress, shown=None))
-    if not found.converged:
+    equilibrium = solve(model, simulation.equilibrium.pose, loads, params, replace(progress, shown=None))
+    if not equilibrium.converged:
         return None
     aim = target_pose(simulation.target, simulation.design.flat.corners)
-    apart = loads.laid(found.pose, assembly.pairs, aim).centres - simulation.target.centroids
+    apart = loads.laid(equilibrium.pose, assembly.pairs, aim).centres - simulation.target.centroids
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 

@@ -28,7 +28,7 @@ LOWER = 1e-3
 
 
 def rest_findings(
-    found: Equilibrium,
+    equilibrium: Equilibrium,
     others: Sequence[Equilibrium],
     assembled: Equilibrium | None,
     softest: Softest,
@@ -39,7 +39,7 @@ def rest_findings(
 
     Parameters
     ----------
-    found : the simulated equilibrium
+    equilibrium : the simulated equilibrium
     others : other equilibria of the piece
     assembled : member of ``others`` that a search from the target's pose reaches, or None
     softest : function that returns the softest motion
@@ -47,25 +47,25 @@ def rest_findings(
     size : length in metres that percentages in messages refer to
     """
     findings: list[Finding] = []
-    if not found.converged:
+    if not equilibrium.converged:
         return findings
-    moving, share = snapping(found, softest)
+    moving, share = snapping(equilibrium, softest)
     if len(moving):
         text = (
             f"The piece is about to snap into another shape: {100.0 * share:.1f} % of its stiffness is left against the motion of "
             f"{counted(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
-    other = lower_rest(found, others) or assembled
+    other = lower_rest(equilibrium, others) or assembled
     if other is not None:
-        findings.append(_other_rest(found, other, lower=_is_lower(other, found), target=target, size=size))
+        findings.append(_other_rest(equilibrium, other, lower=_is_lower(other, equilibrium), target=target, size=size))
     return findings
 
 
-def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
+def _other_rest(equilibrium: Equilibrium, other: Equilibrium, *, lower: bool, target: QuadMesh, size: float) -> Finding:
     """Return the finding about another stable shape; its code says whether that shape matches the target as well."""
     here, there = (
-        float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (found, other)
+        float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
     )
     where = f"another shape, {100.0 * there / size:.2g} % of its size from the target"
     if lower:
@@ -74,20 +74,20 @@ def _other_rest(found: Equilibrium, other: Equilibrium, *, lower: bool, target: 
     else:
         text = f"Put together in the target's shape, the piece can come to rest in {where}, with more energy than in the shape shown. "
         cure = "Push it over from there, or hold it with supports."
-    far = np.linalg.norm(other.pose.centres - found.pose.centres, axis=1)
+    far = np.linalg.norm(other.pose.centres - equilibrium.pose.centres, axis=1)
     moved = tuple(np.flatnonzero(far > MOVING * far.max()).tolist())
     if there <= AS_NEAR * here:
         return Finding("rest-as-near", "warning", text + "That shape is about as near to the target.", moved)
     return Finding("other-rest", "warning", text + cure, moved)
 
 
-def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
+def snapping(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
     """Return the spirals that would move most if the piece is about to snap, else no spirals.
 
     Parameters
     ----------
-    found : the simulated equilibrium
-    softest : function that returns the softest motion; called only if ``found.spare`` is small
+    equilibrium : the simulated equilibrium
+    softest : function that returns the softest motion; called only if ``equilibrium.spare`` is small
 
     Returns
     -------
@@ -95,19 +95,19 @@ def snapping(found: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " so
     share : remaining stiffness of the softest motion, as a share of the convex part; a lower bound if there are no spirals
     """
     none = np.zeros(0, dtype=int)
-    if found.spare >= SNAPPING:
-        return none, found.spare
+    if equilibrium.spare >= SNAPPING:
+        return none, equilibrium.spare
     mode, share = softest()
     turned = np.linalg.norm(mode[:, 3:], axis=1)
     return (np.flatnonzero(turned > MOVING * turned.max()) if share < SNAPPING else none), share
 
 
-def lower_rest(found: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
-    """Return the equilibrium of least energy among ``others`` if its energy is less than that of ``found``."""
+def lower_rest(equilibrium: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:
+    """Return the equilibrium of least energy among ``others`` if its energy is less than that of ``equilibrium``."""
     best = min(others, key=lambda one: one.energy, default=None)
-    return best if best is not None and _is_lower(best, found) else None
+    return best if best is not None and _is_lower(best, equilibrium) else None
 
 
-def _is_lower(other: Equilibrium, found: Equilibrium) -> bool:
-    """Whether the energy of ``other`` is less than that of ``found`` by more than rounding errors."""
-    return bool(other.energy < found.energy - LOWER * found.per_joint.sum())
+def _is_lower(other: Equilibrium, equilibrium: Equilibrium) -> bool:
+    """Whether the energy of ``other`` is less than that of ``equilibrium`` by more than rounding errors."""
+    return bool(other.energy < equilibrium.energy - LOWER * equilibrium.per_joint.sum())

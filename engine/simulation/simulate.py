@@ -149,9 +149,9 @@ class Simulation:
     @cached_property
     def findings(self) -> list[Finding]:
         """Warnings about the shape: no equilibrium, far from the target, outside the model's range, overstrained, unstable."""
-        found = []
+        findings = []
         if not self.equilibrium.converged:
-            found.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
+            findings.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
         elif self.locked:
             worst = int(np.argmax(self.twisted))
             quads = self.model.pairs[worst]
@@ -159,24 +159,24 @@ class Simulation:
                 f"Two neighbours are twisted against each other by {np.degrees(self.twisted[worst]):.0f} degrees more than in the target: "
                 "probably not the shape that the object would take; optimise again, or make their spirals more alike"
             )
-            found.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
+            findings.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
         far = []
         for piece in self.shortfalls:
             beside = np.unique(self.target.edge_quads[piece.line])
             faces = tuple((beside if len(beside) else piece.quads).tolist())
             text, code = piece.wrong + piece.help, "stays-flat" if piece.flat else "far-from-target"
             far.append(Finding(code, "warning", text, faces, tuple(piece.line.tolist())))
-        found += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
+        findings += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
             text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing; remove them or join them"
-            found.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
+            findings.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
                 f"{counted(len(part.spirals), 'spiral lies', 'spirals lie')} outside the range of the elastic model ({part}): it computes "
                 "with the limit of its range, so the shape is less sure there; change width, twist or quad size to be sure"
             )
-            found.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
+            findings.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
         strain = np.zeros(0) if self.strain is None else self.strain
         strained = np.flatnonzero(strain > STRAINED)
         if len(strained):
@@ -184,8 +184,8 @@ class Simulation:
                 f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
                 f"{self._strain_note}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
             )
-            found.append(Finding("strained", "warning", text, tuple(strained.tolist())))
-        found += self._kinked()
+            findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
+        findings += self._kinked()
         slots = self.slots()
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
@@ -194,8 +194,8 @@ class Simulation:
                 f"model lets them overlap, here by up to {-1e3 * slots.width.min():.2g} mm); twist these spirals less, "
                 "make their arms narrower, or optimise again"
             )
-            found.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
-        return found + rest_findings(
+            findings.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
+        return findings + rest_findings(
             self.equilibrium, self.others, self.assembled, self.softest, self.target, self.size
         )
 
@@ -203,18 +203,18 @@ class Simulation:
         """Find the joints at kinks whose strains may exceed the limit, though the model computes less."""
         if self.joint_strain is None:
             return []
-        known = self.model.assembly
+        assembly = self.model.assembly
         share = self.joint_strain.max(axis=1) / self.material.strain_limit
-        share = np.where(kinks(known) < KINKED, 0.0, share)
+        share = np.where(kinks(assembly) < KINKED, 0.0, share)
         doubtful = (share <= STRAINED) & (KINKED_STRAIN * share > STRAINED)
         if not doubtful.any():
             return []
-        spirals = np.unique(known.pairs[doubtful])
+        spirals = np.unique(assembly.pairs[doubtful])
         text = (
             f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
             f"of {self.material.bears}, the true one can be {KINKED_STRAIN:g} times as large; make neighbours more alike to be sure"
         )
-        return [Finding("kinked", "warning", text, tuple(spirals[spirals < known.spirals].tolist()))]
+        return [Finding("kinked", "warning", text, tuple(spirals[spirals < assembly.spirals].tolist()))]
 
     @property
     def _strain_note(self) -> str:
@@ -358,10 +358,10 @@ def simulate(
 
     watched = progress.showing(lambda pose: carried(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    found = solve(model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAPPING,))
-    others = other_minima(model, found, loads, params, watched.part(0.3, 1.0))
-    found, *others = (e.placed(laid(e.pose)) for e in (found, *others))
-    return Simulation(design, target, material, model, assembly, loads, found, others)
+    equilibrium = solve(model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAPPING,))
+    others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
+    equilibrium, *others = (e.placed(laid(e.pose)) for e in (equilibrium, *others))
+    return Simulation(design, target, material, model, assembly, loads, equilibrium, others)
 
 
 def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:

@@ -275,7 +275,7 @@ def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float)
     change = np.maximum(change, np.roll(change, 1, axis=1) * 0.5)
     effort = np.cbrt(change) * step
     whole = effort.sum(axis=1, keepdims=True)
-    # a small even share keeps the marks distinct on straight pieces
+    # a small constant part keeps the places of the spans distinct on straight parts, which need no effort
     effort = effort + (0.05 * whole + 1e-9) * step / np.maximum(step.sum(axis=1, keepdims=True), 1e-15)
     total = np.concatenate([np.zeros((len(step), 1)), np.cumsum(effort, axis=1)], axis=1)
     need = np.floor(0.8 * whole[:, 0] / np.cbrt(324.0 * tolerance))

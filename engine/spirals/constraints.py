@@ -1,4 +1,4 @@
-"""Constraints on single spirals: above feet, below eyelets, and protected by the user."""
+"""Constraints on single spirals: spirals with feet, spirals with eyelets, and spirals protected by the user."""
 
 from __future__ import annotations
 

@@ -324,7 +324,7 @@ def _pieces(
     across: dict[int, Curve],
     progress: Progress,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return nodes and bulges of every slot (quad, corner), from the joint of arm corner - 1 to the joint of arm corner.
+    """Return the curve (points, bulges) around every slot (quad, corner): inwards along arm corner - 1, outwards along arm corner.
 
     If side ``corner`` is cut, the end of arm ``corner`` follows.
     """

@@ -240,20 +240,20 @@ def from_spirals(
     mesh = flat.layout.mesh
     width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
     width[constraints.wide] = params.width_max
-    made: SpiralDesign | FlexMapsError
+    result: SpiralDesign | FlexMapsError
     try:
-        made = fitted(flat, params, width, twist, progress=progress.part(0.0, 0.5))
+        result = fitted(flat, params, width, twist, progress=progress.part(0.0, 0.5))
     except FlexMapsError as error:
-        made = error
-    tight = np.array(made.faces) if isinstance(made, FlexMapsError) else np.flatnonzero(made.solid)
+        result = error
+    tight = np.array(result.faces) if isinstance(result, FlexMapsError) else np.flatnonzero(result.solid)
     if len(tight):
         moved = widened(flat, tight, progress.part(0.5, 0.6))
         with suppress(FlexMapsError):  # the error about the original patches is more helpful
-            again = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
-            made = again if again.solid.sum() < len(tight) else made
-    if isinstance(made, SpiralDesign):
-        return made
-    raise made
+            retry = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
+            result = retry if retry.solid.sum() < len(tight) else result
+    if isinstance(result, SpiralDesign):
+        return result
+    raise result
 
 
 def curvature_adjusted(
@@ -319,8 +319,8 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     quads : check only the slots beside these quads; default is all
     """
     low, high = width_range(design.flat, design.params)
-    known = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
-    width, twist = np.where(known[:, None], design.width, low[:, None]), np.where(known, design.twist, 0.0)
+    finite = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
+    width, twist = np.where(finite[:, None], design.width, low[:, None]), np.where(finite, design.twist, 0.0)
     slack = 1e-3  # for rounding, and for limits from iterations
     least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
@@ -331,7 +331,7 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False
     fits |= without_spiral(width, design.params) & (twist <= slack)
-    return np.flatnonzero(~(known & fits))
+    return np.flatnonzero(~(finite & fits))
 
 
 def proved(
@@ -372,8 +372,8 @@ def proved(
             refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
             # restore the spirals that were unwound for these quads
             begun = solid(design.params, start.width, start.twist, given_up | design.solid)
-            again = fitted(design.flat, design.params, *begun, prove=False, free=free, progress=part)
-            width, twist = again.width, again.twist
+            restored = fitted(design.flat, design.params, *begun, prove=False, free=free, progress=part)
+            width, twist = restored.width, restored.twist
         design = replace(design, twist=twist, width=width)
     raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer(len(design.twist)))
 

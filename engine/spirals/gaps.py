@@ -261,16 +261,16 @@ def _narrowest(
 
 
 def _narrowest_jointly(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, known: np.ndarray
+    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the results of ``_narrowest`` faster, by Newton's method for the places on both arms at once.
 
-    known : gaps at t, upper bounds for the result
+    bounds : gaps at t, upper bounds for the result
     """
     kind = pairs.kind[which]
     last, step = DEPTHS[kind, 1], DEPTHS[kind, 0] / (_PLACES - 1)
     low, high = np.maximum(t - step, 0.0), np.minimum(t + step, DEPTHS[kind, 0])
-    out = t.copy(), s.copy(), known.copy()
+    out = t.copy(), s.copy(), bounds.copy()
     moving, before, far = np.arange(len(t)), np.zeros(len(t)), 2.0 * step
     for _ in range(_JOINT_STEPS):
         at, there = out[0][moving], out[1][moving]
@@ -291,7 +291,7 @@ def _narrowest_jointly(
         if not len(moving):
             break
     # use the safeguarded search where Newton's method did not converge, or converged to a wider gap
-    lost = out[2] > known + 1e-12
+    lost = out[2] > bounds + 1e-12
     lost[moving] = True
     if lost.any():
         again = _narrowest(lines, pairs, which[lost], t[lost], s[lost])

@@ -218,7 +218,7 @@ def painted(
         weight[kept] = 0.0
     canvas = Canvas.of(design)
     width, twist = BRUSHES[brush](design, canvas, stroke or Stroke())
-    wanted = (
+    goal = (
         design.width + weight[:, None] * (width - design.width),
         design.twist + weight * (twist - design.twist),
     )
@@ -227,22 +227,22 @@ def painted(
     opened = _move_towards(
         room,
         (design.width, design.twist),
-        (np.minimum(wanted[0], design.width), np.minimum(wanted[1], design.twist)),
+        (np.minimum(goal[0], design.width), np.minimum(goal[1], design.twist)),
         touched,
     )
-    width, twist = _move_towards(room, opened, wanted, touched)
+    width, twist = _move_towards(room, opened, goal, touched)
     return replace(design, width=width, twist=twist, painted=True)
 
 
-def _move_towards(room: Room, start: Spirals, wanted: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
+def _move_towards(room: Room, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
     """Move every touched spiral towards its goal as far as slots stay open; halve the moves of spirals at closed slots."""
     share, quads = touched.astype(float), touched
-    width, twist = wanted
+    width, twist = goal
     for turn in range(ROUNDS):
         quads = room.closed(width, twist, quads) & (share > 0.0)
         if not quads.any():
             break
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0
-        width = start[0] + share[:, None] * (wanted[0] - start[0])
-        twist = start[1] + share * (wanted[1] - start[1])
+        width = start[0] + share[:, None] * (goal[0] - start[0])
+        twist = start[1] + share * (goal[1] - start[1])
     return width, twist

@@ -121,11 +121,11 @@ def _arms_around(flat: FlatPatches) -> tuple[Int[np.ndarray, " n"], Int[np.ndarr
     k = np.stack(np.divmod(np.arange(16), 4), axis=1)
     both = (4 * quads[:, None] + k).reshape(-1, 2)
     # leave out the two arms of a joint, which have no gap, and pairs of kind ACROSS
-    known = np.zeros(len(both), dtype=bool)
+    excluded = np.zeros(len(both), dtype=bool)
     for one, two in (both.T, both[:, ::-1].T):
         there = 4 * mate[one // 4, one % 4] + side[one // 4, one % 4]
-        known |= (there // 4 == two // 4) & ((two - there) % 4 != 2)
-    return both[~known, 0], both[~known, 1]
+        excluded |= (there // 4 == two // 4) & ((two - there) % 4 != 2)
+    return both[~excluded, 0], both[~excluded, 1]
 
 
 def _can_meet(flat: FlatPatches, params: SpiralParams, pairs: Pairs, near: float) -> Bool[np.ndarray, " n"]:

@@ -23,7 +23,7 @@ def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndar
     """
     import shapely
 
-    found = []
+    contacts = []
     for patch, outline in enumerate(drawn):
         progress(patch / len(drawn), "checking the outlines")
         rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
@@ -35,8 +35,8 @@ def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndar
         at = np.concatenate([shapely.get_coordinates(p) for p in [*places, *both]] or [np.empty((0, 2))])
         if not len(at):  # for example a hole outside the panel, which has no single place
             at = shapely.get_coordinates(rings[0])[:1]
-        found.append(np.column_stack([np.full(len(at), patch), at]))
-    return np.concatenate(found) if found else np.empty((0, 3))
+        contacts.append(np.column_stack([np.full(len(at), patch), at]))
+    return np.concatenate(contacts) if contacts else np.empty((0, 3))
 
 
 def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries

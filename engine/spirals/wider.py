@@ -39,11 +39,11 @@ def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress 
         centre = squares.mean(axis=1, keepdims=True)
         side = np.sqrt(2.0) * np.linalg.norm(squares[:, 0] - centre[:, 0], axis=1)
         larger = np.maximum(SMALL * middle / np.maximum(side, 1e-9 * middle), 1.0)[:, None, None]
-        wanted = (centre + larger * (squares - centre)).reshape(-1, 3)
-        total = np.stack([np.bincount(some.ravel(), wanted[:, k], minlength=len(points)) for k in range(2)], axis=1)
+        goals = (centre + larger * (squares - centre)).reshape(-1, 3)
+        total = np.stack([np.bincount(some.ravel(), goals[:, k], minlength=len(points)) for k in range(2)], axis=1)
         points[moving, :2] = (total / count[:, None])[moving]
-    made = measured(layout, points[:, :2])
-    return flat if (_smallest_corner(made)[near] <= 0.0).any() else made
+    patches = measured(layout, points[:, :2])
+    return flat if (_smallest_corner(patches)[near] <= 0.0).any() else patches
 
 
 def _smallest_corner(flat: FlatPatches) -> np.ndarray:
