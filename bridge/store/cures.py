@@ -91,6 +91,11 @@ def round_folds(edge: float) -> Cure:
     return Cure(interface("Round to {:.0f} mm", 1e3 * radius(edge)), "flexmaps.mend", {"what": "round"})
 
 
+def _round_folds(percent: float) -> Cure:
+    """Return the cure that rounds folds, where it brings the piece nearer; ``percent`` as in ``hold``."""
+    return Cure(_with_percent(interface("Round the folds"), percent), "flexmaps.mend", {"what": "round"})
+
+
 def fewer(quads: int) -> list[int]:
     """Return smaller numbers of quads to try, rounded to tens or hundreds."""
     wanted = [round(share * quads, -2 if share * quads >= 200 else -1) for share in FEWER]
@@ -156,8 +161,9 @@ def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
     blocks : the up-to-date notes
     """
     prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
+    made = {"cut": cut_there, "round": _round_folds}
     ways = [
-        (percent, cut_there(percent) if name == "cut" else hold(name, percent=percent)) for name, percent in prospects
+        (percent, made[name](percent) if name in made else hold(name, percent=percent)) for name, percent in prospects
     ]
     if "optimise" in blocks and "choose" not in blocks and wanted.goal == "match":
         ways.append((wanted.match, choose()))

@@ -24,12 +24,13 @@ from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation
-from ..surface.mesh import QuadMesh
+from ..surface.checking.folds import rounded
+from ..surface.mesh import PolygonMesh, QuadMesh
 from .judge import SHORT, Idea, Piece, judge, lay
 from .moves import IDEAS, weighed, with_cuts
 from .predict import Start, predicted
 
-BORDER = "border"  # held there, beside ``LOWEST`` and ``CUT``
+BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
 WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
 MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
 
@@ -53,7 +54,8 @@ def prospects(
 
     Returns
     -------
-    Percent of the size (RMS) by what is done: ``LOWEST`` and ``BORDER`` hold these quads, ``CUT`` cuts where the shape is to blame.
+    Percent of the size (RMS) by what is done: ``LOWEST`` and ``BORDER`` hold these quads, ``CUT`` cuts where the shape is to blame, ``ROUND``
+    rounds the folds of the target, and is measured from that target.
     """
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= wanted(settings.choose):
@@ -61,13 +63,20 @@ def prospects(
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
-    design = found.design
+    design, smooth = found.design, found.target.moved(rounded(PolygonMesh.of(found.target)))
     piece = Piece(found.target, settings, supports, force, spirals=(design.width, design.twist))
+    if not np.array_equal(smooth.vertices, found.target.vertices):
+        ways.append((ROUND, replace(piece, mesh=smooth)))
     promise = _Promise(piece, design.flat)
     reached: dict[str, float] = {}
     for name, what in progress.each(ways, "What would bring it nearer"):
         quiet = progress.quiet()
-        percent = _cut(piece, what, promise, quiet) if name == CUT else _held(found, piece, what, promise, quiet)
+        if name == CUT:
+            percent = _cut(piece, what, promise, quiet)
+        elif name == ROUND:
+            percent = _cut(what, Idea(found.design.flat.layout.cut, ROUND), promise, quiet)
+        else:
+            percent = _held(found, piece, what, promise, quiet)
         if percent <= WORTH * now:
             reached[name] = min(percent, reached.get(name, np.inf))
     return dict(sorted(reached.items(), key=lambda one: one[1]))

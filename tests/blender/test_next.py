@@ -230,15 +230,17 @@ def test_next_on_the_command_line_tells_every_press_and_saves(add: Any, tmp_path
 def test_what_brings_a_piece_nearer_is_offered_with_its_figure(add: Any) -> None:
     piece = add(shapes.make("dome"))
     block = {"rms_percent": 1.6, "converged": True, "findings": []}
-    reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4}}
+    reach = {"advice": "", "remedies": {}, "prospects": {"border": 0.25, "cut": 0.9, "lowest": 0.4, "round": 0.7}}
     blocks = {"equilibrium": block, "reach": reach}
     found = notices._match(piece, blocks, {})
     assert [(cure.idname, cure.properties.get("where")) for cure in found[0].cures] == [
         ("flexmaps.stand_on", "border"),
         ("flexmaps.stand_on", "lowest"),
+        ("flexmaps.mend", None),
         ("flexmaps.cut_there", None),
         ("flexmaps.let_go", None),
     ]
+    assert found[0].cures[2].properties == {"what": "round"} and found[0].cures[2].label.endswith("0.7 %")
     assert found[0].kind == WORSE and found[0].cures[0].label.endswith("0.25 %")
     assert not notices._match(piece, blocks | {"equilibrium": block | {"rms_percent": 0.9}}, {})
     piece.flexmaps.choose.match = 0.8  # "Within" under Layout

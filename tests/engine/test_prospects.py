@@ -18,6 +18,8 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.design import uniform
 from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.checking.folds import SHARP, turns
+from flexmaps.engine.surface.checking.topology import sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 
@@ -90,6 +92,31 @@ def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.Mo
     monkeypatch.setattr(prospects, "optimise", search)
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: pytest.fail("searched"))
     assert list(prospects.prospects(saddle(), reach(saddle()), Settings()) or ()) == ["lowest"] and len(held) == 1
+
+
+def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.MonkeyPatch) -> None:
+    x, y = np.meshgrid(np.arange(9.0), np.arange(7.0), indexing="ij")
+    points = np.stack([x - 4.0, y, -np.abs(x - 4.0)], axis=2).reshape(-1, 3)  # a roof: its ridge turns by 90 degrees
+    first = (np.arange(8)[:, None] * 7 + np.arange(6)).ravel()
+    roof = PolygonMesh(points, np.stack([first, first + 7, first + 8, first + 1], axis=1).ravel(), np.full(48, 4))
+    made = job.run(roof, Settings(), edge=0.02, stop_after="spirals")
+    assert made.flat is not None
+    found = simulate(uniform(made.flat, Settings().spiral), made.mesh, MATERIALS["vero"], SimulateParams())
+    tried: list[tuple[Any, Any]] = []
+
+    def judged(piece: Any, laid: Any, **_: Any) -> Any:
+        tried.append((piece, laid))
+        return SimpleNamespace(rms=0.001)
+
+    monkeypatch.setattr(prospects, "judge", judged)
+    monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
+    monkeypatch.setattr(prospects, "with_cuts", lambda *_: iter(()))
+    told = prospects.prospects(found, reach(found), Settings(), supports=np.array([0, 1])) or {}
+    assert told == {"round": pytest.approx(0.1)} and len(tried) == 1
+    piece, laid = tried[0]
+    sharpest = [turns(PolygonMesh.of(mesh), sides_of(PolygonMesh.of(mesh))).max() for mesh in (made.mesh, piece.mesh)]
+    assert sharpest[0] == pytest.approx(np.pi / 2) and sharpest[1] <= SHARP
+    np.testing.assert_array_equal(laid.cut, made.flat.layout.cut)
 
 
 def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> None:
