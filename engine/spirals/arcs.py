@@ -314,7 +314,7 @@ def _largest_deviation(
 
 def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.ndarray) -> np.ndarray:
     """Return the distance of (x, y) from the circle through (-half, 0), (0, -sag), (half, 0); sag 0 is a straight line."""
-    # power of the point over 2r: |power| / (r + distance to the centre), multiplied through by 2 sag
+    # |power of the point| / (r + distance to the centre), with both parts multiplied by 2 sag, so that sag may be 0
     double, rest = 2.0 * sag, half * half - sag * sag
     power = (x * x + y * y - half * half) * double - 2.0 * y * rest
     twice = half * half + sag * sag  # 2 r |sag|

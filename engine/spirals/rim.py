@@ -248,10 +248,10 @@ class Rim:
         return out
 
     def link(self, node: int, half: Float[np.ndarray, " nodes"], fillet: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the outline (points (n, 2), bulges) from the right edge of a node's arm to the left edge of the previous arm.
+        """Return the part of the outline (points (n, 2), bulges) that begins at the right edge of a node's arm.
 
-        half : half of the width of every arm at its tip. From a strip's first node, the outline runs around the whole strip
-        to its last arm.
+        The part ends at the left edge of the previous node's arm. If the node is the first of its strip, the part runs around
+        the whole strip and ends at the last node's arm. ``half`` is half of the width of every arm at its tip.
         """
         path = _Path(self.middle[node] - half[node] * self.along[node])
         inner = -0.5 * self.width

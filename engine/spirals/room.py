@@ -212,7 +212,7 @@ class Room:
         v = np.maximum(terms.value, 1e-12) / support
         log, rest = np.log(v), v - 1.0
         slope = -(2.0 * rest * log + rest**2 / v) / support
-        # convex below the support
+        # second derivative of the barrier, positive below the support
         bend = (-2.0 * log - 4.0 * rest / v + (rest / v) ** 2) / support**2
         value = float("inf") if (terms.value <= 0.0).any() else float(-(rest**2 * log).sum())
         scale = np.sqrt(np.maximum(bend, 0.0))[:, None]
