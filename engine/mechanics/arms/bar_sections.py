@@ -1,6 +1,8 @@
-"""Stresses in the sections of curved bars of rectangular section, with derivatives: bending by Winkler and Bach, torsion by St. Venant.
+"""Stresses in rectangular sections of curved bars, with derivatives: bending by Winkler and Bach, torsion by St.
+Venant.
 
-Across a section, y runs to the left of the outward tangent and z along the sheet's normal. The curvature is positive to the left.
+In a section, y points to the left of the outward tangent and z along the sheet's normal. The curvature is positive to
+the left.
 """
 
 from __future__ import annotations
@@ -13,23 +15,25 @@ import numpy as np
 
 from ...arrays import Float
 
-# curvature times width beyond which a bar counts as less and less curved: a short kink is held by what lies beside it. Larger
-# strains more inside of kinks; solids of 18 pieces (see ``peak_strain``) agree best with 1.6
+# Curvature times width at which the curvature counts less and less, because the material beside a short kink supports
+# it. Larger values raise the strains inside kinks; solids of 18 pieces (see ``peak_strain``) agree best with 1.6.
 SATURATION = 1.6
-_SERIES_BELOW = 0.1  # curvature times width below which differences of logarithms cancel
-_SERIES_TERMS = 6  # of the series there: within 1e-15
-_TERMS = 60  # of the series of the rectangle's torsion, odd numbers: within 1e-9 between the spline's ends
-_THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600  # width over height at the spline's ends, and its nodes: within 1e-7
-# share of the squared height over which warping fades out where a section is wider than high: solids show none there
+_SERIES_BELOW = 0.1  # curvature times width below which a series replaces logarithms that cancel
+_SERIES_TERMS = 6  # of that series: within 1e-15
+_TERMS = 60  # of the series for the rectangle's torsion, odd numbers: within 1e-9 between the spline's ends
+# width over height at the spline's ends, and number of its nodes: within 1e-7
+_THINNEST, _WIDEST, _NODES = 0.01, 100.0, 600
+# Share of the squared height over which warping fades out where a section is wider than high: solids show no warping
+# there.
 _WARP_SOFT = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Functions of the curvature times the width of sections: value and derivative of each by this product.
+    """Functions of the sections' curvature times width, each with its derivative by this product.
 
-    bend : k, saturated; log : ln((1 + k/2) / (1 - k/2)) / k, the mean radius over the neutral one
-    off : (1 - 1 / log) / k^2, the way of the neutral axis from the middle, over k and the width (Winkler and Bach)
+    bend : k, the saturated product; log : ln((1 + k/2) / (1 - k/2)) / k, the mean radius over the neutral radius
+    off : (1 - 1 / log) / k^2, distance of the neutral axis from the middle, over k and the width (Winkler and Bach)
     """
 
     bend: Float[np.ndarray, "*n"]
@@ -41,6 +45,7 @@ class Curvature:
 
     @classmethod
     def of(cls, product: Float[np.ndarray, "*n"]) -> Curvature:
+        """Evaluate the functions."""
         square = (product / SATURATION) ** 2
         fourth = 1.0 + square * square
         root = 1.0 / np.sqrt(np.sqrt(fourth))
@@ -73,11 +78,11 @@ def _log_rest(k: Float[np.ndarray, "*n"]) -> tuple[Float[np.ndarray, "*n"], Floa
 
 @dataclass(frozen=True, eq=False)
 class Torsion:
-    """St. Venant's torsion of w x h sections (Timoshenko and Goodier, Theory of Elasticity, section 109), SI: (4, ...) values and
-    their derivatives by the width.
+    """St. Venant's torsion of w x h sections (Timoshenko and Goodier, Theory of Elasticity, section 109), SI.
 
-    In this order: twist rate per torque times the shear modulus (1/J); shear stress per torque in the middles of the sides
-    y = +-w/2, and of the faces z = +-h/2; warping of a corner per twist rate, which counts only where w < h.
+    values, slopes : (4, ...) and their derivatives by the width; in this order: twist rate per torque times the shear
+        modulus (1/J); shear stress per torque in the middles of the sides y = +-w/2; in those of the faces z = +-h/2;
+        warping of a corner per twist rate, which counts only where w < h
     """
 
     values: Float[np.ndarray, "4 ..."]
@@ -85,6 +90,7 @@ class Torsion:
 
     @classmethod
     def of(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
+        """Evaluate the functions for widths and one height, metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])
         values, by_log = (np.moveaxis(spline(at, order) * scale, -1, 0) for order in (0, 1))
@@ -93,7 +99,7 @@ class Torsion:
 
 @lru_cache(maxsize=1)
 def _torsion_spline() -> Any:
-    """The four functions of a section of height 1, by the logarithm of its width."""
+    """The four functions for a section of height 1, over the logarithm of its width."""
     from scipy.interpolate import CubicSpline
 
     log = np.linspace(np.log(_THINNEST), np.log(_WIDEST), _NODES)
@@ -104,7 +110,7 @@ def _torsion_spline() -> Any:
     th, sech = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0))
     constant = w**3 * (1.0 / 3.0 - 64.0 / np.pi**5 * w * (th / n**5).sum(1))
     side = w * (1.0 - 8.0 / np.pi**2 * (sech / n**2).sum(1)) / constant
-    # the sum goes over to Catalan's constant slowly, so that its last half term is added
+    # the alternating sum converges slowly, so half of its last term is subtracted
     face = w * 8.0 / np.pi**2 * ((sign * th / n**2).sum(1) - 0.5 * (sign * th / n**2)[:, -1]) / constant
     warp = 0.25 * w - 8.0 * w * w / np.pi**3 * (th / n**3).sum(1)
     warp = 0.5 * (warp + np.sqrt(warp * warp + _WARP_SOFT**2))

@@ -1,7 +1,8 @@
-"""The arm of a spiral as a curved beam: the baseline that the stiffness table corrects.
+"""A spiral's arm as a curved beam: the baseline that the stiffness table corrects.
 
-Castigliano's theorem on the centre line c(u) = (s/2) u exp(i phi (1 - u)), from the spiral's centre to the tip, with
-the rectangular section's bending, torsion, shear and stretch. Dimensionless: lengths in arm widths, Young's modulus 1.
+Castigliano's theorem on the centre line c(u) = (s/2) u exp(i phi (1 - u)), u from 0 at the spiral's centre to 1 at the
+tip, with bending, torsion, shear and stretch of the rectangular section. Dimensionless: lengths in arm widths, Young's
+modulus 1.
 """
 
 from __future__ import annotations
@@ -15,11 +16,11 @@ from numpy.polynomial import chebyshev as cheb
 
 from ...arrays import Float
 
-LARGEST_TWIST = math.radians(620.0)  # where the series ends: a little beyond ``stiffness.TWIST_CAP``
-SHEAR_FACTOR = 1.2  # of a rectangular section (Timoshenko and Goodier)
+LARGEST_TWIST = math.radians(620.0)  # end of the series, a little beyond the largest twist of a spiral
+SHEAR_FACTOR = 1.2  # Timoshenko shear factor of a rectangular section (Timoshenko and Goodier)
 _DEGREE = 44  # of the Chebyshev series: within 3e-10 of the integrals at 300 twists
-_TERMS = 12  # of the torsion constant: within 6e-7 at heights of 0.05 to 20
-_CURVED = 6  # of its terms that still change with the height: 1 - tanh(13 pi / 2) is 3e-18
+_TERMS = 12  # of the series for the torsion constant: within 6e-7 at heights of 0.05 to 20
+_CURVED = 6  # number of its terms that still change with the height: 1 - tanh(13 pi / 2) is 3e-18
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class Blocks:
     """The two symmetric 3 x 3 blocks of a tip compliance, with derivatives.
 
     values : (2, 6, n): block 0 for (Fx, Fy, Mz), block 1 for (Fz, Mx, My); entries 00, 10, 11, 20, 21, 22
-    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist; of sheets with a grain also by its direction
+    slopes : (3, 2, 6, n): derivatives by ln(s/w), ln(w/h) and twist; a grain adds a fourth, by its direction
     """
 
     values: Float[np.ndarray, "2 6 spirals"]
@@ -44,9 +45,9 @@ def gauss(points: int) -> tuple[np.ndarray, np.ndarray]:
 def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float[np.ndarray, " 24"]:
     """(24,) integrals along the arm of radius 1 from u = start to the tip, by Gauss quadrature.
 
-    With (X, Y) from the point to the tip and t, n the tangent and the normal: the six products of the in-plane bending
-    moments (-Y, X, 1); the three of t; the three of n; the six of the torques (Y tx - X ty, tx, ty); the six of the
-    out-of-plane bending moments (-Y ty - X tx, -ty, tx). Products in the order 00, 10, 11, 20, 21, 22.
+    (X, Y) is the vector from the point to the tip, t the tangent and n the normal. The integrands are the products of
+    the in-plane bending moments (-Y, X, 1), six; of t, three; of n, three; of the torques (Y tx - X ty, tx, ty), six;
+    of the out-of-plane bending moments (-Y ty - X tx, -ty, tx), six. Products in the order 00, 10, 11, 20, 21, 22.
     """
     x, w = gauss(points)
     u, w = start + (1.0 - start) * x, (1.0 - start) * w
@@ -72,7 +73,7 @@ def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float
 
 @lru_cache(maxsize=1)
 def _series() -> tuple[np.ndarray, np.ndarray]:
-    """Chebyshev coefficients (degree + 1, 24) of the path integrals and of their derivatives over the twist."""
+    """Chebyshev coefficients (degree + 1, 24) over the twist of the path integrals, and of their derivatives."""
     nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
     samples = np.array([path_integrals(0.5 * (x + 1.0) * LARGEST_TWIST) for x in nodes])
     series = cheb.chebfit(nodes, samples, _DEGREE)
@@ -80,16 +81,16 @@ def _series() -> tuple[np.ndarray, np.ndarray]:
 
 
 def torsion_constant(height: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarray, np.ndarray]:
-    """Saint-Venant torsion constant J of a 1 x height rectangle, and dJ/dheight (both of the shape of ``height``).
+    """Saint-Venant torsion constant J of a 1 x height rectangle, and dJ/dheight, both of the shape of ``height``.
 
-    J = height^3 (1/3 - (64 height / pi^5) sum over odd k of tanh(k pi / (2 height)) / k^5), Timoshenko and Goodier; with
-    sides swapped so that the series is taken along the shorter side. Two terms are within 3e-4.
+    J = height^3 (1/3 - (64 height / pi^5) sum over odd k of tanh(k pi / (2 height)) / k^5), Timoshenko and Goodier. For
+    heights above 1 the sides are swapped, so that the series converges quickly. Two terms are within 3e-4.
     """
     height = np.asarray(height, dtype=float)
     flip = height > 1.0
     # for height > 1 the width is the shorter side: J(1, height) = height J'(ratio 1 / height), else height^4 J'(height)
     ratio = np.where(flip, 1.0 / height, height)
-    # tanh(k x) from powers of one exponential; from the seventh term on it is 1 to the last digit, as x is at least pi / 2
+    # tanh(k x) from powers of one exponential; it is 1 in double precision from the seventh term on, as x >= pi / 2
     power = np.exp(-np.pi / ratio)
     step = power * power
     sums, slope = np.zeros_like(ratio), np.zeros_like(ratio)
@@ -113,7 +114,7 @@ def tip_compliance(
     twist: Float[np.ndarray, " arms"],
     poisson: float,
 ) -> Blocks:
-    """Compliance of the tip of arms that are held at the centre.
+    """Compliance of the tips of arms that are fixed at the centre.
 
     scale : (n,) s / w; height : (n,) h / w; twist : (n,) radians
     """
@@ -122,11 +123,11 @@ def tip_compliance(
     powers = cheb.chebvander(x, _DEGREE)
     p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # (24, n)
     radius = 0.5 * np.asarray(scale)
-    # per entry of both blocks: the power of the radius that its integral scales with
+    # power of the radius with which the integral of each entry of both blocks scales
     in_degree, out_degree = np.array([[3, 3, 3, 2, 2, 1], [3, 2, 1, 2, 1, 1]])[..., None]
     torsion, torsion_slope = torsion_constant(height)
     shear_modulus = 0.5 / (1.0 + poisson)
-    # flexibilities of the section and their derivatives by ln h: bending in the plane 12 / h, out of it 12 / h^3
+    # flexibilities of the section, and derivatives by ln h: bending in the plane 12 / h, out of it 12 / h^3
     bend_in, bend_out = 12.0 / height, 12.0 / height**3
     twist_out = 1.0 / (shear_modulus * torsion)
     d_twist_out = -twist_out * torsion_slope * height / torsion
@@ -154,7 +155,7 @@ def tip_compliance(
     in_value, in_radius = inside(p)
     out_value, out_radius, out_height = outside(p)
     values = np.stack([in_value, out_value])
-    # ln(w/h) is minus ln(height); at fixed s/w every flexibility in the plane goes with 1 / height
+    # ln(w/h) is -ln(height); at fixed s/w every flexibility in the plane is proportional to 1 / height
     by_scale = np.stack([in_radius, out_radius])
     by_ratio = np.stack([in_value, -out_height])
     by_twist = np.stack([inside(dp)[0], outside(dp)[0]])

@@ -1,6 +1,6 @@
-"""How two joined hubs have moved against each other, and how that changes with their poses, to second order.
+"""Relative motion of two joined hubs, and its derivatives by their poses to second order.
 
-The relative turn is a rotation vector; the way from a point that the first hub carries to one that the second carries is
+The relative turn is a rotation vector. The vector from a point fixed to the first hub to a point fixed to the second is
 measured in the frame half way between both (corotational).
 """
 
@@ -19,10 +19,10 @@ from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Strains of the joints and the frame in which they are measured.
+    """Motion of m joints, and the frame in which it is measured.
 
     middle : (m, 3, 3) the frame half way between both hubs; turn : (m, 3) rad in its axes
-    gap, shift : (m, 3) m in its axes, the way between both bend points, and less what it is at rest
+    gap : (m, 3) m in its axes, the vector between both bend points; shift : (m, 3) m, gap minus gap at rest
     first, second : (m, 3) m in space, from the centre of either hub to its bend point
     """
 
@@ -35,11 +35,11 @@ class JointMotion:
 
     @property
     def vector(self) -> Float[np.ndarray, "joints 6"]:
-        """(m, 6): shift and turn."""
+        """(m, 6): shift, then turn."""
         return np.concatenate([self.shift, self.turn], axis=1)
 
     def part(self, joints: slice) -> JointMotion:
-        """The motion of some of the joints."""
+        """Select joints."""
         return JointMotion(*(getattr(self, one.name)[joints] for one in fields(self)))
 
 
@@ -50,7 +50,7 @@ def joint_motion(
     axes: Float[np.ndarray, "joints 2 3 3"],
     rest: Float[np.ndarray, "joints 3"],
 ) -> JointMotion:
-    """The motion of m joints in a pose; pairs (m, 2), lever (m, 2, 3), axes (m, 2, 3, 3) and rest (m, 3) as in ``ArmModel``."""
+    """Compute the motion of m joints in a pose; pairs, lever, axes and rest as in ``ArmModel``."""
     pose = pose.whole
     a, b = pairs.T
     first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
@@ -63,11 +63,11 @@ def joint_motion(
 
 @dataclass(frozen=True, eq=False)
 class SpatialMotion:
-    """What the derivatives of gap and turn need, in the axes of space and with the joints as the last axis.
+    """Motion of m joints in the axes of space, with the joints as the last axis, as the derivatives need it.
 
     gap, turn : (3, m); first, second : (3, m) from the centres to the bend points; angle : (m,) length of the turn
-    quarter : (3, m) along the turn, as long as the tangent of a quarter of its angle
-    across : (m,) how fast the rotation vector changes at right angles to itself
+    quarter : (3, m) along the turn, with the tangent of a quarter of its angle as length
+    across : (m,) derivative of the rotation vector at right angles to itself
     """
 
     gap: Float[np.ndarray, "3 joints"]
@@ -80,6 +80,7 @@ class SpatialMotion:
 
     @classmethod
     def of(cls, motion: JointMotion) -> SpatialMotion:
+        """Rotate a motion from the half-way frame to the axes of space."""
         gap, turn = (joints_last(times(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))
         # (angle / 2) / sin(angle / 2)
@@ -89,10 +90,10 @@ class SpatialMotion:
 
 
 def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
-    """(m, 6, 12): derivatives of gap and turn by both hubs' increments.
+    """(m, 6, 12) derivatives of gap and turn by both hubs' increments.
 
-    With a, b the turns of both hubs, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., q = ``quarter`` (from the
-    sum of both sides' quaternions).
+    With the turns a, b of the hubs, the half-way frame turns by (a + b)/2 - q x (b - a)/2 + ..., q = ``quarter`` (from
+    the sum of both sides' quaternions).
     """
     out = np.zeros((6, 12, len(at.angle)))
     carried = skew(0.5 * at.gap)
@@ -108,10 +109,10 @@ def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
 def second_order(
     at: SpatialMotion, force: np.ndarray, moment: Float[np.ndarray, "joints 3"]
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """(m, 12, 12): second derivatives of gap and turn by both hubs' increments, weighted by force and moment (m, 3)."""
+    """(m, 12, 12) second derivatives of gap and turn by both hubs' increments, weighted by force and moment (m, 3)."""
     force, moment, quarter, turn = joints_last(force), joints_last(moment), at.quarter, at.turn
-    out = np.zeros((12, 12, len(at.angle)))  # half of them: the transpose is added in the end
-    # force . e^(-m) gap as the half-way frame turns by m and the gap changes
+    out = np.zeros((12, 12, len(at.angle)))  # half of the result: its transpose is added at the end
+    # force . e^(-m) gap, where the half-way frame turns by m and the gap changes
     level = 0.5 * dot(force, at.gap)
     bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE
     aside = 0.25 * (outer(force, product(at.gap, quarter)) + outer(at.gap, product(force, quarter))) - level * skew(
@@ -128,18 +129,18 @@ def second_order(
     # levers: b x (b x l) / 2
     out[3:6, 3:6] -= 0.5 * by_first
     out[9:, 9:] += 0.5 * by_second
-    # half-way frame: with sum s = (a + b)/2 and difference e = b - a, its second order is
+    # second order of the half-way frame, with s = (a + b)/2 and e = b - a:
     # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8
     torque = product(force, at.gap)
     mixed = 0.125 * (outer(torque, quarter) - dot(quarter, torque) * EYE)
-    # turn: alpha |e_across|^2 n + beta (n.e) e_across, its logarithm's second order
+    # second order of the turn's logarithm: alpha |e_across|^2 n + beta (n.e) e_across
     alpha, beta = _turn_coefficients(at.angle)
     share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
     way = (0.125 * _tan_quarter(at.angle)) * product(quarter, torque) - share * (alpha + beta) * turn + beta * moment
     own = outer(turn, way) + (share * alpha * at.angle**2) * EYE
     out[3:6, 3:6] += own - mixed
     out[9:, 9:] += own + mixed
-    # order of the two turns: delta = b - a - a x b / 2
+    # the two turns do not commute: delta = b - a - a x b / 2
     carried = at.across * moment + (1.0 - at.across) * share * turn
     out[3:6, 9:] -= own + np.swapaxes(own, 0, 1) - skew(0.5 * carried - 0.125 * product(torque, quarter))
     return joints_first(out + np.swapaxes(out, 0, 1))
@@ -153,7 +154,7 @@ def _tan_quarter(angle: np.ndarray) -> np.ndarray:
 
 
 def _turn_coefficients(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """alpha / angle and beta / angle of the second order of log(e^(turn/2) e^delta e^(turn/2)).
+    """alpha / angle and beta / angle of the second-order term of log(e^(turn/2) e^delta e^(turn/2)).
 
     alpha = -(angle - sin angle) / (8 sin^2(angle/2)), beta = (2 sin(angle/2) - angle cos(angle/2)) / (4 sin^2(angle/2))
     """

@@ -1,4 +1,4 @@
-"""Sections of arms that motions of their tips bend: where they stand in space, and how they change with the bent arm."""
+"""Sections of arms bent by motions of their tips: their place in space, and derivatives by the bent arm."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .tip_beams import BentByTips, Pair, Pull
 
 @dataclass(eq=False)
 class SectionPull:
-    """How numbers change with the sections of as many places: derivatives by their members."""
+    """Derivatives of numbers, one per section, by the members of ``Section`` with the same names."""
 
     middle: Float[np.ndarray, "n places 3"]
     along: Float[np.ndarray, "n places 3"]
@@ -23,18 +23,23 @@ class SectionPull:
 
     @classmethod
     def none(cls, like: Float[np.ndarray, "n places 3"]) -> SectionPull:
+        """Zero derivatives for sections with these middles."""
         zero = np.zeros_like(like)
         return cls(zero, zero, zero, zero, zero[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Of arms at places t: middles in metres, unit vectors along (inwards), across and off the sheet; half width in metres, and
-    how it changes with t; how the middle (metres) and, in the plane of the flat arm, its direction (radians) change with t.
+    """Sections of arms at t.
 
-    piece, share : the piece of the arm that the place lies on, and how far; rate : by which the share changes with t, 0 within
-    the hub; turn, chord : radians that it has turned by, metres from the station before it, flat; pace : flat velocity
-    bend, stretch, halfway : of the piece, and half of the turns at the station and at the place
+    middle : metres; along, across, off : unit vectors along the arm (inwards), across it and normal to the sheet
+    half : metres, half of the width; widening : its derivative by t
+    velocity : derivative of the middle by t, metres; curving : derivative by t of the direction in the flat plane,
+        radians
+    piece, share : the piece of the arm, and the share of it up to the section; rate : derivative of the share by t, 0
+        in the hub
+    turn : radians; chord : metres, on the flat arm, from the station before; pace : velocity of the flat arm
+    bend, stretch : of the piece; halfway : mean of the turns of the station and of the section
     """
 
     t: Float[np.ndarray, "n places"]
@@ -59,6 +64,7 @@ class Section:
 
     @classmethod
     def of(cls, field: BentByTips, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
+        """Place the sections of bent arms at t."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
         point, velocity, change, half, widening = beams.lines.at(every, t)[:5]
@@ -70,27 +76,27 @@ class Section:
         bend, stretch, turn, shift = (
             x[every, piece].space for x in (field.bend, field.stretch, field.turn, field.shift)
         )
-        # a hub's own part stays where it is
-        chord = _space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
+        # within the hub the arm is rigid
+        chord = _to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
         frame = exponential(whole)
         rate = np.where(way > 0.0, -pieces / hub, 0.0)
-        going = _space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
+        going = _to_space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
         return cls(
-            t, hub, _space(point) + shift + share * stretch + np.cross(halfway, chord),
-            times(frame, _space(tangent)), times(frame, _space(-1j * tangent)), frame[..., 2], half, widening,
-            going + np.cross(halfway, _space(velocity)), (np.conj(velocity) * change).imag / size**2,
+            t, hub, _to_space(point) + shift + share * stretch + np.cross(halfway, chord),
+            times(frame, _to_space(tangent)), times(frame, _to_space(-1j * tangent)), frame[..., 2], half, widening,
+            going + np.cross(halfway, _to_space(velocity)), (np.conj(velocity) * change).imag / size**2,
             piece, share[..., 0], rate, whole, chord, velocity, bend, stretch, halfway,
         )  # fmt: skip
 
     @property
     def turning(self) -> Float[np.ndarray, "n places 3"]:
-        """How the vector along changes with t, to first order in the bend."""
+        """Derivative of the vector ``along`` by t, to first order in the bend."""
         return self.rate[..., None] * np.cross(self.bend, self.along) - self.curving[..., None] * self.across
 
     def by_place(self, pull: SectionPull) -> Float[np.ndarray, "n places"]:
-        """How numbers change with t."""
-        turn, aside = self._turned(pull)
+        """Derivatives by t of numbers with the derivatives ``pull`` by the sections."""
+        turn, aside = self._vjp_of_turns(pull)
         return (
             dot(pull.middle, self.velocity)
             + self.rate * dot(turn, self.bend)
@@ -99,8 +105,8 @@ class Section:
         )
 
     def pulled(self, pull: SectionPull) -> tuple[Pull, Int[np.ndarray, " n"]]:
-        """How numbers, of one place of each arm, change with the bent arms; and the pieces that the places lie on."""
-        turn, aside = self._turned(pull)
+        """Vector-Jacobian product with respect to the bent arms, one section per arm; and the pieces of the sections."""
+        turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
         within = (self.rate < 0.0)[..., None]
         chord = Pair.of(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
@@ -114,8 +120,8 @@ class Section:
             shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
         ), self.piece[:, 0]
 
-    def _turned(self, pull: SectionPull) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
-        """How numbers change with the turn of the sections, and with the direction of the flat arm."""
+    def _vjp_of_turns(self, pull: SectionPull) -> tuple[Float[np.ndarray, "n places 3"], Float[np.ndarray, "n places"]]:
+        """Derivatives by the turns of the sections and by the direction of the flat arm."""
         torque = sum(
             np.cross(axis, by)
             for axis, by in ((self.along, pull.along), (self.across, pull.across), (self.off, pull.off))
@@ -125,9 +131,10 @@ class Section:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Dot products along the last axis."""
     return np.einsum("...i,...i->...", a, b)
 
 
-def _space(flat: np.ndarray) -> np.ndarray:
-    """(..., 3) of complex numbers (...)."""
+def _to_space(flat: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) in the flat plane from complex numbers (...)."""
     return np.stack([flat.real, flat.imag, np.zeros_like(flat.real)], axis=-1)

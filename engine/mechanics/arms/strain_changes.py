@@ -1,7 +1,7 @@
-"""Largest strains of the arms of an assembly, and how they change with the hubs, the spirals and the flat shapes.
+"""Largest strains of the arms of an assembly, with derivatives by the hubs, the spirals and the flat shapes.
 
-The rim's strips and necks count as straight bars as wide as they are beside their holes; nothing of them changes with the design, but
-that a neck is as wide as the arm beyond its joint.
+The rim's strips and necks count as straight bars, as wide as they are beside their holes. The design changes only the
+width of a neck, which is that of the arm beyond its joint.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from .cut import TWIST, WIDTH, CutArms, shapes
 from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import PARAMETERS, JointChanges, arm_wrenches, of_spirals
 
-# Kinks (see ``kinks``) from which on strains are less sure, and how many times as large as estimated they may be there: of 770 joints in
-# 30 solids, those above reach 1.6 times (95 of 100 1.2 times), those below 1.2 times
+# Kink (see ``kinks``) above which the estimated strain is less certain, and the largest ratio of true to estimated
+# strain there. Of 770 joints in 30 solids, those above reach 1.6 (95 of 100 at most 1.2), those below 1.2.
 KINKED, KINKED_STRAIN = 0.9, 1.6
-_UNCUT = 0.3  # share of t over which arms would be blended that are alike anyhow
+_UNCUT = 0.3  # blended share of t, where every arm counts as blended with an equal arm and the value has no effect
 
 
 @dataclass(frozen=True, eq=False)
 class StrainSlopes:
     """Derivatives of the largest strains of K arms.
 
-    by_pose : (K, 12) by the increments of both hubs of their joint; by_design : (K, 2, 5) by the widths and the twist (last) of
-    the spirals on both sides; arms : by their own wrenches and numbers
+    by_pose : (K, 12) by the increments of both hubs of their joint
+    by_design : (K, 2, 5) by the four widths and the twist of the spirals on both sides of the joint
+    arms : by their own wrenches and parameters
     """
 
     by_pose: Float[np.ndarray, "k 12"]
@@ -39,7 +40,10 @@ class StrainSlopes:
 
 @dataclass(frozen=True, eq=False)
 class Strains:
-    """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``."""
+    """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``.
+
+    assembly, changes, arms : what the strains depend on; wrench : (2 m, 6) N and N m, in the arms' own axes
+    """
 
     assembly: Assembly
     changes: JointChanges
@@ -49,13 +53,19 @@ class Strains:
 
     @classmethod
     def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
-        """The strains that go with the wrenches of ``changes``."""
+        """Compute the strains under the wrenches of ``changes``.
+
+        Parameters
+        ----------
+        assembly, material : spirals and joints at rest, and the sheet
+        changes : wrenches of the joints, with derivatives
+        """
         arms = strained_arms(assembly, material)
         wrench = arm_wrenches(assembly, changes.wrench).reshape(-1, 6)
         return cls(assembly, changes, arms, wrench, arms.values(wrench).reshape(-1, 2))
 
     def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
-        """Derivatives of the strains of some arms, 2 e + side of the joint e."""
+        """Derivatives of the strains of arms (k,); arm 2 e + side belongs to joint e."""
         found, known = self.arms.slopes(self.wrench[arms], arms), self.assembly
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
         by_wrench = (known.arm_axes[e, side] @ found.by_wrench[..., None])[:, None, :, 0]
@@ -63,7 +73,7 @@ class Strains:
         through = by_wrench @ self.changes.wrench_by_design[e].reshape(len(e), 2 * PARAMETERS, 6).swapaxes(1, 2)
         by_design = through.reshape(-1, 2, PARAMETERS)
         mate, sign = (of[arms] for of in _mates(known))
-        # a neck changes with the arm beyond its joint, a strip with nothing
+        # a neck depends on the arm beyond its joint, a strip on nothing
         own = np.where((e >= known.inner) & (side == 1), 0, side)
         beyond = np.where(mate == arms, own, mate % 2)
         alive = e < known.ties.stop
@@ -77,12 +87,21 @@ class Strains:
 def by_shapes(
     assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 9"]
 ) -> Float[np.ndarray, "k 2 3"]:
-    """Derivatives of what changes with the numbers of some arms, 2 e + side of the joint e, by the rest geometry of both sides: x
-    and y of the lever (per metre) and the direction of the edge (per radian)."""
+    """Convert derivatives by the arms' parameters to derivatives by the rest geometry of both sides of their joint.
+
+    Parameters
+    ----------
+    assembly, arms : m joints, and (k,) arms 2 e + side of joint e
+    by : (k, NUMBERS) derivatives by the parameters
+
+    Returns
+    -------
+    (k, 2, 3) : by x and y of the lever (per metre) and the direction of the edge (per radian)
+    """
     e, side, rows, sense = arms // 2, arms % 2, np.arange(len(arms)), -1.0 if assembly.clockwise else 1.0
     out, ties = np.zeros((len(arms), 2, 3)), e >= assembly.inner
     if ties.any():
-        by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips stay
+        by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips do not change
         by[ties, OWN_LEAN] -= by[ties, MATE_LEAN]
         by[ties, MATE_LEAN] = 0.0
     for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN), (1 - side, MATE_LEAN, None, None)):
@@ -97,7 +116,7 @@ def by_shapes(
 
 
 def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
-    """Both arms of every joint, one joint after the other."""
+    """Both arms of every joint, joint by joint."""
     shape, cut = shapes(assembly, material), assembly.cut
     mate, sign = _mates(assembly)
     numbers = np.zeros((len(mate), NUMBERS))
@@ -120,30 +139,38 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
 def arm_strains(
     assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], material: Material
 ) -> Float[np.ndarray, "joints 2"]:
-    """Largest strains of both arms of every joint under wrenches, N and N m in the joints' axes."""
+    """(m, 2) largest strains of both arms of every joint under wrenches (N and N m) in the joints' axes."""
     arms = strained_arms(assembly, material)
     return arms.values(arm_wrenches(assembly, wrench).reshape(-1, 6)).reshape(-1, 2)
 
 
 def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
-    """The largest strain at the joints of every spiral: at a joint that of the arm which is strained more counts for both, since a
-    kink of the one begins in the other."""
+    """Largest strain at the joints of every spiral.
+
+    The larger strain at a joint counts for both of its spirals, because a kink in one arm begins in the other.
+
+    Parameters
+    ----------
+    assembly, strains : m joints, and the strains (m, 2) of their arms
+    """
     worst = np.zeros(assembly.spirals)
     np.maximum.at(worst, assembly.owners, strains.max(axis=1)[:, None])
     return worst
 
 
 def kinks(assembly: Assembly) -> Float[np.ndarray, " joints"]:
-    """Return how sharply the arms of every joint are bent to meet each other: radians of the more bent one, times thickness over the
-    width of the narrower one."""
+    """(m,) how sharply the arms of a joint bend to meet: the angle (radians) of the more bent arm, times thickness over
+    the width of the narrower one."""
     arms = CutArms.of(assembly)
     bend = np.abs(arms.slope) / arms.radius
     return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)
 
 
 def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """The arms beyond the joints of both arms of every joint, and the sense in which their twists and leans count: an arm at a rim is
-    blended with its own mirror image, an arm that is cut as a pure spiral with one like itself."""
+    """For both arms of every joint, the arm beyond the joint, and the sign of its twist and lean.
+
+    An arm at a rim is blended with its mirror image, an arm cut as a pure spiral with one like itself.
+    """
     own = np.arange(2 * len(assembly.pairs))
     mate, sign = own ^ 1, np.ones(len(own))
     if assembly.cut is None:
