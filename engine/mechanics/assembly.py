@@ -1,8 +1,8 @@
-"""Spirals and the joints between them as numbers: what the elastic models of the whole object are built from.
+"""Spirals and the joints between them as arrays: the input of the elastic models of the whole object.
 
-A spiral is a rigid hub with four elastic arms (FlexMaps section 6.1). Two arms meet at a joint, rigidly. At rest every
-hub lies in the plane of its own patch, so a joint across a seam has a rest state on each of its sides and the whole
-needs no rest shape.
+A spiral is a rigid hub with four elastic arms (FlexMaps section 6.1). Two arms meet rigidly at a joint. At rest every
+hub lies in the plane of its own patch. A joint across a seam has a rest state on either side, so the assembly needs no
+common rest shape.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from .rim import BACKWARDS, FORWARDS, NECK, RimJoints
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where n hubs are.
+    """Positions and rotations of n hubs.
 
     centres : (n, 3) metres
     rotations : (n, 3, 3) from the flat frame of a hub's patch (x and y in its plane, z its outer normal) to space
-    nodes : where the rim's nodes are, seen from their hubs; None where there are none, or nobody has looked for them yet
+    nodes : the rim's nodes relative to their hubs; None without a rim, or before they are computed
     """
 
     centres: Float[np.ndarray, "spirals 3"]
@@ -35,9 +35,10 @@ class Pose:
     nodes: Nodes | None = None
 
     def moved(self, step: np.ndarray) -> Pose:
-        """Shifted by step[:, :3] metres and turned by the rotation vectors step[:, 3:] radians, in space, (n, 6).
+        """Shift the hubs by step[:, :3] metres and turn them by the rotation vectors step[:, 3:] radians, in space, (n,
+        6).
 
-        Nodes have further rows behind those of the hubs; without such rows they go with their hubs.
+        Rows of the nodes may follow those of the hubs; without such rows the nodes move with their hubs.
         """
         n = len(self.centres)
         moved = Pose(self.centres + step[:n, :3], Rotation.from_rotvec(step[:n, 3:]).as_matrix() @ self.rotations)
@@ -49,7 +50,7 @@ class Pose:
 
     @cached_property
     def whole(self) -> Pose:
-        """The hubs and behind them the nodes, as bodies alike."""
+        """The pose of the hubs and, after them, of the nodes, as bodies of the same kind."""
         if self.nodes is None:
             return self
         hub, frame = self.nodes.hub, self.rotations[self.nodes.hub]
@@ -59,22 +60,28 @@ class Pose:
         )
 
     def placed(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
-        """The whole turned by rotation (3, 3) and then shifted by (3,) metres."""
+        """Rotate the whole pose and then shift it.
+
+        Parameters
+        ----------
+        rotation : (3, 3)
+        shift : (3,) metres
+        """
         return Pose(self.centres @ rotation.T + shift, rotation @ self.rotations, self.nodes)
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Pose:
-        """Only these hubs (k,) int."""
+        """Select hubs (k,) int."""
         return Pose(self.centres[hubs], self.rotations[hubs], None if self.nodes is None else self.nodes.part(hubs))
 
     def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """The whole moved rigidly so that its centres lie as near as possible to ``centres`` (n, 3) metres (Procrustes)."""
+        """Move the whole pose rigidly so that its centres lie closest to ``centres`` (n, 3) metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
         return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Where nodes of a rim are, seen from their hubs.
+    """Nodes of a rim relative to their hubs.
 
     hub : (b,) int; centres : (b, 3) metres and rotations : (b, 3, 3), in the frames of the hubs
     """
@@ -85,17 +92,17 @@ class Nodes:
 
     @classmethod
     def of(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
-        """Nodes that are ``there`` in space."""
+        """Express nodes that stand at ``there`` in space relative to their hubs."""
         back = np.swapaxes(pose.rotations[hub], 1, 2)
         return cls(hub, np.einsum("nij,nj->ni", back, there.centres - pose.centres[hub]), back @ there.rotations)
 
     @classmethod
     def resting(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> Nodes:
-        """Nodes as they lie in the flat sheet, at ways (b, 3) metres from their hubs."""
+        """Nodes at rest in the flat sheet; offset : (b, 3) metres from their hubs."""
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Nodes:
-        """Those of some hubs, which are numbered anew in this order."""
+        """Select the nodes of some hubs, which are renumbered in this order."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
         kept = number[self.hub] >= 0
@@ -103,7 +110,7 @@ class Nodes:
 
 
 def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """(..., 3, 3) the rotation R with the largest trace of R covariance: R p fits q best if covariance = sum of p q^T."""
+    """(..., 3, 3) the rotation R with the largest trace of R covariance: R p fits q best for covariance = sum of p q^T."""
     u, _, vt = np.linalg.svd(covariance)
     flip = np.linalg.det(u) * np.linalg.det(vt)
     u = u.copy()
@@ -113,8 +120,9 @@ def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 @dataclass(frozen=True)
 class Cut:
-    """How the arms of an assembly are cut, as in the settings: blend, the share of t over which an arm is blended that hardly
-    turns; fillet, metres.
+    """Settings of how arms are cut.
+
+    blend : share of t over which an arm that hardly turns is blended; fillet : metres
     """
 
     blend: float
@@ -127,15 +135,16 @@ class Assembly:
 
     pairs : (m, 2) int, the two spirals of every joint; sides : (m, 2) int, which of their arms meet there
     lever : (m, 2, 3) metres, from the centre of spiral pairs[e, k] to the joint, in the flat frame of its patch
-    axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in the
-        flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
+    axes : (m, 2, 3, 3) columns: across the shared edge from the first spiral to the second, along the edge, normal; in
+        the flat frame of the patch of spiral pairs[e, k]. The rest directions of both sides coincide at the joint.
     width : (n, 4) metres of every spiral's arms; twist : (n,) radians
     thickness : metres, of the sheet
-    clockwise : sense of rotation of the arms, from the tips inwards
+    clockwise : True if the arms turn clockwise from the tips inwards
     cut : how the arms are cut; None for pure spirals with the fillets of the stiffness table
-    grain : radians, from the x axes of the flat patches to the sheet's grain; nothing to sheets without one
-    rim : the nodes of the rim and their joints; None without one
-    nodes : how many of the spirals, the last ones, are nodes of the rim instead; then its joints are the last ones (see ``whole``)
+    grain : radians from the x axes of the flat patches to the sheet's grain; unused for sheets without a grain
+    rim : nodes of the rim and their joints; None without a rim
+    nodes : number of rim nodes that stand as the last spirals; the rim's joints are then the last joints (see
+        ``whole``)
     """
 
     pairs: Int[np.ndarray, "joints 2"]
@@ -153,27 +162,27 @@ class Assembly:
 
     @property
     def size(self) -> int:
-        """Number of spirals."""
+        """Number of spirals, with the rim's nodes that count as spirals."""
         return len(self.width)
 
     @property
     def spirals(self) -> int:
-        """Number of spirals that are none of the rim's nodes."""
+        """Number of spirals without the rim's nodes."""
         return self.size - self.nodes
 
     @property
     def inner(self) -> int:
-        """Number of joints that are none of the rim's."""
+        """Number of joints without those of the rim."""
         return len(self.pairs) - (self.nodes + len(self.rim.pairs) if self.nodes and self.rim is not None else 0)
 
     @property
     def ties(self) -> slice:
-        """The joints between arms at the border and the rim's nodes."""
+        """Slice of the joints between arms at the border and the rim's nodes."""
         return slice(self.inner, self.inner + self.nodes)
 
     @cached_property
     def owners(self) -> Int[np.ndarray, "joints 2"]:
-        """``pairs`` with the hubs of the nodes in their place."""
+        """``pairs``, with every node replaced by its hub."""
         if not self.nodes or self.rim is None:
             return self.pairs
         node = np.clip(self.pairs - self.spirals, 0, None)
@@ -181,7 +190,7 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Assembly:
-        """With the rim's nodes as spirals and its joints as joints; the same where there is no rim."""
+        """The assembly with the rim's nodes as spirals and its joints as joints; itself where there is no rim."""
         rim = self.rim
         if rim is None or self.nodes:
             return self
@@ -203,7 +212,7 @@ class Assembly:
 
     @property
     def plain(self) -> Assembly:
-        """``whole`` without the rim's nodes and joints, and without the rim."""
+        """Inverse of ``whole``: without the rim's nodes and joints, and with ``rim`` None."""
         m, n = self.inner, self.spirals
         parts = {name: getattr(self, name)[:m] for name in ("pairs", "sides", "lever", "axes")}
         return replace(self, **parts, width=self.width[:n], twist=self.twist[:n], rim=None, nodes=0)
@@ -219,12 +228,12 @@ class Assembly:
 
     @cached_property
     def arm_width(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) metres, of both arms of every joint."""
+        """(m, 2) metres, widths of both arms of every joint."""
         return self.width[self.pairs, self.sides]
 
     @cached_property
     def radius(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) metres, from the centre to the joint."""
+        """(m, 2) metres from the centres to the joint."""
         return np.linalg.norm(self.lever, axis=2)
 
     @cached_property
@@ -236,9 +245,10 @@ class Assembly:
 
     @cached_property
     def arm_axes(self) -> Float[np.ndarray, "joints 2 6 6"]:
-        """(m, 2, 6, 6): takes shifts and turns, or forces and moments, from every arm's own axes to the joint's.
+        """(m, 2, 6, 6) matrices that take shifts and turns, or forces and moments, from every arm's own axes to the
+        joint's.
 
-        Arms that wind clockwise have their second axis to the right: the mirror image of the others.
+        Arms that wind clockwise have their second axis to the right: they are mirror images.
         """
         out = np.zeros((*self.pairs.shape, 6, 6))
         out[..., :3, :3] = out[..., 3:, 3:] = self.radial
@@ -246,12 +256,13 @@ class Assembly:
 
     @property
     def to_grain(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) radians from every arm's radius to the grain, to the side to which the arms wind inwards."""
+        """(m, 2) radians from every arm's radius to the grain, positive to the side to which the arms wind inwards."""
         return (self.grain - np.arctan2(self.lever[..., 1], self.lever[..., 0])) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
     def left(self) -> Float[np.ndarray, "joints 2 3"]:
-        """(m, 2, 3) metres, the levers turned a quarter in the sheet, to the side to which the arms wind inwards."""
+        """(m, 2, 3) metres, the levers turned by a right angle in the sheet, to the side to which the arms wind
+        inwards."""
         return np.cross([0.0, 0.0, 1.0], self.lever) * (-1.0 if self.clockwise else 1.0)
 
     @cached_property
@@ -259,14 +270,20 @@ class Assembly:
         """Bend points of both arms of every joint, and their derivatives by the twists (see ``arm_bend``)."""
         value, slope = (found[self.pairs] for found in bend_point(self.twist))
         if self.nodes:
-            # necks are so stiff that the arm beyond turns alone
+            # a neck is so stiff that the whole turn happens in the arm beyond it
             ties = self.ties
             value[ties, 0], slope[ties, 0] = bend_point(self.twist[self.pairs[ties, 0]], 1.0)
             value[ties, 1], slope[ties, 1], slope[ties.stop :] = [1.0, 0.0], 0.0, 0.0
         return value, slope
 
     def part(self, hubs: np.ndarray, joints: Int[np.ndarray, " j"]) -> Assembly:
-        """Some spirals (k,) int, numbered anew in this order, and some of the joints (j,) int between them."""
+        """Select spirals, renumbered in this order, and joints between them.
+
+        Parameters
+        ----------
+        hubs : (k,) int
+        joints : (j,) int
+        """
         number = np.full(self.size, -1)
         number[hubs] = np.arange(len(hubs))
         return replace(
@@ -281,27 +298,26 @@ class Assembly:
         )
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """The same joints with other spirals: widths (n, 4) metres and twists (n,) radians."""
+        """Replace the widths (n, 4) metres and the twists (n,) radians."""
         return replace(self, width=width, twist=twist)
 
     def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """The same spirals on another rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
+        """Replace the rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
         return replace(self, lever=lever, axes=axes)
 
 
 def of_design(design: SpiralDesign) -> Assembly:
-    """The assembly of a design: one joint for every edge between two quads, within patches and across seams alike.
+    """Build the assembly of a design: one joint per edge between two quads, within patches and across seams.
 
-    Quads that share an edge with no other are spirals without a joint. Raises FlexMapsError with the faces if all are.
+    A quad that shares no edge is a spiral without a joint. Raises FlexMapsError with the faces if no quads share an
+    edge.
     """
     mesh, corners = design.flat.layout.mesh, design.flat.corners
     inner = ~mesh.border
     pairs = mesh.edge_quads[inner]
     if not len(pairs):
         every = np.arange(len(mesh.quads))
-        raise FlexMapsError(
-            "No quad is joined to another one, so there is nothing that could bend; join some", faces=every
-        )
+        raise FlexMapsError("No quad is joined to another quad, so nothing can bend; join some quads", faces=every)
     lever, axes = rest_joints(mesh, corners)
     p = design.params
     cut, sides = Cut(p.blend, p.fillet), mesh.edge_sides[inner]
@@ -310,7 +326,17 @@ def of_design(design: SpiralDesign) -> Assembly:
 
 
 def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tuple[np.ndarray, np.ndarray]:
-    """Levers (m, 2, 3) and axes (m, 2, 3, 3) of the joints between flat quads with these corners (F, 4, 2), metres."""
+    """Compute the rest geometry of the joints between flat quads.
+
+    Parameters
+    ----------
+    mesh : the quads
+    corners : (F, 4, 2) metres, flat
+
+    Returns
+    -------
+    (m, 2, 3) and (m, 2, 3, 3) : levers and axes, as in ``Assembly``
+    """
     inner = ~mesh.border
     pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
     centre, ends = corners.mean(axis=1), np.roll(corners, -1, axis=1)
@@ -319,16 +345,19 @@ def rest_joints(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> tupl
     lever[..., :2] = 0.5 * (start + end) - centre[pairs]
     along = np.zeros_like(lever)
     along[..., :2] = (end - start) / np.linalg.norm(end - start, axis=2, keepdims=True)
-    along[:, 1] *= -1.0  # both copies of the edge are run through in the direction of the first
+    along[:, 1] *= -1.0  # both sides of a joint follow the edge in the direction of the first side
     normal = np.broadcast_to([0.0, 0.0, 1.0], along.shape)
     axes = np.stack([np.cross(along, normal), along, normal], axis=3)
     return lever, axes
 
 
 def target_pose(mesh: QuadMesh, corners: Float[np.ndarray, "quads 4 2"]) -> Pose:
-    """The hubs on a surface: the middle of every quad, and the rotation that brings its flat corners nearest to it.
+    """Place the hubs on a surface: each at the middle of its quad, rotated to fit its flat corners best.
 
-    corners : (F, 4, 2) metres, flat
+    Parameters
+    ----------
+    mesh : the surface
+    corners : (F, 4, 2) metres, the flat quads
     """
     points = mesh.vertices[mesh.quads]
     flat = np.zeros_like(points)

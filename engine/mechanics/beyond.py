@@ -1,4 +1,4 @@
-"""Spirals outside of what an elastic model was fitted to: they count as their nearest neighbours in it, and are named."""
+"""Spirals outside the range that an elastic model was fitted to; the model treats them as the nearest spirals inside."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from ..arrays import Int
 
-SLACK = 2e-3  # relative: rounding, and what ``design.outside`` leaves a twist
+SLACK = 2e-3  # relative tolerance: covers rounding and the tolerance of ``design.outside`` on twists
 
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """Some spirals of which one quantity lies outside a model's range.
+    """Spirals with one quantity outside a model's range.
 
-    quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value that is farthest outside
+    quantity : its name; low, high : the range; spirals : (k,) int, ascending; worst : the value farthest outside
     """
 
     quantity: str
@@ -26,7 +26,7 @@ class Beyond:
 
     @classmethod
     def of(cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray) -> list[Beyond]:
-        """None or one, of values (N,) that belong to spirals (N,) int."""
+        """List with one entry if any value (N,), each of a spiral (N,) int, lies outside the range; else empty."""
         apart = np.maximum(low * (1.0 - SLACK) - value, value - high * (1.0 + SLACK))
         outside = apart > 0.0
         if not outside.any():

@@ -1,4 +1,4 @@
-"""Shape error in Laplacian coordinates (FlexMaps section 7, eq. 6): where a surface bends differently, not where it lies."""
+"""Shape error in Laplacian coordinates (FlexMaps section 7, eq. 6), which measures where a surface bends differently."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from .assembly import nearest_rotation
 
 
 def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_array:
-    """(n, n): every point less the mean of its neighbours. pairs : (m, 2) int, neighbours."""
+    """Build the sparse matrix (n, n) that takes every point minus the mean of its neighbours.
+
+    Parameters
+    ----------
+    pairs : (m, 2) int, neighbours
+    size : n, number of points
+    """
     both = np.concatenate([pairs, pairs[:, ::-1]])
     count = np.bincount(both[:, 0], minlength=size)
     rows = np.concatenate([both[:, 0], np.arange(size)])
@@ -22,12 +28,27 @@ def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_arra
 def laplacian_difference(
     pairs: np.ndarray, centres: Float[np.ndarray, "spirals 3"], target: Float[np.ndarray, "spirals 3"]
 ) -> Float[np.ndarray, "spirals 3"]:
-    """(n, 3) metres: Laplacian coordinates of centres (n, 3), best rotated, less those of the target (n, 3)."""
+    """Subtract the target's Laplacian coordinates from those of the centres, after the best rotation.
+
+    Parameters
+    ----------
+    pairs : (m, 2) int, neighbours
+    centres, target : (n, 3) metres
+
+    Returns
+    -------
+    (n, 3) metres
+    """
     operator = uniform_laplacian(pairs, len(centres))
     own, wanted = operator @ centres, operator @ target
     return own @ nearest_rotation(own.T @ wanted).T - wanted
 
 
 def laplacian_rmse(pairs: np.ndarray, centres: np.ndarray, target: np.ndarray) -> float:
-    """Metres: root mean square of the difference."""
+    """Root mean square of ``laplacian_difference``, metres.
+
+    Parameters
+    ----------
+    pairs, centres, target : as in ``laplacian_difference``
+    """
     return float(np.sqrt((laplacian_difference(pairs, centres, target) ** 2).sum(axis=1).mean()))

@@ -17,8 +17,11 @@ from .rigid import Freedom, freedoms
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
-CARRIED, TURNED = 1e-9, 1e-6  # share of all forces' work that counts as none, as a whole and in turning
-GROUND = 0.25  # so far above the lowest quad, in median edges, another one still stands on the ground
+CARRY_TOLERANCE, TURN_TOLERANCE = (
+    1e-9,
+    1e-6,
+)  # share of the forces' largest possible work that counts as zero, for shifts and for turns
+GROUND_HEIGHT = 0.25  # height above the lowest quad, in median edges, up to which a quad stands on the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +29,7 @@ class Loads:
     """Supports and forces of n spirals.
 
     fixed : (n, 6) bool, the shifts (3) and turns (3) of every hub that are held
-    force : (n, 3) newtons on the hubs, of fixed direction
+    force : (n, 3) newtons on the hubs, in fixed directions
     """
 
     fixed: Bool[np.ndarray, "spirals 6"]
@@ -42,9 +45,18 @@ class Loads:
         force: Float[np.ndarray, "spirals 3"] | None = None,
         mass: Float[np.ndarray, " spirals"] | None = None,
     ) -> Loads:
-        """Loads of ``size`` spirals: those in ``supports`` (k,) int are held, their directions too if ``clamped``.
+        """Build the loads of ``size`` spirals.
 
-        force : (n, 3) N; mass : (n,) kg, pulled downwards along z if given. Raises FlexMapsError if a support is no spiral.
+        Parameters
+        ----------
+        supports : (k,) int, spirals that are held
+        clamped : hold their directions too
+        force : (n, 3) newtons
+        mass : (n,) kg, adds weight along -z
+
+        Raises
+        ------
+        FlexMapsError : a support is not a spiral, or the forces are not numbers
         """
         held = np.asarray([] if supports is None else supports, dtype=np.int64)
         if supports is not None and not len(held):
@@ -61,39 +73,54 @@ class Loads:
         return cls(fixed, total)
 
     def held(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
-        """(n, 6) bool: what is fixed while the equilibrium is sought: the supports, and as much of every piece as they
-        leave free to move as a whole, at one of its hubs (see ``rigid``).
+        """(n, 6) increments that are held during the search for an equilibrium.
 
-        Raises FlexMapsError with the faces of a piece that forces would carry away or turn.
+        These are the supports, and for every piece that can still move as a whole as many increments of one hub (see
+        ``rigid``).
+
+        Parameters
+        ----------
+        pairs : (m, 2) int, joined hubs
+        centres : (n, 3) metres
+
+        Raises
+        ------
+        FlexMapsError : forces would carry away or turn a piece; ``faces`` are its spirals
         """
         held = self.fixed.copy()
         for free in freedoms(self.fixed, between(pairs, len(held)), centres):
             work, most = free.work(centres, self.force)
             shifts = np.linalg.norm(free.motions[:, 3:], axis=1) == 0.0
-            moving = np.abs(work) > np.where(shifts, CARRIED, TURNED) * most
+            moving = np.abs(work) > np.where(shifts, CARRY_TOLERANCE, TURN_TOLERANCE) * most
             if moving.any():
-                raise FlexMapsError(_unheld(free, bool(moving[shifts].any())), faces=free.members)
+                raise FlexMapsError(_describe_motion(free, bool(moving[shifts].any())), faces=free.members)
             held[free.hub, free.entries] = True
         return held
 
     def laid(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
-        """A pose whose pieces are moved, as far as the supports leave them free, to where they lie nearest to a target."""
+        """Move the pieces of a pose, as far as the supports leave them free, to where they lie closest to a target.
+
+        Parameters
+        ----------
+        pose, target : the pose to move, and the pose to come close to
+        pairs : (m, 2) int, joined hubs
+        """
         for free in freedoms(self.fixed, between(pairs, len(self.fixed)), pose.centres):
             pose = free.laid(pose, target.centres)
         return pose
 
     def work(self, centres: np.ndarray) -> float:
-        """Joules: what the forces do up to here, against the origin."""
+        """Work of the forces in joules, from the origin to these centres."""
         return float((self.force * centres).sum())
 
 
 def between(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
-    """Those of joints (m, 2) int that join two of the first ``size`` bodies: hubs, and no nodes of a rim."""
+    """Select the joints (m, 2) int between the first ``size`` bodies: hubs, not nodes of a rim."""
     return pairs[(pairs < size).all(axis=1)]
 
 
-def _unheld(free: Freedom, carried: bool) -> str:
-    """What is wrong where forces move a piece as a whole."""
+def _describe_motion(free: Freedom, carried: bool) -> str:
+    """Message for forces that move a piece as a whole."""
     size = len(free.members)
     if free.floats:
         return (
@@ -108,16 +135,25 @@ def _unheld(free: Freedom, carried: bool) -> str:
 
 
 def standing(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
-    """(k,) int: the quads that ``which`` names: ``LOWEST``, numbers, or a text such as "1,2,3".
+    """Parse which quads are supports.
 
-    The lowest ones have two corners, if not more, at the height of the lowest such quad. Raises FlexMapsError where it names no quad of the mesh.
+    The lowest quads have at least two corners at the height of the lowest such quad.
+
+    Parameters
+    ----------
+    mesh : the quads
+    which : ``LOWEST``, quad numbers, or a text such as "1,2,3"
+
+    Raises
+    ------
+    FlexMapsError : ``which`` names no quad of the mesh
     """
     if isinstance(which, str) and which.strip() == LOWEST:
         second = np.sort(mesh.vertices[mesh.quads, 2], axis=1)[:, 1]
-        return np.flatnonzero(second <= second.min() + GROUND * mesh.median_edge)
+        return np.flatnonzero(second <= second.min() + GROUND_HEIGHT * mesh.median_edge)
     words = which.split(",") if isinstance(which, str) else list(which)
     try:
-        numbers = [_number(word) for word in words]
+        numbers = [_parse_number(word) for word in words]
     except (TypeError, ValueError):
         raise FlexMapsError(
             f"Supports '{which!s:.60}': give numbers of quads with commas between them, or '{LOWEST}'"
@@ -129,8 +165,8 @@ def standing(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " so
     return np.unique(np.array(numbers, dtype=np.int64))
 
 
-def _number(word: str | int) -> int:
-    """A whole number, as large as it likes: text in the digits 0 to 9 only. Raises ValueError or TypeError for anything else."""
+def _parse_number(word: str | int) -> int:
+    """Parse a whole number of any size, written with the digits 0 to 9; raises ValueError or TypeError for other text."""
     if not isinstance(word, str):
         return index(word)
     if not re.fullmatch(r"\s*[+-]?[0-9]+\s*", word):

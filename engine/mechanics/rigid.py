@@ -1,9 +1,9 @@
-"""The rigid motions that supports leave to the connected pieces of an assembly.
+"""Rigid motions that the supports leave to the connected pieces of an assembly.
 
-A piece that nothing holds keeps all six; one hinge, which holds a spiral's place but not its direction, leaves the three
-turns about it; hinges in a line leave the turn about the line. Such motions cost no energy, so the equilibrium's Newton
-systems are singular until as many increments of one hub are held. That adds no force where the loads do no work along
-them, and where they do, there is no equilibrium.
+A piece without supports keeps all six. One hinge, which fixes the position of a spiral but not its direction, leaves
+the three turns about it; hinges in a line leave the turn about the line. Such motions cost no energy, so the Newton
+systems of the equilibrium are singular until as many increments of one hub are held. Holding them adds no force where
+the loads do no work along the motions; where the loads do work, there is no equilibrium.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from ..arrays import Bool, Float, Int
 from .assembly import Pose, nearest_rotation
 from .vectors import skew
 
-HELD = 1e-6  # least mean squared motion of the supports, in distances of neighbours, that counts as holding a turn of 1 rad
+# Mean squared motion of the supports under a turn of 1 rad, in squared distances of neighbours, above which they hold
+# the turn.
+MIN_SUPPORT_MOTION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """How one connected piece can still move.
+    """Rigid motions left to one connected piece.
 
-    members : (k,) int, its hubs; hub : the one whose increments are held in place of the whole
+    members : (k,) int, its hubs; hub : the member whose increments are held so that the piece cannot move as a whole
     motions : (d, 6) shift (m) at ``hub`` and turn (rad) of independent rigid motions, d = 6, 3, 1 in practice
-    entries : (d,) int in 0..5, increments of ``hub`` without which none of them is left
+    entries : (d,) int in 0..5, increments of ``hub`` to hold
     """
 
     members: Int[np.ndarray, " some"]
@@ -38,11 +40,11 @@ class Freedom:
 
     @property
     def floats(self) -> bool:
-        """Whether nothing holds the piece at all."""
+        """True if nothing holds the piece."""
         return len(self.motions) == 6
 
     def work(self, centres: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(d,) what forces (n, 3) newtons do along the motions, and (d,) what they could do at most."""
+        """(d,) work of forces (n, 3) newtons along the motions, and (d,) its upper bound for forces of this size."""
         lever = centres[self.members] - centres[self.hub]
         moves = self.motions[:, None, :3] + np.cross(self.motions[:, None, 3:], lever)
         pull = force[self.members]
@@ -50,7 +52,7 @@ class Freedom:
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
 
     def laid(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
-        """The pose with this piece moved as far as it is free, so that its centres lie nearest to ``target`` (n, 3)."""
+        """Move this piece, as far as it is free, so that its centres lie closest to ``target`` (n, 3)."""
         part, wanted = pose.part(self.members), target[self.members]
         if self.floats:
             moved = part.aligned(wanted)
@@ -59,7 +61,7 @@ class Freedom:
             covariance = (part.centres - pivot).T @ (wanted - pivot)
             if len(self.motions) == 1:
                 axis = self.motions[0, 3:] / np.linalg.norm(self.motions[0, 3:])
-                rotation = _turn(axis, covariance)
+                rotation = _best_turn_about(axis, covariance)
             else:
                 rotation = nearest_rotation(covariance)
             moved = part.placed(rotation, pivot - rotation @ pivot)
@@ -71,9 +73,9 @@ class Freedom:
 def freedoms(
     fixed: Bool[np.ndarray, "spirals 6"], pairs: Int[np.ndarray, "joints 2"], centres: Float[np.ndarray, "spirals 3"]
 ) -> list[Freedom]:
-    """What is left to every piece that can still move as a whole.
+    """List the pieces that can still move as a whole.
 
-    fixed : (n, 6) bool, the shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres (n, 3) m
+    fixed : (n, 6) bool, shifts and turns of the hubs that are held; pairs : (m, 2) int, joined hubs; centres : (n, 3) m
     """
     n = len(fixed)
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
@@ -83,31 +85,33 @@ def freedoms(
     found = []
     for k in np.flatnonzero(~clamped):
         members = np.flatnonzero(piece == k)
-        motions, hub = _left(fixed, centres, members, spacing)
+        motions, hub = _free_motions(fixed, centres, members, spacing)
         if len(motions):
             entries = qr(motions * np.repeat([1.0, spacing], 3), mode="r", pivoting=True)[1][: len(motions)]
             found.append(Freedom(members, hub, motions, np.sort(entries)))
     return found
 
 
-def _left(fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float) -> tuple[np.ndarray, int]:
-    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are given."""
+def _free_motions(
+    fixed: np.ndarray, centres: np.ndarray, members: np.ndarray, spacing: float
+) -> tuple[np.ndarray, int]:
+    """(d, 6) rigid motions of a piece that leave its supports in place, and the hub at which they are expressed."""
     held = members[fixed[members].any(axis=1)]
     if not len(held):
         middle = centres[members].mean(axis=0)
         return np.eye(6), int(members[np.linalg.norm(centres[members] - middle, axis=1).argmin()])
-    # a supported hub stays the origin: its own turns, of those that are free, are held
+    # expressed at a supported hub, so that only its own free turns need to be held
     hub = int(held[0])
     rows = np.zeros((len(held), 6, 6))
     rows[:, :3, :3] = rows[:, 3:, 3:] = np.eye(3)
     rows[:, :3, 3:] = -skew(centres[held] - centres[hub]) / spacing
     rows = rows[fixed[held]]
     size, ways = np.linalg.eigh(rows.T @ rows / len(held))
-    return ways[:, size < HELD].T / np.repeat([1.0, spacing], 3), hub
+    return ways[:, size < MIN_SUPPORT_MOTION].T / np.repeat([1.0, spacing], 3), hub
 
 
-def _turn(axis: np.ndarray, covariance: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """(3, 3) the turn about a unit axis with the largest trace of turn x covariance."""
+def _best_turn_about(axis: np.ndarray, covariance: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """(3, 3) the rotation about a unit axis with the largest trace of rotation x covariance."""
     around = skew(axis)
     # R = 1 + sin(a) K + (1 - cos(a)) K K
     sine, cosine = np.trace(around @ covariance), -np.trace(around @ around @ covariance)

@@ -1,4 +1,4 @@
-"""Where supports hold an assembly: with every held flat quad laid nearest to its quad of the target."""
+"""Where supports hold an assembly: every held flat quad is fitted to its quad of the target."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .vectors import skew
 
 @dataclass(frozen=True, eq=False)
 class Stance:
-    """The held parts of a pose. They depend on the flat shapes: a clamped hub turns when its flat quad does.
+    """The held part of a pose. It depends on the flat shapes, because a clamped hub turns with its flat quad.
 
-    corners : (F, 4, 2) metres, the flat quads
+    loads, surface : the supports, and the target; corners : (F, 4, 2) metres, the flat quads
     """
 
     loads: Loads
@@ -30,21 +30,27 @@ class Stance:
 
     @cached_property
     def aim(self) -> Pose:
-        """The hubs on the target."""
+        """Pose of all hubs on the target."""
         return target_pose(self.surface, self.corners)
 
     def moved(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
-        """The stance of the same supports with other flat quads."""
+        """Replace the flat quads."""
         return replace(self, corners=corners)
 
     def placed(self, pose: Pose) -> Pose:
-        """A pose whose supports are moved to where they are held."""
+        """Move the supports of a pose to where they are held."""
         shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
         centres = np.where(shifts, self.aim.centres, pose.centres)
         return replace(pose, centres=centres, rotations=np.where(turns, self.aim.rotations, pose.rotations))
 
     def step(self, pose: Pose, step: Float[np.ndarray, "spirals 6"]) -> Float[np.ndarray, "spirals 6"]:
-        """A step from a pose, changed so that it brings the supports to where they are held."""
+        """Change a step so that it brings the supports to where they are held.
+
+        Parameters
+        ----------
+        pose : where the step begins
+        step : (n, 6) increments, as in ``Pose.moved``
+        """
         turns = Rotation.from_matrix(self.aim.rotations @ np.swapaxes(pose.rotations, 1, 2)).as_rotvec()
         exact = np.concatenate([self.aim.centres - pose.centres, turns], axis=1)
         step = step.copy()
@@ -52,10 +58,19 @@ class Stance:
         return step
 
     def by_points(self, layout: PatchLayout, bodies: int) -> csr_array:
-        """(6 bodies, 2 P): derivative of the supports' increments by the flat vertices; zero for all other hubs.
+        """Differentiate the supports' increments by the flat vertices; rows of other hubs are zero.
 
-        The rotation R nearest to M = sum of p q^T makes S = R M symmetric; M + dM turns it by w with
-        (tr(S) 1 - S) w = the axial vector of R dM, sum of R p x q.
+        The rotation R nearest to M = sum of p q^T makes S = R M symmetric; M + dM turns it by w with (tr(S) 1 - S) w =
+        the axial vector of R dM, sum of R p x q.
+
+        Parameters
+        ----------
+        layout : gives the flat vertices
+        bodies : number of hubs and nodes
+
+        Returns
+        -------
+        (6 bodies, 2 P) : sparse
         """
         clamped = np.flatnonzero(self.loads.fixed[:, 3])
         wanted = self.surface.vertices[self.surface.quads[clamped]]
@@ -67,7 +82,7 @@ class Stance:
         stiff = np.trace(stretch, axis1=1, axis2=2)[:, None, None] * np.eye(3) - 0.5 * (
             stretch + np.swapaxes(stretch, 1, 2)
         )
-        # by corner k and its coordinate c: R e_c x q_k
+        # derivative by coordinate c of corner k: R e_c x q_k
         around = np.einsum("fkij,fjc->fikc", -skew(wanted), rotation[:, :, :2])
         turns = np.linalg.solve(stiff, around.reshape(-1, 3, 8))
         row = np.broadcast_to((6 * clamped[:, None] + np.arange(3, 6))[..., None], turns.shape)

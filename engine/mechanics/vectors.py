@@ -1,6 +1,6 @@
-"""Products and turns of many small vectors at once; components are the last axes.
+"""Products and rotations of many small vectors at once; components are the last axes.
 
-``arms/stacked.py`` has the products for arrays whose first axes are the components.
+``arms/stacked.py`` holds the products for arrays whose first axes are the components.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ from ..arrays import Float
 
 
 def times(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Products of matrices and vectors."""
+    """Matrix-vector products: ``matrix`` (..., i, j) times ``vector`` (..., j)."""
     return (matrix @ vector[..., None])[..., 0]
 
 
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
-    """Products of vectors as matrices."""
+    """Outer products (..., i, j) of vectors (..., i) and (..., j)."""
     return a[..., :, None] * b[..., None, :]
 
 
 def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """(..., 3, 3) with skew(v) x = v x x, of vectors (..., 3)."""
+    """(..., 3, 3) matrices with skew(v) x = v cross x, for vectors (..., 3)."""
     out = np.zeros((*v.shape, 3))
     fill_skew(np.moveaxis(out, (-2, -1), (0, 1)), np.moveaxis(v, -1, 0))
     return out
@@ -35,7 +35,7 @@ def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
 
 
 def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
-    """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which takes over near half turns."""
+    """(m, 3) radians of rotation matrices (m, 3, 3); several times faster than scipy's, which is used near half turns."""
     double = np.stack(
         [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]], 1
     )
@@ -67,7 +67,8 @@ def exponential(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def right_jacobian(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
-    """J with exp(turn + d) = exp(turn) exp(J d) to first order, of rotation vectors (..., 3); exp(J^T d) exp(turn) is the same."""
+    """Right Jacobian J of rotation vectors (..., 3): exp(turn + d) = exp(turn) exp(J d) = exp(J^T d) exp(turn) to first
+    order."""
     angle = np.linalg.norm(turn, axis=-1)[..., None, None]
     across = skew(turn)
     small = angle < 1e-3
