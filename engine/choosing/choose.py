@@ -11,7 +11,7 @@ What is done is counted, never timed: the result is the same on every machine an
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from ..surface.symmetry import keeping
 from ..workers import Workers
 from .alike import alike
 from .choice import GIVEN, STRIDE, Choice, front
-from .decide import decided
+from .decide import decided, hopeful
 from .judge import LONG, WHOLE, Idea, Judged, Laid, Piece, judge, lay, optimised, taken_up
 from .lines import along_folds, completed, drawn, planes, unlike
 from .moves import IDEAS, joined, moves
@@ -98,7 +98,8 @@ def choose(
     first = Laid(given, GIVEN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
     if reached is not None:
-        search.proved[key(first)] = optimised(first, reached)
+        search.proved[key(first)] = found = optimised(first, reached)
+        search.piece = replace(piece, spirals=found.spirals)  # predictions begin with them too
     try:
         _begin(search, first, progress.part(0.0, BEGUN))
         if params.near:
@@ -133,6 +134,8 @@ def _sought(search: Search, first: Laid, progress: Progress) -> None:
     collected, settled, changed, filled = SHARES_OF_TIME
     _collect(search, first, progress.part(0.0, collected))
     search.judge(search.next(SETTLED), progress.part(collected, settled))
+    if search.start is not None and not any(hopeful(search, one) for one in search.judged if one.share < LONG):
+        return
     turns = progress.part(settled, changed)
     for turn in range(TURNS):
         if search.left <= 0 or not _changed(search, first, turns.part(turn / TURNS, (turn + 1) / TURNS)):
@@ -321,16 +324,16 @@ def _prove(search: Search, progress: Progress) -> None:
         search.expect([search.proved[key(one)] for one in searched if key(one) in search.proved])
     if search.params.goal != "match" or any(search.holds(one) for one in search.proved.values()):
         return
-    hopeful = [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
-    search.prove([*_undecided(search), *hopeful][:together], progress.part(0.6, 1.0))
+    may_hold = [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
+    search.prove([*_undecided(search), *may_hold][:together], progress.part(0.6, 1.0))
 
 
 def _better(search: Search, most: int) -> list[Laid]:
     """Return layouts that are expected to serve the goal better than all that were searched for; with a number of panels, the best others."""
-    found = search.judged
-    if search.params.goal == "panels":
-        return [one.laid for one in found if one.share < LONG][:most]
-    return [one.laid for one in takewhile(lambda one: one.share < LONG, found)][:most]
+    found: Iterable[Judged] = search.judged
+    if search.params.goal != "panels":
+        found = takewhile(lambda one: one.share < LONG, found)
+    return [one.laid for one in found if one.share < LONG and hopeful(search, one)][:most]
 
 
 def _undecided(search: Search) -> list[Laid]:

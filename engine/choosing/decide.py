@@ -60,6 +60,15 @@ def pick(search: Search, judged: list[Judged], first: Laid) -> Judged:
     return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
 
 
+def hopeful(search: Search, one: Judged) -> bool:
+    """Return whether a layout would be taken in place of the given one if a search brought what is expected; true where that was not optimised."""
+    given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
+    if given is None:
+        return True
+    expected = replace(one, rms=search.distance(one), strain=0.0, share=max(one.share, LONG))
+    return pick(search, sorted((given, expected), key=search.key), given.laid) is expected
+
+
 def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
     """What was chosen, or what stands in the way."""
     what = short(best.judged.laid, best.rms)
@@ -78,7 +87,9 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
     if given is best and best.judged.share >= WHOLE:
-        return f"No other layout comes clearly nearer than the present one, with {what}. {best.judged.advice}"
+        searched = any(0.0 < one.share < WHOLE for one in search.judged)
+        verb = "comes" if searched else "is expected to come"
+        return f"No other layout {verb} clearly nearer than the present one, with {what}. {best.judged.advice}"
     return (
         f"No layout was found for {asked}; the best has {what}. {_no_nearer(search, best.judged)}{best.judged.advice}"
     )

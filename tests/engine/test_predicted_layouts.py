@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import search as searching
-from flexmaps.engine.choosing.decide import pick
+from flexmaps.engine.choosing.decide import hopeful, pick
 from flexmaps.engine.choosing.judge import LONG, WHOLE, Idea, Judged, Laid, Piece, lay
 from flexmaps.engine.choosing.predict import Start, foreseen, predicted
 from flexmaps.engine.choosing.search import Search, creeping, key
@@ -101,6 +101,30 @@ def test_an_optimised_layout_stays_unless_another_comes_nearer(
     search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     judged = [_judged(laid[given], 0.02, WHOLE), *(_judged(laid[n], rms, LONG) for n, rms in others.items())]
     assert pick(search, sorted(judged, key=search.key), laid[given]).laid.panels == panels
+
+
+@pytest.mark.parametrize(
+    ("given", "other", "rms", "worth"),
+    [
+        (3, 6, 0.017, False),  # nearer, by less than its joints are worth
+        (3, 6, 0.015, True),
+        (6, 3, 0.0199, False),  # fewer joints, as near within what two searches differ
+        (6, 3, 0.018, True),
+        (3, 2, 0.0099, True),  # holds 1 %
+    ],
+)
+def test_only_layouts_that_would_be_taken_are_searched(
+    layouts: tuple[Piece, list[Laid]], given: int, other: int, rms: float, worth: bool
+) -> None:
+    """The given layout was optimised and came to 2 %; of the other one this is predicted."""
+    piece, made = layouts
+    laid = dict(zip((6, 3, 2), made, strict=True))
+    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    one = _judged(laid[other], rms, 0.0)
+    search.known[key(laid[other])] = one
+    assert hopeful(search, one), "nothing was optimised"
+    search.known[key(laid[given])] = search.proved[key(laid[given])] = _judged(laid[given], 0.02, WHOLE)
+    assert hopeful(search, one) == worth and choosing._better(search, 2) == ([laid[other]] if worth else [])
 
 
 @pytest.mark.parametrize(
