@@ -98,7 +98,7 @@ def solve(
 
     Parameters
     ----------
-    model, start, loads, params, progress : what is solved, from where, and the solver's settings
+    model, start, loads, params, progress : model, starting pose, loads, and the solver's settings
     system : shared by solves with the same joints and supports
     iterations : a further limit on the settings' number of iterations
     step : (n, 6) a predicted first step

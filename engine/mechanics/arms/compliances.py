@@ -1,4 +1,4 @@
-"""Compliances of the arms as they are cut: the table's plus what the cut adds (see ``cut``), with derivatives."""
+"""Compliances of the arms as they are cut: the table's compliances plus the cut's correction (see ``cut``)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .stiffness import tip_compliance
 class ArmCompliances:
     """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI.
 
-    values : (m, 2, 6, 6) the table's plus what the cut adds; table : the table's alone
+    values : (m, 2, 6, 6) table's compliance plus the cut's correction; table : without the correction
     table_by_scale : derivative of ``table`` by twice the radius, per metre
     table_by_grain : derivative of ``table`` by the angle to the grain; 0 without a grain
     by : (m, 2, 5, 6, 6) derivatives of the values by the parameters of ``cut``, per metre and per radian; None if not
@@ -41,7 +41,7 @@ class ArmCompliances:
         Parameters
         ----------
         change : (n, k) of the ``shapes``, see ``cut``
-        by_shapes : (n, k, 6, 6) derivatives of what the cut adds
+        by_shapes : (n, k, 6, 6) derivatives of the cut's correction
         """
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale

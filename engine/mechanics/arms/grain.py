@@ -8,7 +8,7 @@ chapters 2 and 6) the flexibilities are
     stretch S11 / A, shear 6/5 S66 / A, both coupled by S16 / A; bending in the sheet S11 / (h w^3 / 12)
     bending out of it S11 / I, torsion 1 / D + S16^2 / (4 S11 I), both coupled by -S16 / (2 I)
 
-D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: that of an isotropic section widened
+D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: the rigidity of an isotropic section widened
 by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant along
 the arm.
 
@@ -89,7 +89,7 @@ class Yielding:
 
     @classmethod
     def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
-        """Flexibility of a section kept from warping minus that of a free section, without the isotropic part;
+        """Flexibility of a section kept from warping minus the flexibility of a free section, without the isotropic part;
         arguments as ``of``.
 
         The section stays plane. With the stiffness Q, the inverse of S11, S16 and S66, it is Q11 h w^3 / 12 in the
@@ -116,7 +116,7 @@ class Yielding:
     def of_hub(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
     ) -> Yielding:
-        """Flexibility of the whole hub of an arm minus that of an isotropic one with this Poisson's ratio.
+        """Flexibility of the whole hub of an arm minus the flexibility of an isotropic hub with this Poisson's ratio.
 
         Arguments as ``of``, but the result is not per length.
         """

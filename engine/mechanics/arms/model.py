@@ -120,7 +120,7 @@ class ArmModel:
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
         """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
 
-        They are the stored ones, which ``varied`` does not update, or else computed for this assembly.
+        Stored derivatives, which ``varied`` does not update, are returned first; otherwise they are computed.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None

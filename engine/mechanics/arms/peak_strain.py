@@ -352,8 +352,10 @@ class _SectionStrains:
 
 
 def _lag_matrices() -> tuple[Float[np.ndarray, "pieces pieces"], Float[np.ndarray, "pieces pieces"]]:
-    """(pieces, pieces) matrices to multiply from the right: value ``LAG`` pieces further out minus value as far in, and
-    the length between both; fewer pieces at the ends."""
+    """Matrices (pieces, pieces) that give, for values in rows, differences along the arm and the lengths they span.
+
+    A difference is the value ``LAG`` pieces further out minus the value ``LAG`` pieces further in, fewer at the ends.
+    """
     ahead, far = np.zeros((PIECES, PIECES)), np.zeros((PIECES, PIECES))
     for i in range(PIECES):
         out, inn = max(i - LAG, 0), min(i + LAG, PIECES - 1)

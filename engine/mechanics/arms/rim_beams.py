@@ -1,4 +1,4 @@
-"""Compliances of the rim's arms, in the places where spirals have those of the stiffness table."""
+"""Compliances of the rim's arms, which replace the stiffness table's compliances for necks and strips."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ def of_rim(
     added: Float[np.ndarray, "n 6 6"],
     by: Float[np.ndarray, "n numbers 6 6"] | None,
 ) -> None:
-    """Write the compliances of the rim's arms into those of both arms of every joint, joint by joint, in place.
+    """Overwrite the compliances of necks and strips in the arrays of all arms, joint by joint.
 
-    table, added, by : table compliances, what the cut adds, and its derivatives. An arm at the rim is blended with its
-        mirror image, so its own width and twist count as its mate's, too.
+    table, added, by : table compliances, the cut's correction, and the derivatives of their sum
+
+    An arm at the rim is blended with its mirror image, so its own width and twist count as its mate's, too.
     """
     rim, ties = assembly.rim, assembly.ties
     assert rim is not None

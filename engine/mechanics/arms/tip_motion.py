@@ -1,6 +1,6 @@
 """Motions of the tips of both arms of every joint relative to their hubs, with exact derivatives.
 
-The motion y of a joint is the position of the joint on the second hub relative to that on the first, in the axes half
+The motion y of a joint is the position of the joint on the second hub relative to its position on the first, in the axes half
 way between both. Both arms carry the wrench K y, K = (C_a + C_b)^-1. So in these axes the tip of the first arm has
 moved by C_a K y and that of the second by -C_b K y, and they meet. The axes of either hub differ by half of the joint's
 turn, by which the shift is rotated.
@@ -47,7 +47,7 @@ class TipMotions:
         ----------
         assembly, pose : m joints, and where their hubs are
         compliance, by : of the arms, and derivatives, as in ``ArmCompliances``
-        stiffness : of the joints, as in ``ArmModel``
+        stiffness : of the joints, ``ArmModel.at_joint``
         """
         motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
         values, by_pose, by_design = np.empty((m, 2, 6)), np.empty((m, 2, 6, 12)), np.empty((m, 2, 6, 2, 5))
@@ -58,7 +58,7 @@ class TipMotions:
         # derivatives of the joint's motion under this wrench, through the compliances of both arms
         own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
         yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
-        # for each arm (m, 2), by the parameters of the spirals on both sides (2, 3)
+        # axes: joint, arm, spiral whose parameter changes, parameter, motion
         both = np.zeros((m, 2, 2, PARAMETERS, 6))
         for side in (0, 1):
             both[:, side, side] = yields[:, side][:, [WIDTH, TWIST, BESIDE]]

@@ -65,7 +65,7 @@ class EndMotion:
 
 
 def first_order(state: RodState) -> EndMotion:
-    """Differentiate bends and rolls by d, the shift of the second hub minus that of the first, and w, the turn of an
+    """Differentiate bends and rolls by d, the shift of the second hub minus the first hub's shift, and w, the turn of an
     end's hub.
 
     Seen from an end, the edge's tangent moves by u = Pd/l + t x w + ..., and the hub's frame on the edge rolls by w.t -
