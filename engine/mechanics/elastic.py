@@ -132,7 +132,7 @@ class JointSum:
     """
 
     def __init__(self, assembly: Assembly, each: int):
-        """assembly : with its rim; each : K"""
+        """Compute the sparsity pattern for an assembly with its rim, and ``each`` = K numbers per spiral."""
         row = (assembly.pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
         column = (assembly.owners[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
         self._shape = (6 * assembly.size, each * assembly.spirals)

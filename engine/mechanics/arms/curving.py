@@ -267,8 +267,7 @@ def _isotropic_turns(arms: Arms, width: np.ndarray, length: np.ndarray) -> tuple
 
 
 def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Strains with their second-order term (m, 6), and their derivative (m, 6, 6) by the first-order strains;
-    ``curving`` is D."""
+    """Add the second-order term: strains e + e.D.e (m, 6), and their derivative (m, 6, 6) by e; ``curving`` is D."""
     half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
     return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
 

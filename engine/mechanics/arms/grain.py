@@ -233,7 +233,7 @@ def line_compliance(
 
 
 def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
-    """Sums of value a a over the stations, for the rows a."""
+    """Sum value a_i a_j over the stations, for (i, j) in ``ENTRIES``; ``rows`` are a_0, a_1, a_2."""
     scaled = [_times(value, row) for row in rows]
     return np.stack([_dot(scaled[i], rows[j]) for i, j in ENTRIES])
 
@@ -241,7 +241,7 @@ def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.nd
 def _sum_coupled(
     first: np.ndarray, second: np.ndarray, mixed: np.ndarray, a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, "6 numbers n"]:
-    """Sums of first a a + second b b + mixed (a b + b a) over the stations, for the rows a and b."""
+    """Sum first a_i a_j + second b_i b_j + mixed (a_i b_j + b_i a_j) over the stations, for (i, j) in ``ENTRIES``."""
     rows = [
         (_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)
     ]

@@ -164,8 +164,7 @@ class _Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def pulled(self, pull: _Pull) -> Float[np.ndarray, "n numbers"]:
-        """Vector-Jacobian product: derivatives by the parameters of ``blends`` of a number with the derivatives
-        ``pull``."""
+        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters of ``blends``."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -pull.bend * self.width / self.length
         by_length = pull.length - pull.bend * self.bend / self.length

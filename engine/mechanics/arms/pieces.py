@@ -12,8 +12,8 @@ from ..vectors import skew
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import Yielding
 
-# Pieces of an arm, one constant strain each; more are slower. Positions are within 3e-4 of an edge of those with 64
-# pieces, on a dome, a saddle and a torus; with 8 the error is 1e-3.
+# Pieces of an arm, each with one constant strain; more are slower. On a dome, a saddle and a torus, positions differ by 3e-4
+# of an edge from the result of 64 pieces, with 8 pieces by 1e-3.
 STATIONS = 16
 POISSON = 0.35  # without a material; 0.25 and 0.45 move positions by 8e-4 of an edge, on a dome and a torus
 
