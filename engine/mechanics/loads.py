@@ -17,10 +17,8 @@ from .rigid import Freedom, freedoms
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
-CARRY_TOLERANCE, TURN_TOLERANCE = (
-    1e-9,
-    1e-6,
-)  # share of the forces' largest possible work that counts as zero, for shifts and for turns
+# Work of the forces, as a share of the largest possible, that counts as zero: for shifts and for turns of a piece.
+CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
 GROUND_HEIGHT = 0.25  # height above the lowest quad, in median edges, up to which a quad stands on the ground
 
 

@@ -204,7 +204,7 @@ def second_order_strains(
 
 
 def _wrench_and_turn(arms: Arms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
-    """(m, 9, 6): wrench about the midpoint of the hubs, and turn, per strain at the joint."""
+    """(m, 9, 6) derivatives of the wrench about the midpoint of the hubs (6), and of the turn (3), by the joint's strains."""
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
 

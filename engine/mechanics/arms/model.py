@@ -154,7 +154,7 @@ class ArmModel:
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
-        # a turn about the midpoint of the bend points also shifts the joint
+        # from the joint to the midpoint of the bend points
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
         stiffness = _move_to_bend_points(at_joint, offset)
         second = None
