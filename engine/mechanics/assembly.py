@@ -298,11 +298,22 @@ class Assembly:
         )
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Replace the widths (n, 4) metres and the twists (n,) radians."""
+        """Replace the spirals.
+
+        Parameters
+        ----------
+        width : (n, 4) metres
+        twist : (n,) radians
+        """
         return replace(self, width=width, twist=twist)
 
     def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Replace the rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
+        """Replace the rest geometry.
+
+        Parameters
+        ----------
+        lever, axes : (m, 2, 3) metres and (m, 2, 3, 3), as in ``Assembly``
+        """
         return replace(self, lever=lever, axes=axes)
 
 

@@ -113,7 +113,13 @@ class Loads:
 
 
 def between(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
-    """Select the joints (m, 2) int between the first ``size`` bodies: hubs, not nodes of a rim."""
+    """Select the joints between hubs, without those of a rim's nodes.
+
+    Parameters
+    ----------
+    pairs : (m, 2) int, joined bodies
+    size : number of hubs, which come first
+    """
     return pairs[(pairs < size).all(axis=1)]
 
 

@@ -82,7 +82,13 @@ class RimJoints:
 
     @classmethod
     def of(cls, rim: Rim, centre: Float[np.ndarray, "quads 2"]) -> RimJoints:
-        """Build the joints of a rim; centre : (F, 2) metres, of all quads."""
+        """Build the joints of a rim.
+
+        Parameters
+        ----------
+        rim : strip, necks and holes
+        centre : (F, 2) metres, centres of all quads
+        """
         hub = centre[rim.quad] @ np.array([1.0, 1j])
         lever = np.stack([rim.middle - hub, rim.middle - rim.centre], axis=1)
         first = np.flatnonzero(rim.following >= 0)

@@ -171,7 +171,13 @@ class Bender:
 
     @classmethod
     def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
-        """Divide the arms of a design into pieces; ``material`` as in ``bent``."""
+        """Divide the arms of a design into pieces.
+
+        Parameters
+        ----------
+        design : the spirals
+        material : as in the function ``bent``
+        """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]

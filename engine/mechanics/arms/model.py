@@ -255,7 +255,16 @@ class ArmModel:
         )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``."""
+        """Largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``.
+
+        Parameters
+        ----------
+        state, material : where the joints are, and the sheet
+
+        Returns
+        -------
+        (m, 2)
+        """
         return arm_strains(self.assembly, self.wrenches(state), material)
 
     def beyond(self) -> list[Beyond]:

@@ -66,10 +66,15 @@ class RodModel:
     def with_parameters(
         cls, assembly: Assembly, parameters: np.ndarray, by_design: np.ndarray | None = None
     ) -> RodModel:
-        """Build the model from the columns k_s (N), k_b0, k_b1, k_t (N m^2) of ``parameters`` (n, 4), by default
-        constant.
+        """Build the model from the parameters of its spirals.
 
         An edge at rest is straight from centre to centre in the plane of either hub.
+
+        Parameters
+        ----------
+        assembly : spirals and joints at rest
+        parameters : (n, 4) k_s (N), k_b0, k_b1, k_t (N m^2)
+        by_design : (n, 4, 2) as in ``RodModel``; by default zero
         """
         change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
         half, moduli = assembly.radius, parameters[assembly.pairs]
