@@ -30,7 +30,7 @@ SESSION, BATCH = 20, 5  # calls a file, files a process: a crash of Blender cost
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench blender")
     parser.add_argument("--calls", type=int, default=1000, help="random operator calls")
     parser.add_argument("--seconds", type=float, default=1500.0, help="longest time for the random calls")

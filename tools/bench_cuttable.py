@@ -35,7 +35,7 @@ MOST = 0.98  # of the smallest slot and of the thinnest arm that the cutter is w
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench cuttable")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--most", type=int, default=400, help="largest number of spirals")

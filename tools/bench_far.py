@@ -38,7 +38,7 @@ SOFTEST = 0.05  # share of stiffness that a search should leave
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table; 0 whatever was measured."""
+    """Measure and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench far")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--meshes", type=Path, help="a folder with more meshes")

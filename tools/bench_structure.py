@@ -1,4 +1,4 @@
-"""Measures load paths and critical loads against closed forms, against themselves in another way, and against full solids.
+"""Benchmark of load paths and critical loads, against closed forms, an independent computation, and solids.
 
 python3 tools/dev.py bench structure [--plain] [--json FILE]
 

@@ -1,4 +1,4 @@
-"""From the file to the workshop: the calibration sheet's figures, how well sheets are filled, and remnants.
+"""Benchmark of the workshop: accuracy of the calibration sheet, fill of the sheets, and nesting on remnants.
 
 python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws N] [--names demo,spot] [--meshes DIR] [--json FILE]
 
@@ -50,7 +50,7 @@ SHEETS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench workshop")
     root = Path(__file__).resolve().parent.parent
     shared = root.parent / "shared" / "meshes"

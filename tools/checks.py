@@ -1,4 +1,4 @@
-"""``test`` and ``lint`` of tools/dev.py: ruff, mypy and the tests, tier by tier; what was left out is said at the end."""
+"""``test`` and ``lint`` of tools/dev.py: ruff, mypy and the tests by tiers; skipped tests are listed at the end."""
 
 from __future__ import annotations
 

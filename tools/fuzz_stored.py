@@ -1,4 +1,4 @@
-"""Damage done to what an object in Blender keeps of its stages, each made from its number alone; then the stages are called."""
+"""Fuzzing of the data that an object in Blender stores of its stages, each case generated from its number; then stages run on it."""
 
 from __future__ import annotations
 

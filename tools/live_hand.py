@@ -1,4 +1,4 @@
-"""A hand that works on a piece at random while live mode follows it, and looks whether what is shown belongs to what is there."""
+"""Random editing of a piece in live mode, with checks that the displayed shape belongs to the present piece."""
 
 from __future__ import annotations
 

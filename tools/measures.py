@@ -1,6 +1,6 @@
-"""``measures`` of tools/dev.py: whether the house is in order: imports, lengths of files and functions, numbers without a word.
+"""``measures`` of tools/dev.py: code metrics: upward imports, lengths of files and functions, constants without a comment.
 
-``tests/engine/test_measures.py`` holds what it counts at nothing.
+``tests/engine/test_measures.py`` requires that it finds none.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A strip of a rim with its hole as a solid of scikit-fem, and as the beams that the elastic model takes it for."""
+"""A strip of a rim with its hole, as a solid in scikit-fem and as the beams of the elastic model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces whose reported state is compared with a fresh simulation of what would be stored."""
+"""Test pieces whose reported figures are compared with a new simulation of the stored piece."""
 
 from __future__ import annotations
 

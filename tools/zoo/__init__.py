@@ -1,4 +1,4 @@
-"""A zoo of surfaces that the project makes itself, by families with parameters, to see what the program does with each.
+"""The zoo: families of parametric test surfaces for the whole program.
 
 They stand for classes: what differs within a family is what a layout, a simulation or a nesting may stumble over.
 """
