@@ -1,4 +1,4 @@
-"""Another layout where the one that merging gives is predicted to stay far from the target.
+"""Replacement of the merged layout if it is predicted to stay far from the target.
 
 Limits of distortion lead to few panels, but do not say how near to its target the piece comes.
 """
