@@ -41,7 +41,7 @@ from rows import Row, Table, at_least, at_most, row
 
 NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each
 FILL, STRIP_SECONDS = 0.6, 25  # share of the sheets that is wanted; seconds that the strip is searched
-# materials and thicknesses whose pieces are made as solids
+# materials and thicknesses for which the formulas are compared with solid models
 SHEETS = {
     "POM 2 mm": {},
     "birch 4 mm": {"material.material": "birch", "spiral.thickness": 4},

@@ -175,7 +175,7 @@ def _damage(rng: random.Random, obj: Any) -> list[str]:
     return done
 
 
-# -- what is called after it -----------------------------------------------------------------------------------------------
+# -- calls on the damaged object -------------------------------------------------------------------------------------------
 
 
 def _calls(obj: Any, folder: Path) -> dict[str, Callable[[], Any]]:

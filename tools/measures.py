@@ -129,7 +129,7 @@ def within(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tuple[int
 
 
 def upward() -> list[Place]:
-    """Imports of a folder from one after it."""
+    """Return imports that go upward: from a folder that comes later in ``ROOMS``."""
     files = [*package(), *sources(DATABASE)]
     known = {dotted(path): path for path in files}
     order = {name: k for k, name in enumerate((*ROOMS, DATABASE))}

@@ -16,7 +16,7 @@ from .moves import blamed, cuts, weakest, with_images
 
 ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
 JOINED = 6  # seams that are tried against a cut; not measured, it bounds the time
-TRIED = 24  # ideas that are worth laying flat: 24 of 1,000 quads take some 10 s
+TRIED = 24  # largest number of ideas to lay flat: 24 with 1,000 quads take some 10 s
 
 
 def alike(piece: Piece, judged: Judged) -> list[Idea]:

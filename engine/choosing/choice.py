@@ -16,7 +16,7 @@ from .judge import Judged
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
-PROPOSALS, LEAST_SHOWN = 6, 3  # that are shown: more are no choice but a list, and fewer are none either
+PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
 STRIDE = 1.6  # times the panels of the proposal before that the next one has at most, where there are such layouts
 GIVEN = "as it was"  # origin of the layout with which choosing began
 

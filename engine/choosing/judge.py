@@ -29,7 +29,7 @@ from .lines import evenly
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.35
-WHOLE = 1.0  # the share of a piece that was optimised, not searched here
+WHOLE = 1.0  # share of patience recorded for a piece that Optimise has optimised
 # Power of the strain's excess by which a long search promises too much. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
 # 1.12 times the strain that is borne, and whole searches, which bring that down, at 0.86 and 1.15 %
 EASED = 2

@@ -31,8 +31,8 @@ from .moves import IDEAS, weighed, with_cuts
 from .predict import Start, predicted
 
 BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
-WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
-MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
+WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; not measured
+MOST_HELD = 0.5  # largest share of held quads: with more, too little of the piece is left to bend
 
 
 def prospects(

@@ -20,7 +20,7 @@ Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[A
 
 # Seconds of processor for all predictions together, and what one takes: a part of a second, and so much a quad
 BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
-PUNCTUAL = 0.6  # share of the time that work may take from which its progress becomes slower and slower
+PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
 FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
 NEARER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same

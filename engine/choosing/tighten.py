@@ -36,7 +36,7 @@ SEARCHED = 0.85
 def tightened(
     piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return another layout, along the folds or merged under tighter limits, where the given one is expected to miss the match that is wanted.
+    """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
 
     Parameters
     ----------
