@@ -57,7 +57,7 @@ def tightened(
     progress(0.0, "Predicting the match")
     try:
         start = Start.from_layout(piece, flat, progress.quiet())
-    except FlexMapsError:  # quads are too small for spirals, which the next stage tells
+    except FlexMapsError:  # quads are too small for spirals; the next stage reports it
         return flat
     left = _expected(piece, flat, start, progress)
     if left == np.inf:

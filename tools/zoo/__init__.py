@@ -18,7 +18,7 @@ from . import smooth as sm
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface: how to make it, of arbitrary size, and what is asked of it.
+    """One surface: a function that makes it, in any size, and the requirements on it.
 
     supports : which quads stand, as ``job.run`` takes it
     refused : the code of the finding for which the check must refuse it, if it must
