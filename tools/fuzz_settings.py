@@ -1,4 +1,4 @@
-"""Fuzzing of settings and of the command line, each case generated from its number."""
+"""Odd values for settings and odd words on the command line, each made from its number alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fuzzing of the data that an object in Blender stores of its stages, each case generated from its number; then stages run on it."""
+"""Damage done to what an object in Blender keeps of its stages, each made from its number alone; then the stages are called."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def _damage(rng: random.Random, obj: Any) -> list[str]:
     return done
 
 
-# -- calls on the damaged object -------------------------------------------------------------------------------------------
+# -- what is called after it -----------------------------------------------------------------------------------------------
 
 
 def _calls(obj: Any, folder: Path) -> dict[str, Callable[[], Any]]:

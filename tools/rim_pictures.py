@@ -1,4 +1,4 @@
-"""Pictures of one piece with several kinds of border, side by side."""
+"""One piece with several kinds of border, rendered beside each other."""
 
 from __future__ import annotations
 

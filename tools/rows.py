@@ -1,4 +1,4 @@
-"""Rows of the benches' tables: required value, measured value, and values of other programs."""
+"""Rows of the benches' tables: what was asked beside what was measured, and others beside both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small sheets of every kind for the benches: connectors, holding tabs, kerf, a remnant, bases, eyelets, copies, several objects."""
+"""Sheets of every kind, small, for the benches: connectors, holding tabs, kerf, a remnant, bases, eyelets, copies, several objects."""
 
 from __future__ import annotations
 

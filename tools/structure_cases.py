@@ -1,4 +1,4 @@
-"""Test pieces for load paths: a column, an arch and a dome of few spirals; and their load paths with solid models."""
+"""Pieces whose load paths are measured: a column, an arch and a dome of few spirals; and the same paths by full solids."""
 
 from __future__ import annotations
 

@@ -12,13 +12,7 @@ from ..arrays import Float
 
 
 def times(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Multiply matrices and vectors.
-
-    Parameters
-    ----------
-    matrix : (..., i, j)
-    vector : (..., j)
-    """
+    """Matrix-vector products: ``matrix`` (..., i, j) times ``vector`` (..., j)."""
     return (matrix @ vector[..., None])[..., 0]
 
 

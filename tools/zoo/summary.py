@@ -1,4 +1,4 @@
-"""Requirements on the zoo as a whole, beside measured values."""
+"""What is asked of the zoo as a whole, beside what was measured."""
 
 from __future__ import annotations
 
