@@ -1,8 +1,8 @@
-"""Measures the extension inside Blender against what was asked: every Blender there is, how soon things are seen, random calls.
+"""Benchmark of the extension inside Blender: every installed Blender, time until users see something, random operator calls.
 
 python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview frames next random]
 
-The random calls go on where an interrupted run of the same sources stopped (out/random_calls.json).
+An interrupted run of random calls is resumed if the sources are unchanged (out/random_calls.json).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from rows import Row, Table, at_most, row
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ROOT / "tools"
-SESSION, BATCH = 20, 5  # calls a file, files a process: a crash of Blender costs one process
+SESSION, BATCH = 20, 5  # calls per file, files per process: a crash of Blender costs one process
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench blender")
     parser.add_argument("--calls", type=int, default=1000, help="random operator calls")
     parser.add_argument("--seconds", type=float, default=1500.0, help="longest time for the random calls")
@@ -49,7 +49,7 @@ def main(arguments: list[str]) -> int:
 
 
 def survey(_: argparse.Namespace) -> Iterator[Row]:
-    """Every operator and panel in this Blender, in the other one's environment, and in a real one that is there."""
+    """Try every operator and panel in this Blender, in that of the other Python, and in a real Blender if there is one."""
     yield from _told(_run_survey(sys.executable))
     other = _other_python()
     if other is None:
@@ -60,7 +60,7 @@ def survey(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def _run_survey(python: str) -> dict[str, Any]:
-    """The third run's answer: the first makes Python's bytecode, and the second warms the disk."""
+    """Run the survey three times and return the last answer: the first run compiles bytecode, the second warms the disk cache."""
     for _ in range(3):
         done = subprocess.run(
             [python, str(TOOLS / "blender_survey.py")], capture_output=True, text=True, timeout=300, cwd=ROOT
@@ -113,7 +113,7 @@ def _real_blender() -> Iterator[Row]:
             return
         import real_blender
 
-        for _ in range(3):  # the first installs, the second makes Python's bytecode
+        for _ in range(3):  # the first run installs, the second compiles bytecode
             done = real_blender.run(TOOLS / "blender_survey.py", work, window=False, timeout=240)
     yield from _told(_answer(done.stdout + done.stderr))
 
@@ -122,7 +122,7 @@ def _real_blender() -> Iterator[Row]:
 
 
 def zips(_: argparse.Namespace) -> Iterator[Row]:
-    """Sizes of the zips that were built."""
+    """Return the sizes of the zips."""
     found = sorted((ROOT / "dist").glob("*.zip"))
     if not found:
         yield row("zip", "MB", "<= 90", "none built (dev.py build)", None)
@@ -135,7 +135,7 @@ def zips(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def random(options: argparse.Namespace) -> Iterator[Row]:
-    """So many random calls, in processes of their own; an interrupted run is gone on with."""
+    """Make random operator calls in separate processes, resuming an interrupted run."""
     kept = ROOT / "out" / "random_calls.json"
     kept.parent.mkdir(exist_ok=True)
     sources = _sources()
@@ -198,7 +198,7 @@ def _batch(batch: int) -> dict[str, Any]:
 
 
 def _sources() -> str:
-    """A text that changes with whatever the calls depend on."""
+    """Return a checksum of the sources on which the calls depend."""
     found = hashlib.sha256(sys.version.encode())
     for folder in ("engine", "bridge", "operators", "panels", "tools/random_calls.py"):
         path = ROOT / folder

@@ -1,10 +1,9 @@
-"""Whether every design that a search for spirals comes through can be cut, on the surfaces of the zoo.
+"""Check that every design on the path of a spiral search can be cut, on the surfaces of the zoo.
 
 python3 tools/dev.py bench cuttable [--only PATTERNS] [--most SPIRALS] [--patience P] [--json FILE]
 
-Of every surface five of the steps are drawn, at random and the last one among them, and their panels judged by shapely: outlines
-that do not touch themselves, slots that do not close and arms that do not part where a cutter as wide as the smallest slot,
-or the thinnest arm, is run along them.
+For every surface, five steps of the search are drawn at random, the last one included, and shapely judges their panels: outlines
+must not touch themselves, and no slot may close and no arm break when offset by a cutter of nearly their smallest width.
 """
 
 from __future__ import annotations
@@ -29,13 +28,13 @@ from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.threads import one_thread
 from rows import Row, Table, at_most, row
 
-STEPS = 5  # of every search
-TRUE = 1e-6  # metres that the drawn lines may be off the arcs
-MOST = 0.98  # of the smallest slot and of the thinnest arm that the cutter is wide
+STEPS = 5  # steps to judge per search
+TRUE = 1e-6  # metres, tolerance of polylines for arcs
+MOST = 0.98  # width of the test's cutter over the smallest slot, and over the thinnest arm
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench cuttable")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--most", type=int, default=400, help="largest number of spirals")
@@ -60,7 +59,7 @@ def main(arguments: list[str]) -> int:
 
 @one_thread
 def measure(name: str, found: job.Result, patience: float) -> list[Row]:
-    """Searches with the usual settings, and counts what cannot be cut."""
+    """Search with the default settings, and count the panels that cannot be cut."""
     design, params = found.design, OptimiseParams(patience=patience)
     assert design is not None
     task = Task(
@@ -87,7 +86,7 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
 
 
 def uncuttable(design: SpiralDesign) -> int:
-    """How many panels touch themselves, close a slot or part an arm for a cutter a little thinner than these."""
+    """Count the panels that touch themselves, or whose slots close or arms break for a cutter a little thinner than these."""
     slot, arm = design.params.slot_min, float(design.width.min())
     count = 0
     for outline in design.outlines():

@@ -1,9 +1,9 @@
-"""Measures the elastic models and the search for their equilibrium against what was asked, and against each other.
+"""Benchmark of the elastic models and the equilibrium solver: accuracy, convergence and speed, beside the required values.
 
 python3 tools/dev.py bench equilibrium [--meshes DIR] [--json FILE]
 
-Figures are those of the arm model, the program's default; those of the rod model stand beside them. Seconds are the
-processor's, with one BLAS thread, from a pose to the equilibrium, the symbolic factorisation included.
+Figures are for the arm model, the program's default, with those of the rod model beside them. Seconds are processor seconds
+with one BLAS thread, from a pose to the equilibrium, the symbolic factorisation included.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 BENIGN = {"cubesphere", "quad_dome", "dome", "torus", "vault", "saddle", "strip"}
-SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}  # wanted, by mesh
-SEEDS = 5  # starts a surface
-NOISE = 0.05  # of an edge, and radians
-SIZES = (150, 600, 2400, 10_000, 20_000)  # spirals, about
+SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}  # required processor seconds, by mesh
+SEEDS = 5  # perturbed starts per surface
+NOISE = 0.05  # standard deviation of perturbations, as a share of an edge, and in radians
+SIZES = (150, 600, 2400, 10_000, 20_000)  # approximate numbers of spirals
 LARGEST = SIZES[-1]
 
 
 def main(arguments: list[str]) -> int:
-    """Measure everything, print the table, write the rows; 0 whatever was measured."""
+    """Measure everything, print the table and write the rows; return 0 whatever the figures."""
     root = Path(__file__).resolve().parent.parent
     shared = root.parent / "shared" / "meshes"
     parser = argparse.ArgumentParser(prog="dev.py bench equilibrium")
@@ -82,7 +82,7 @@ def both(found: Subject) -> tuple[tuple[str, ElasticModel], ...]:
 
 
 def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
-    """The least of the processor's seconds that an action takes."""
+    """Return the smallest processor time of an action over several runs."""
     best = np.inf
     for _ in range(repeats):
         start = time.process_time()
@@ -95,7 +95,7 @@ def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
 
 
 def exactness(table: Table) -> None:
-    """Derivatives against central differences of the fourth order, and the energy under rigid motion."""
+    """Compare derivatives with fourth-order central differences, and the energy before and after a rigid motion."""
     found = of_shape("vault", shapes.vault(10))
     pose = shaken(found.pose, 0.05 * EDGE, 0.2, 1)
     figures = {name: _derivatives(model, pose) for name, model in both(found)}
@@ -127,13 +127,13 @@ def _derivatives(model: ElasticModel, pose: Pose) -> tuple[float, float, float]:
 
 # -- closed forms ----------------------------------------------------------------------------------------------------
 
-HUBS = 41  # of the row that is bent
+HUBS = 41  # number of hubs in the row that is bent
 
 
 def closed_forms(table: Table) -> None:
-    """A row bent to a half circle, and a cantilever under a load at its tip, against the inextensible elastica.
+    """Compare a row bent to a half circle, and a cantilever loaded at its tip, with the inextensible elastica.
 
-    Both within the plane: across it a spiral's arms twist a little as they bend, which the elastica does not.
+    Both bend within their plane: out of it a spiral's arms also twist a little, unlike the elastica.
     """
     found = straight_row(HUBS)
     bending = {
@@ -157,7 +157,7 @@ def closed_forms(table: Table) -> None:
 
 
 def _arch(model: ElasticModel, stiffness: float, length: float) -> tuple[float, float]:
-    """Errors of energy and place: one end clamped, the direction of the other turned by half a turn."""
+    """Return errors of energy and position for a row with one end clamped and the other turned by half a turn."""
     angle = np.linspace(0.0, np.pi, HUBS)
     radius = length / np.pi
     circle = radius * np.stack([np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle], axis=1)
@@ -172,7 +172,7 @@ def _arch(model: ElasticModel, stiffness: float, length: float) -> tuple[float, 
 
 
 def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: float, load: float = 2.0) -> float:
-    """Distance of the tip from where Bisshopp and Drucker (1945) say, under a load of P L^2 = ``load`` E I."""
+    """Return the distance of the tip from the solution of Bisshopp and Drucker (1945) for a load P L^2 = ``load`` E I."""
     force = np.zeros((HUBS, 3))
     force[-1, 1] = -load * stiffness / length**2
     found = solve(model, straight, Loads.of(HUBS, supports=np.array([0]), force=force), SimulateParams())
@@ -196,7 +196,7 @@ def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: f
 
 
 def on_mesh(table: Table, found: Subject) -> None:
-    """From the target, and from the target shaken: iterations, forces left, seconds, and whether it comes to rest."""
+    """Start from the target and from perturbed targets: iterations, residual forces, seconds, and convergence."""
     kind = found.name.removeprefix("made:")
     loads = Loads.of(found.assembly.size)
     rest, spent, calm = {}, {}, {}
@@ -258,7 +258,7 @@ def _apart(found: Subject, one: Equilibrium, other: Equilibrium) -> float:
 
 @one_thread
 def linear_algebra(table: Table) -> None:
-    """One Newton iteration, and refactorisation, both on the same matrix of about 2400 spirals."""
+    """Time one Newton iteration, and a refactorisation of its matrix, for about 2400 spirals."""
     found = torus(2400)
     name, pieces = f"torus {found.assembly.size}", {}
     for kind, model in both(found):
@@ -297,7 +297,7 @@ def linear_algebra(table: Table) -> None:
 
 
 def superlu(pattern: Pattern, values: np.ndarray) -> dict[str, float]:
-    """Seconds of SuperLU's factorisation of a matrix by each of its orderings, without pivoting as suits it best."""
+    """Return the seconds of SuperLU's factorisation with each of its orderings, without pivoting, which is its fastest mode."""
     matrix = pattern.matrix(values)
     options = {"SymmetricMode": True}
     return {
@@ -307,7 +307,7 @@ def superlu(pattern: Pattern, values: np.ndarray) -> dict[str, float]:
 
 
 def scaling(table: Table) -> None:
-    """Equilibrium of smooth objects of equal spirals, 150 to 20,000, and the memory of the largest."""
+    """Time the equilibrium of smooth objects of 150 to 20,000 equal spirals, and measure the memory for the largest."""
     timed(table, of_shape("vault 2400", shapes.vault(49)), 0.5)
     timed(table, torus(2400), 1.5)
     limits = {2400: 0.5, 10_000: 6.0}
@@ -328,7 +328,7 @@ def scaling(table: Table) -> None:
 
 
 def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[float, float]]:
-    """Seconds to the equilibrium, and those of an iteration, of both models."""
+    """Return the seconds to equilibrium and the seconds per iteration, for both models."""
     loads, out, rest = Loads.of(found.assembly.size), {}, {}
     for name, model in both(found):
         start = time.process_time()
@@ -348,7 +348,7 @@ def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[
 
 
 def peak(count: int) -> None:
-    """Bring one large dome to equilibrium and print the process's peak memory in megabytes."""
+    """Compute the equilibrium of one large dome and print the process's peak memory in megabytes."""
     found = dome(count)
     solve(found.arm, found.pose, Loads.of(found.assembly.size), SimulateParams())
     print(round((peak_memory() or np.nan) / 1e6))
@@ -358,7 +358,7 @@ def peak(count: int) -> None:
 
 
 def validation(table: Table) -> None:
-    """Distance of hub centres from those of full solids of the whole assembly, in percent of its size."""
+    """Compare hub centres with those of a solid model of the whole assembly; distances in percent of its size."""
     from flexmaps.database.validation import compare
 
     rows = compare()

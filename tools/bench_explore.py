@@ -1,10 +1,10 @@
-"""How long an exploration takes: on the cores of this machine, and on a Dask cluster of as many workers.
+"""Benchmark of explorations: minutes on this machine's cores, and speed-up on a Dask cluster.
 
 python3 tools/dev.py bench explore [--candidates 200] [--cores 2] [--cluster] [--json FILE]
 
-200 candidates of a surface of 432 quads in four variables are tried. With ``--cluster`` a scheduler and so many workers on this
-machine try a part of them, and one worker alone the same part: what is asked is as many times the speed as there are workers.
-Minutes are asked of a machine that does nothing else; processor seconds tell of any other whether it would hold them.
+It tries 200 candidates in four variables on a surface of 432 quads. With ``--cluster``, ``--cores`` workers on this machine try a
+part of them, and one worker alone the same part; the speed-up should be near the number of workers. The required minutes hold
+for an idle machine; on a busy one, compare the processor seconds.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from flexmaps import api
 from flexmaps.engine.errors import FlexMapsError
 from rows import Row, Table, at_least, at_most, row
 
-SHAPE = "demo"  # of the built-in surfaces the one with about 400 quads
+SHAPE = "demo"  # built-in surface with about 400 quads
 VARY = {
     "edge": "12:24",
     "spiral.thickness": "1:3",
     "spiral.width_max": "1.2:2.4",
     "material.material": "pom,birch,acrylic",
 }
-MINUTES = 15.0  # asked of 200 candidates on two cores
-SHARE = 0.8  # of the speed-up that as many workers could bring; asked
-PART = 24  # candidates that one worker alone tries too: two full batches and what is spread before them
+MINUTES = 15.0  # required for 200 candidates on two cores
+SHARE = 0.8  # required speed-up as a share of the number of workers
+PART = 24  # candidates for the comparison with one worker: the initial samples and two full batches
 
 
 def main(argv: list[str]) -> int:
@@ -65,18 +65,18 @@ def main(argv: list[str]) -> int:
 
 
 def tried(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
-    """Seconds, and what was found."""
+    """Explore; return the seconds and the result."""
     begun = time.perf_counter()
     made = api.explore(piece, VARY, candidates=count, **where)
     return time.perf_counter() - begun, made
 
 
 def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
-    """The same with one worker and with several, and what that brings."""
+    """Explore with one worker and with several; return the seconds and the speed-up."""
     seconds, found = [], []
     for count in (1, workers):
         with cluster(count) as address:
-            # so that all workers have loaded the program before the time is taken
+            # load the program on all workers before measuring
             tried(piece, 2 * count, scheduler=address)
             took, made = tried(piece, PART, scheduler=address)
         seconds.append(took)
@@ -88,7 +88,7 @@ def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
 
 @contextmanager
 def cluster(workers: int) -> Iterator[str]:
-    """A scheduler on this machine with so many workers of one thread; gives its address."""
+    """Start a scheduler and single-threaded workers on this machine; yield the scheduler's address."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

@@ -1,4 +1,4 @@
-"""Measures the way from a mesh to files for the cutter, read back by programs that had no part in writing them.
+"""Benchmark of fabrication, from a mesh to cutting files, which independent programs read back.
 
 python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME ...] [--nesting SECONDS | FAST]
 """
@@ -39,15 +39,15 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import regularise
 from rows import Row, Table, at_most, row
 
-SOLIDS_UP_TO = 60_000  # nodes of a panel of which a solid is made here: larger ones take long to fill with triangles
-SECONDS = {"bunny": 30.0}  # that all files may take to be written
-MEGABYTES = {"bunny": 15.0}  # that its SVG files may have
+SOLIDS_UP_TO = 60_000  # most nodes of a panel's solid: triangulating larger ones takes long
+SECONDS = {"bunny": 30.0}  # most seconds for writing all files, by mesh
+MEGABYTES = {"bunny": 15.0}  # largest size of the SVG files, by mesh
 KERFS = (0.0, 1e-4, 2e-4)  # metres
 COLOURS = {"#000000": "engrave", "#0000ff": "inner", "#ff0000": "outer"}
 
 
 def main(arguments: list[str]) -> int:
-    """Measure every mesh, print the table, write the rows; 0 whatever was measured."""
+    """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
     root = Path(__file__).resolve().parent.parent
     parser = argparse.ArgumentParser(prog="dev.py bench fabricate")
     shared = root.parent / "shared" / "meshes"
@@ -75,12 +75,12 @@ def main(arguments: list[str]) -> int:
 
 
 def asked_nesting(text: str) -> SheetParams:
-    """The settings of the sheets that go with ``--nesting``."""
+    """Return the settings of the sheets for the option ``--nesting``."""
     return SheetParams(nesting="FAST") if text == "FAST" else SheetParams(nesting_seconds=float(text))
 
 
 def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
-    """All rows of one mesh, at quads of 20 mm and a sheet of 600 x 400 x 2 mm."""
+    """Return all rows of one mesh, with quads of 20 mm and sheets of 600 x 400 x 2 mm."""
     layout_params = LayoutParams()
     started = time.process_time()
     mesh = regularise.regularise(check.as_quad_mesh(check.scaled(polygons, edge=EDGE)), RegulariseParams())
@@ -90,7 +90,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     spirals = design.from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
     quick = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     seconds = time.process_time() - started
-    # loose keys lie in rows on a sheet of their own
+    # leave out loose keys, which lie in rows on their own sheet
     shapes = [p.outline.sampled(2e-5) for p in quick.panels if p.patch >= 0]
     started = time.monotonic()
     packed = sheets.with_keys(nesting.nest(shapes, params), quick.connections.keys, params)
@@ -119,7 +119,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
 
 
 def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[Row]:
-    """Whether every joint has one connector of two parts that fit, and the clearance that three cutters leave."""
+    """Check that every joint has one connector with two matching parts, and the clearance after cutting with three kerfs."""
     layout = spirals.flat.layout
     named = [c.name for c in made.connectors] + [n for n, *_ in made.unsolved]
     sides = {frozenset(zip(c.faces, c.sides, strict=True)) for c in made.connectors}
@@ -143,7 +143,7 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
 
 
 def _cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
-    """How small the spirals are whose joints have no connector."""
+    """Describe the sizes of the spirals whose joints have no connector."""
     small = [float(spirals.scale[[*faces]].min()) * 1e3 for _, *faces in made.unsolved]
     return {"their spirals, mm": f"{min(small):.1f} to {max(small):.1f}"} if small else {}
 
@@ -152,7 +152,7 @@ def _cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
 
 
 def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat: Any) -> list[Row]:
-    """How full the sheets are; and one long strip of the sheet's height, where the size of the panels matters less."""
+    """Measure the fill of the sheets, and of one long strip of the same height, where the panels' size matters less."""
     panels = [p for p in made.panels if p.patch >= 0]
     shapes, area = [p.outline.sampled(2e-5) for p in panels], sum(p.outline.area for p in panels)
     strip = replace(made.params, sheet_width=10.0)
@@ -188,13 +188,13 @@ def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat
 
 
 def _without_keys(found: packing.Packing, count: int) -> packing.Packing:
-    """The packing of the panels alone; loose keys lie on a sheet of their own, the last one."""
+    """Return the packing without the last sheet, which holds only loose keys."""
     sheets_used = int(found.sheet[:count].max()) + 1
     return packing.Packing(found.sheet[:count], found.rotation[:count], found.shift[:count], found.sizes[:sheets_used])
 
 
 def box_strip(shapes: list[np.ndarray], height: float, spacing: float) -> float:
-    """Length of a strip of boxes in columns, the widest first (first fit decreasing)."""
+    """Return the length of a strip of bounding boxes packed in columns, widest first (first fit decreasing)."""
     boxes = []
     for shape in shapes:
         long, short = packing.least_box(shape)[1] + spacing
@@ -211,7 +211,7 @@ def box_strip(shapes: list[np.ndarray], height: float, spacing: float) -> float:
 
 
 def xatlas_fill(flat: Any, area: float, spacing: float) -> float:
-    """Share of xatlas's page that panels of this area cover; its page has no given height, a texel is a millimetre."""
+    """Return the fill of a page packed by xatlas, whose height is free and whose texels are 1 mm, for panels of this area."""
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -231,7 +231,7 @@ def xatlas_fill(flat: Any, area: float, spacing: float) -> float:
 
 
 def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
-    """What other programs find in the files."""
+    """Return rows on what other programs read from the files."""
     rows = []
     paths = export.write(made, base, ("svg",))
     size = sum(os.path.getsize(p) for p in paths) / 1e6
@@ -248,7 +248,7 @@ def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
 def shape_rows(
     name: str, kind: str, found: list[list[shapely.Polygon]], made: CutSheets, close: bool = False
 ) -> list[Row]:
-    """Panels of every sheet as polygons in mm: whole, apart, of the design's area; ``close`` looks at slots and bridges."""
+    """Check panels read from a file (mm): complete, disjoint, and of the design's area; with ``close``, also slots and bridges."""
     panels = [p for s in found for p in s]
     wanted = [p.area * 1e6 for k in range(made.count) for p in made.on_sheet(k)]
     off = max(abs(a.area / b - 1.0) for a, b in zip(panels, wanted, strict=True))
@@ -269,7 +269,7 @@ def shape_rows(
         least = made.params.spacing * 1e3
         rows.append(row(name, f"{kind}: apart, mm", f">= {least:g}", round(near, 3), near >= least - 0.05))
     if close:
-        # both sides of a slot may stray by the tolerance of the curves, and a little by being read in chords
+        # both sides of a slot may deviate by the tolerance of the curves, and by the chords in which they are read
         slot, bridge = (0.5e3 * x - 1.5e3 * made.params.tolerance for x in (made.slot_min, made.bridge_min))
         broken = sum(not isinstance(p.buffer(-bridge, quad_segs=2), shapely.Polygon) for p in panels)
         holes = np.array([shapely.Polygon(r) for p in panels for r in p.interiors])
@@ -280,7 +280,7 @@ def shape_rows(
 
 
 def svg_polygons(path: Path) -> list[shapely.Polygon]:
-    """The panels of one file in mm, y upwards, by svgelements."""
+    """Read the panels of an SVG file with svgelements, in mm, y up."""
     import svgelements
 
     document = svgelements.SVG.parse(str(path), ppi=25.4)
@@ -302,7 +302,7 @@ def svg_polygons(path: Path) -> list[shapely.Polygon]:
 
 
 def idle_cuts(path: Path) -> int:
-    """Segments of a file that go nowhere, and paths that stand in it twice, by svgelements."""
+    """Count segments of zero length and duplicate paths in an SVG file, with svgelements."""
     import svgelements
 
     found, seen = 0, set()
@@ -317,7 +317,7 @@ def idle_cuts(path: Path) -> int:
 
 
 def dxf_polygons(path: Path) -> list[shapely.Polygon]:
-    """The panels of one file in mm, by ezdxf."""
+    """Read the panels of a DXF file with ezdxf, in mm."""
     import ezdxf
     import ezdxf.path
 
@@ -327,14 +327,14 @@ def dxf_polygons(path: Path) -> list[shapely.Polygon]:
     for entity in document.modelspace():
         if entity.dxf.layer in rings:
             points = np.array([(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)])
-            # ezdxf closes a curve of arcs to within rounding, which is a crossing for shapely
+            # rounding in ezdxf leaves the ends of a closed curve apart, which shapely takes for a crossing
             same = np.abs(points[-1] - points[0]).max() < 1e-6
             rings[entity.dxf.layer].append(points[:-1] if same else points)
     return _panels(rings["CUT_OUTER"], rings["CUT_INNER"])
 
 
 def _panels(outer: list[np.ndarray], inner: list[np.ndarray]) -> list[shapely.Polygon]:
-    """Every hole in the outline that holds it."""
+    """Assign every hole to the outline that contains it."""
     outlines = [shapely.Polygon(ring) for ring in outer]
     holes: list[list[np.ndarray]] = [[] for _ in outlines]
     tree = shapely.STRtree(outlines)
@@ -346,7 +346,7 @@ def _panels(outer: list[np.ndarray], inner: list[np.ndarray]) -> list[shapely.Po
 
 
 def pdf_error(made: CutSheets, target: Path) -> float:
-    """Millimetres by which the pages' sizes stray from the sheets'."""
+    """Return the largest difference between the sizes of the PDF's pages and the sheets, in mm."""
     import pypdfium2
 
     found = [
@@ -357,7 +357,7 @@ def pdf_error(made: CutSheets, target: Path) -> float:
 
 
 def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
-    """Solids of the panels that are not too large, as trimesh sees them; the first one through a file too."""
+    """Check the solids of panels that are not too large with trimesh, the first also after writing and reading a file."""
     import trimesh
 
     chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO]

@@ -1,10 +1,10 @@
-"""Measures searches that easily stall: how near they come, whether the piece comes out as predicted, and how far it is from snapping.
+"""Benchmark of searches that easily stall: match, agreement of the predicted shape with new simulations, distance from snapping.
 
 python3 tools/dev.py bench far [--only PATTERNS] [--meshes FOLDER] [--patience TIMES] [--json FILE]
 
-Every surface is scaled to quads of 20 mm, laid out by default and optimised free, without supports. "From the target" is a new simulation that
-starts in the target's shape, as somebody who assembles the piece would; "shaken" one that starts from there with hubs moved at random. Where
-these rest elsewhere, a finding has to say so. The softest motion's share of stiffness is 0 where the piece snaps.
+Every surface is scaled to quads of 20 mm, laid out with the default settings and optimised without supports. "From the target": a new
+simulation that starts at the target, as when the piece is assembled. "Shaken": one that starts there with hubs displaced at random. If
+these reach another equilibrium, a finding has to say so. The stiffness of the softest motion is 0 where the piece snaps.
 """
 
 from __future__ import annotations
@@ -31,14 +31,15 @@ from zoo import hard
 
 EDGE = 0.02  # metres, median edge
 FORMATS = (".obj", ".off", ".ply")
-# RMS distance in % of the size that a class of surfaces should reach with the usual patience
+# required RMS distance in % of the size, by class of surface, with the default patience
 ASKED = {"mug": 0.2, "lattice-dome": 1.0, "lattice-saddle": 1.0, "pen-holder": 3.0, "hall": 1.4, "form-found": 1.5}
-CONFIRMED = 1.1  # times that RMS distance from the target's pose, unless the other rest is named
-SOFTEST = 0.05  # share of stiffness that a search should leave
+# largest ratio of the RMS distance from the target's pose to the predicted one, unless a finding names the other shape
+CONFIRMED = 1.1
+SOFTEST = 0.05  # required stiffness of the softest motion, as a share
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table; 0 whatever was measured."""
+    """Measure and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench far")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--meshes", type=Path, help="a folder with more meshes")
@@ -75,7 +76,7 @@ def _measured(name: str, make: Callable[[], PolygonMesh], patience: float) -> li
 
 
 def _rows(name: str, found: Optimisation, seconds: float, settings: Settings) -> list[Row]:
-    """Return what a search has come to, as rows."""
+    """Return rows on the outcome of a search."""
     after, physics = found.after, replace(settings.simulate, restarts=0)
     rms, strain = after.match["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, physics)

@@ -1,4 +1,4 @@
-"""``python3 tools/dev.py bench fem``: accuracy and speed of the fine level, what was asked beside what was measured."""
+"""``python3 tools/dev.py bench fem``: accuracy and speed of the solid model, measured beside required values."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def cpu(action: Callable[[], object]) -> float:
 
 
 def against_finer_meshes() -> list[Row]:
-    """Energy at the corners of the sampled region under strain-targeted loads, against a mesh about four times as fine."""
+    """Compare energies with those of a mesh about four times as fine, at the corners of the sampled parameters, for given strains."""
     from flexmaps.database.sampling import Sampler, subjects
     from flexmaps.database.solid import Fineness
     from flexmaps.database.statics import Model
@@ -63,7 +63,7 @@ def against_scikit_fem() -> list[Row]:
     error = 100 * abs(solved[0].energy / theirs[0] - 1.0)
     seconds = {"scikit-fem seconds": round(peer, 2), "ours seconds": round(ours, 3)}
     rows = [most("energy of a cross against scikit-fem, %", 0.5, error, peer=seconds)]
-    # unlike widths and twists, so that the joint is blended
+    # different widths and twists, so that the joint is blended
     pair = DesignSolid(sheet(2, 1, np.array([1.0, 2.0]), np.array([120.0, 0.0])), 0.3, [0])
     rest = target_pose(pair.design.flat.layout.mesh, pair.design.flat.corners)
     force = np.array([1.0, 2.0, 3.0]) * 1e-7  # so small that both sides are linear
@@ -75,7 +75,7 @@ def against_scikit_fem() -> list[Row]:
 
 
 def exactness() -> list[Row]:
-    """Rigid motion, finite differences, and Castigliano's curved beam."""
+    """Check invariance under rigid motion, derivatives by finite differences, and a curved beam by Castigliano's theorem."""
     from flexmaps.database import linear
     from flexmaps.database.geometry import Spiral
     from flexmaps.database.statics import Model
@@ -157,7 +157,7 @@ def speed() -> list[Row]:
 
 
 def scaling() -> list[Row]:
-    """Processor seconds of one solve as the number of elements doubles twice."""
+    """Return the processor seconds of one solve while the number of elements doubles twice."""
     from flexmaps.database.sampling import Sampler, subjects
     from flexmaps.database.solid import Fineness
     from flexmaps.database.statics import Model
@@ -224,7 +224,7 @@ PARTS = (exactness, against_scikit_fem, against_finer_meshes, speed, scaling, fi
 
 
 def main(arguments: list[str]) -> int:
-    """Run all parts; 0 when they ran, whatever they measured."""
+    """Run all parts; return 0 whatever the figures."""
     from threadpoolctl import threadpool_limits
 
     parser = argparse.ArgumentParser(prog="tools/dev.py bench fem")

@@ -1,9 +1,9 @@
-"""Measures the files of sheets in the programs that read them: travel, labels, segments, and what FreeCAD, LibreCAD, Inkscape, and a slicer find.
+"""Benchmark of the sheets' files: travel, labels and segments, and reading by FreeCAD, LibreCAD, Inkscape and a slicer.
 
 python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only NAME ...]
 
-Small sheets of every kind (``sheet_kinds.py``) and the demo's are measured; ``--thorough`` adds larger meshes and a slicer's seconds.
-A program that is not installed is named. Travel is compared with vpype's ``linesort`` of the same curves where ``vpype`` is installed
+It measures small sheets of every kind (``sheet_kinds.py``) and those of the demo; ``--thorough`` adds larger meshes and the seconds of a
+slicer. Programs that are missing are named. Travel is compared with vpype's ``linesort`` of the same curves if ``vpype`` is installed
 (``pip install vpype`` in any environment; FLEXMAPS_VPYPE is its path).
 """
 
@@ -40,8 +40,8 @@ from rows import Row, Table, at_least, at_most, row
 from sheet_kinds import KINDS
 
 QUICK, MESHES = ("made:demo",), ("made:demo", "vault", "cubesphere", "three_holes")
-FORMER = 4e-6  # metres between arcs and the edges of solids before these were made coarser
-SMALLER = 0.55  # of the former size and seconds of solids
+FORMER = 4e-6  # metres, former tolerance of the edges of solids, before it was made coarser
+SMALLER = 0.55  # required size and seconds of solids, as a share of those with the former tolerance
 # inserts drawings and counts the edges of their objects
 FREECAD = """
 import FreeCAD, Import, os
@@ -51,13 +51,13 @@ for path in os.environ["DRAWINGS"].split(os.pathsep):
     print("EDGES", sum(len(each.Shape.Edges) for each in document.Objects if hasattr(each, "Shape")))
     FreeCAD.closeDocument(document.Name)
 """
-TRAVEL = 1.1  # times the way of vpype's linesort
-LIBRECAD, SLICED = 2, 2  # drawings that LibreCAD prints, kinds whose solids the slicer looks at: seconds each
-PASSES = ("engraved", "inner", "outer")  # in the order of the work
+TRAVEL = 1.1  # largest travel over that of vpype's linesort
+LIBRECAD, SLICED = 2, 2  # number of drawings for LibreCAD and of kinds for the slicer: each takes seconds
+PASSES = ("engraved", "inner", "outer")  # in the order of cutting
 
 
 def main(arguments: list[str]) -> int:
-    """Measure every mesh, print the table, write the rows; 0 whatever was measured."""
+    """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
     root = Path(__file__).resolve().parent.parent
     parser = argparse.ArgumentParser(prog="dev.py bench files")
     shared = root.parent / "shared" / "meshes"
@@ -94,7 +94,7 @@ def main(arguments: list[str]) -> int:
             if options.thorough:
                 table.add(*solid_rows(name, sheets, folder, thorough=True))
                 kept.append((sheets, folder))
-        if not options.thorough:  # triangles of a large sheet take seconds
+        if not options.thorough:  # triangulating a large sheet takes seconds
             table.add(*solid_rows(next(iter(KINDS)), *kept[0], thorough=False))
         table.add(*printed_rows(Path(place)))
         table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
@@ -106,7 +106,7 @@ def main(arguments: list[str]) -> int:
 
 
 def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list[Row]:
-    """Segments, corners, holding tabs, labels, and the drawings as ezdxf and svgelements read them."""
+    """Check segments, corners, holding tabs and labels, and the drawings as read by ezdxf and svgelements."""
     runs = [made.runs(k) for k in range(made.count)]
     curves = [c for r in runs for c in (*r.inner, *r.outer)]
     least = 1e3 * min(float(np.linalg.norm(np.diff(c.points, axis=0), axis=1).min()) for c in curves)
@@ -117,7 +117,7 @@ def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list
     if made.cut.tabs and not made.cut.lead_in:
         off = 1e3 * max(map(abs, (gap - made.cut.tab_width - made.cut.kerf_outline for r in runs for gap in _gaps(r))))
         found.append(at_most(name, "holding tabs off their width, mm", 0.01, off))
-    if made.cut.nozzle:  # arms of 1 mm are less than two of its lines
+    if made.cut.nozzle:  # arms of 1 mm are thinner than two printed lines
         told = sum("nozzle" in text for text in made.warnings)
         found.append(at_least(name, "warnings of arms under two lines", 1, told))
     found.append(at_most(name, "labels without room", 0, made.labels_left_out))
@@ -127,7 +127,7 @@ def sheet_rows(name: str, made: CutSheets, folder: Path, thorough: bool) -> list
 
 
 def written(made: CutSheets, folder: Path, thorough: bool) -> list[Path]:
-    """The drawings of the first sheet, which the writers make as all others, or of all sheets."""
+    """Write the drawings of the first sheet, or with ``thorough`` of all sheets."""
     paths = []
     for key in ("svg", "dxf", "dxf-r12"):
         for index in range(made.count if thorough else 1):
@@ -138,7 +138,7 @@ def written(made: CutSheets, folder: Path, thorough: bool) -> list[Path]:
 
 
 def _gaps(runs: Runs) -> Iterator[float]:
-    """Metres between the end of every piece of an outline and the start of the next, where there are holding tabs."""
+    """Return the gaps (metres) of the holding tabs: from the end of each part of an outline to the start of the next."""
     ends = np.array([c.points[-1] for c in runs.outer if not c.closed]).reshape(-1, 2)
     starts = np.array([c.points[0] for c in runs.outer if not c.closed]).reshape(-1, 2)
     for end in ends:
@@ -146,7 +146,7 @@ def _gaps(runs: Runs) -> Iterator[float]:
 
 
 def _drawing_faults(path: Path, made: CutSheets) -> int:
-    """Faults of a drawing: what ezdxf's audit finds, a wrong extent, a zero bulge in R12, or a closed path that ends on its start."""
+    """Count faults of a drawing: errors of ezdxf's audit, wrong extent, zero bulges in R12, closed paths that repeat their start."""
     index = int(path.stem.rpartition("-")[2]) - 1
     size = 1e3 * made.packing.sizes[index]
     if path.suffix == ".dxf":
@@ -164,7 +164,7 @@ def _drawing_faults(path: Path, made: CutSheets) -> int:
 
 
 def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> list[Row]:
-    """Size of the solids of the first sheet beside that with the former tolerance, and a slicer's seconds with both."""
+    """Compare size and slicing time of the first sheet's solids with those at the former tolerance."""
     new, old = folder / "new.stl", folder / "old.stl"
     panels = made.on_sheet(0)
     for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
@@ -178,7 +178,7 @@ def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> l
 
 
 def _sliced(slicer: str, path: Path) -> float:
-    """Processor seconds of slicing a file for a bed as large as the sheet."""
+    """Return the processor seconds of slicing a file for a bed as large as the sheet."""
     import resource
 
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -192,7 +192,7 @@ def _sliced(slicer: str, path: Path) -> float:
 
 
 def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]:
-    """What other programs find in all drawings of these names together."""
+    """Return rows on what other programs read from all drawings together."""
     wanted, drawings = [], []
     for made, folder in written:
         for path in sorted(folder.glob(names)):
@@ -238,7 +238,7 @@ def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]
 
 
 def printed_rows(folder: Path) -> list[Row]:
-    """What a browser prints of the page to share."""
+    """Check the printout of the share page by a browser."""
     if browser.found() is None:
         return [row("share page", "printed", "", "no browser", None)]
     piece = api.simulate(api.spirals(api.load("shape:strip", edge=20, settings={"sheet.nesting": "FAST"})))
@@ -256,7 +256,7 @@ def printed_rows(folder: Path) -> list[Row]:
 
 
 def _inflated(data: bytes) -> bytes:
-    """What is left of a stream of a PDF file when it is unpacked; nothing of one that is packed in another way."""
+    """Inflate a stream of a PDF file; return b"" if it is compressed in another way."""
     try:
         return zlib.decompressobj().decompress(data)
     except zlib.error:
@@ -264,7 +264,7 @@ def _inflated(data: bytes) -> bytes:
 
 
 def _inkscape_off(inkscape: str, written: list[tuple[CutSheets, Path]]) -> float:
-    """Millimetres by which Inkscape sees sheets larger or smaller than they are, in millimetres and in inches."""
+    """Return the largest error of the sheets' sizes as read by Inkscape, in mm, for drawings in millimetres and in inches."""
     made, folder = written[0]
     inches = folder / "inches.svg"
     svg.write(replace(made, cut=replace(made.cut, svg_unit="in")), 0, inches)
@@ -290,7 +290,7 @@ def _ran(*words: str | Path, **more: str) -> str:
 
 
 def travel(curves: list[Curve], here: np.ndarray) -> tuple[float, np.ndarray]:
-    """Metres between curves in their order, and where that ends."""
+    """Return the travel between curves in their order, in metres, and the end point."""
     way = 0.0
     for curve in curves:
         way += float(np.linalg.norm(curve.points[0] - here))
@@ -299,7 +299,7 @@ def travel(curves: list[Curve], here: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def travel_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
-    """The way of every pass without cutting, over all sheets."""
+    """Measure the travel without cutting in each pass, over all sheets."""
     ours, peer, seconds = dict.fromkeys(PASSES, 0.0), dict.fromkeys(PASSES, 0.0), 0.0
     vpype = os.environ.get("FLEXMAPS_VPYPE") or shutil.which("vpype")
     for index in range(made.count):
@@ -324,10 +324,10 @@ def travel_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
 
 
 def sorted_travel(curves: list[Curve], folder: Path, vpype: str) -> float:
-    """Metres between curves in the order of vpype's linesort, which may turn every curve round, from the origin on."""
+    """Return the travel in the order of vpype's linesort, which starts at the origin and may reverse curves, in metres."""
     lines = [c.sampled(1e-4) for c in curves]
     lines = [np.concatenate([p, p[:1]]) if c.closed else p for c, p in zip(curves, lines, strict=True)]
-    np.random.default_rng(0).shuffle(lines)  # type: ignore[arg-type]  # vpype keeps an order that it cannot better
+    np.random.default_rng(0).shuffle(lines)  # type: ignore[arg-type]  # vpype keeps an order that it cannot improve
     paths = "".join(f'<path d="M{" ".join(f"{x:.4f},{y:.4f}" for x, y in p * 1e3)}"/>' for p in lines)
     before, after = folder / "before.svg", folder / "after.svg"
     before.write_text(
@@ -343,7 +343,7 @@ def sorted_travel(curves: list[Curve], folder: Path, vpype: str) -> float:
 
 
 def svg_lines(path: Path) -> list[np.ndarray]:
-    """The lines of a file of vpype in its own unit."""
+    """Read the lines of an SVG file by vpype, in its own unit."""
     import svgelements
 
     found: list[Any] = []

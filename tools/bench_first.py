@@ -1,9 +1,10 @@
-"""Takes objects that Blender itself makes by *Next* alone, at the defaults, from the object to its sheets.
+"""Benchmark for newcomers: objects made with Blender, from the object to its sheets by *Next* alone, with the default settings.
 
 python3 tools/dev.py bench first [--thorough] [--only NAME ...] [--quads N] [--cure] [--json FILE]
 
-A row an object: presses, processor seconds with child processes, wall seconds, sheets, spirals, RMS, strain, what is left to look at,
-what of it has no cure, and what is found by other means and told by nothing. The quick ones take few quads; ``--thorough`` takes all of them at the default count and at 1,500 quads.
+A row per object: presses, processor seconds with child processes, wall seconds, sheets, spirals, RMS, strain, number of open
+findings, findings without a cure, and faults found by independent checks that no finding mentions. By default it takes a few objects
+with few quads; ``--thorough`` takes all objects with the default number of quads and with 1,500.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ import flexmaps
 from findings_apart import unsaid
 from flexmaps import api
 
-USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, what it was once, and so few that a row takes seconds
-LARGER = 2.0  # times: what *Next* offers to make larger at most
-PRESSES, SECONDS, RMS = 14, 60.0, 1.0  # asked: most presses, processor seconds, and percent from the target
+USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, the former default, and few enough for rows that take seconds
+LARGER = 2.0  # largest factor by which *Next* offers to enlarge a piece
+PRESSES, SECONDS, RMS = 14, 60.0, 1.0  # required: most presses, most processor seconds, largest RMS distance in percent
 
 
 def _primitive(name: str, **options: Any) -> Callable[[], None]:
@@ -107,7 +108,7 @@ def _boolean() -> None:
 
 
 QUICK = ("plane", "grid", "cube", "text", "hill")  # together under a minute
-# what somebody may begin with, by name
+# objects that beginners may start with, by name
 OBJECTS: dict[str, Callable[[], None]] = {
     "plane": _primitive("plane"),
     "grid": _primitive("grid"),
@@ -140,7 +141,7 @@ OBJECTS: dict[str, Callable[[], None]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """Take every object to its sheets, print a row each; 1 where one has not got there."""
+    """Take every object to its sheets and print a row for each; return 1 if one has failed."""
     parser = argparse.ArgumentParser(prog="dev.py bench first")
     parser.add_argument("--thorough", action="store_true", help="all objects, at the default count and at 1,500 quads")
     parser.add_argument("--only", nargs="+", choices=OBJECTS, help="these alone")
@@ -163,7 +164,7 @@ def main(arguments: list[str]) -> int:
 
 
 def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
-    """One object taken to its sheets."""
+    """Take one object to its sheets and return its row."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     OBJECTS[name]()
     obj = bpy.context.object
@@ -193,7 +194,7 @@ def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
 
 
 def _larger_for_years(findings: list[dict[str, Any]]) -> float | None:
-    """Times that a piece would have to be larger to last for years, as its finding says; None where none is told."""
+    """Return the factor by which a piece must be enlarged to last for years, from its finding; None without such a finding."""
     for finding in findings:
         if finding["key"] == "equilibrium/years":
             told = re.search(r"([\d.e+]+) times larger|lasts for years too", finding["text"])
@@ -212,7 +213,7 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _summary(rows: list[dict[str, Any]]) -> None:
-    """Beside what was asked, for 25 objects."""
+    """Print a summary beside the required values, which hold for 25 objects."""
     there = [row for row in rows if row["sheets"]]
     near = sum(row["rms_percent"] is None or row["rms_percent"] <= RMS for row in there)
     print(f"to sheets {len(there)} of {len(rows)} (asked: all)")

@@ -1,6 +1,6 @@
-"""Damaged input through the program: ``bench fuzz readers|meshes|settings|stored [--count N] [--first N] [--whole K] [--one N]``.
+"""Fuzzing with damaged input: ``bench fuzz readers|meshes|settings|stored [--count N] [--first N] [--whole K] [--one N]``.
 
-Every case is made from its number alone, so ``--one N`` plays it again. Only ``FlexMapsError`` may come of it, within
+Every case is generated from its number, so ``--one N`` repeats it. A case may raise only ``FlexMapsError``, and must end within
 ``SECONDS`` of processor time.
 """
 
@@ -13,8 +13,8 @@ import sys
 import time
 import traceback
 
-SECONDS = 5.0  # longest that a case may take
-# cases of each kind, if none are asked for
+SECONDS = 5.0  # largest processor time of a case
+# default number of cases of each kind
 COUNTS = {"readers": 20_000, "meshes": 1000, "settings": 20_000, "stored": 600}
 
 
@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> int:
         start = time.process_time()
         try:
             outcomes[fuzzer.play(number, bool(args.whole) and number % args.whole == 0)] += 1
-        except Exception as error:  # whatever it is, it is a fault
+        except Exception as error:  # every other exception is a fault
             frame = traceback.extract_tb(error.__traceback__)[-1]
             where = next(
                 (f for f in reversed(traceback.extract_tb(error.__traceback__)) if "site-packages" not in f.filename),

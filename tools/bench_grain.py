@@ -1,11 +1,11 @@
-"""Sheets with a grain: the arm model against orthotropic solids, its derivatives against differences, and what it costs.
+"""Benchmark of sheets with a grain: the arm model against orthotropic solids, its derivatives, and its speed.
 
 python3 tools/dev.py bench grain [--spirals N] [--json FILE]
 python3 tools/dev.py bench grain --panels [--only PATTERNS]
 
-Single spirals are random in size, width, twist, direction of the grain and plywood: five plies, three plies, and anything between
-with other shear moduli. Whole pieces are those whose name begins with ``grain`` in ``database/validation``.
-``--panels`` tells instead what it brings that panels of birch plywood are turned, each for itself, before and after a search.
+Single spirals have random sizes, widths, twists, grain directions and plywoods: five plies, three plies, and interpolations with other
+shear moduli. Whole pieces are those in ``database/validation`` whose names begin with ``grain``. ``--panels`` measures instead how much
+better the match is if each panel of birch plywood is turned to its best grain direction, before and after a search.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.known import twist_limit
 from rows import Row, Table, at_most, row
 
-MEDIAN, MOST, APART = 3.0, 8.0, 0.5  # percent: of single spirals' energies, and RMS distance of pieces over their size
-STOUT = 8.0  # s/w below which arms are hardly longer than their hubs
+# required, percent: median and largest error of single spirals' energies; RMS distance of whole pieces over their size
+MEDIAN, MOST, APART = 3.0, 8.0, 0.5
+STOUT = 8.0  # size over width of a spiral; below it, arms are hardly longer than their hubs
 # small surfaces of the zoo
 SURFACES = (
     "cap-pole4",
@@ -52,13 +53,13 @@ SURFACES = (
     "flower3",
     "cube",
 )
-STEPS = 8  # of the search beside which panels are turned; not measured, it bounds the time
-WRENCHES = 300  # random ones a spiral, moments as of forces at half an arm's length
-POISSON = 0.3  # of the table that the beams are put into
+STEPS = 8  # steps of the search after which panels are turned; not measured, it limits the time
+WRENCHES = 300  # random wrenches per spiral, with moments like those of forces at half an arm's length
+POISSON = 0.3  # Poisson's ratio of the table of isotropic compliances
 
 
 def main(arguments: list[str]) -> int:
-    """Run all parts; 0 when they ran, whatever they measured."""
+    """Run all parts; return 0 whatever the figures."""
     from threadpoolctl import threadpool_limits
 
     parser = argparse.ArgumentParser(prog="tools/dev.py bench grain")
@@ -83,7 +84,7 @@ def main(arguments: list[str]) -> int:
 
 
 def panels(name: str) -> list[Row]:
-    """RMS distances of a surface's piece, mm, with one grain for all panels and with turned ones: as laid out, and after a search."""
+    """Return RMS distances (mm) with a common grain and with turned panels, before and after a search."""
     polygons, out = zoo.SURFACES[name].polygons(), []
     given = {
         "material.material": "birch",
@@ -117,7 +118,7 @@ def panels(name: str) -> list[Row]:
 
 
 def plywoods(number: int, rng: np.random.Generator) -> Orthotropy:
-    """One of three kinds in turn; shear moduli between those of birch plywood in the sources and 0.9 GPa."""
+    """Return one of three kinds of plywood in turn, with random shear moduli from those of birch plywood to 0.9 GPa."""
     five, three = FIVE_PLIES.orthotropy, three_plies().orthotropy
     assert five is not None and three is not None
     flat, steep = rng.uniform(0.4e9, 0.9e9, 2)
@@ -128,7 +129,7 @@ def plywoods(number: int, rng: np.random.Generator) -> Orthotropy:
 
 
 def spirals(count: int) -> list[Row]:
-    """Energies of single spirals under random wrenches at a tip against those of solids."""
+    """Compare energies of single spirals under random wrenches at a tip with those of solids."""
     rng, errors, ratios = np.random.default_rng(2026), [], []
     for number in range(count):
         ratio, flat = (math.exp(rng.uniform(*np.log(span))) for span in ((6.0, 35.0), (0.4, 2.8)))
@@ -156,15 +157,15 @@ def spirals(count: int) -> list[Row]:
 
 
 def solid(spiral: Spiral, known: Orthotropy, angle: float) -> np.ndarray:
-    """(6, 6) compliance of the solid's tip, per Young's modulus along the grain; angle from the radius to the grain."""
-    # the tip that ``linear`` loads lies on the y axis
+    """Return the (6, 6) compliance of the solid's tip, times Young's modulus along the grain; angle from radius to grain."""
+    # ``linear`` loads the tip on the y axis
     stiffness = orthotropic(known, known.along, angle + 0.5 * math.pi)
     model = Model(spiral, POISSON, table.fineness_of(spiral), stiffness=stiffness)
     return linear.tip_compliance(model, linear.unit_motions(model))
 
 
 def pieces() -> list[Row]:
-    """Shapes and energies of whole pieces under supports, loads and their own seams."""
+    """Compare shapes and energies of whole pieces under supports and loads, and as closed by their seams, with solids."""
     out = []
     for one in validation.compare(("arm",), only="grain"):
         name = one["case"].removeprefix("grain-")
@@ -175,7 +176,7 @@ def pieces() -> list[Row]:
 
 
 def derivatives() -> list[Row]:
-    """Exact derivatives against central differences, relative to the arms' own compliance and to the forces."""
+    """Compare derivatives with central differences, relative to the compliance of the arms and to the forces."""
     rng, n = np.random.default_rng(1), 400
     known = FIVE_PLIES.orthotropy
     assert known is not None
@@ -202,7 +203,7 @@ def derivatives() -> list[Row]:
 
 
 def forces() -> Row:
-    """The derivative of the forces of a piece by its widths and twists, along a random direction."""
+    """Check the derivative of a piece's forces with respect to widths and twists along a random direction."""
     case = next(one for one in validation.named("grain-patch"))
     design = case.design
     pose = validation.loads(case, case.loadings[0])[1]
@@ -232,7 +233,7 @@ def forces() -> Row:
 
 
 def speed() -> list[Row]:
-    """Processor seconds of the model of a piece, with a grain and without."""
+    """Measure the processor seconds of building a piece's model, with and without a grain."""
     design = next(one for one in validation.named("grain-dome")).design
     known, out = of_design(design), []
     for name, material in (("with a grain", FIVE_PLIES), ("without", replace(FIVE_PLIES, orthotropy=None))):

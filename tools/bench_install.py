@@ -1,4 +1,4 @@
-"""Measures the way from the web to the first button against what was asked: sizes, enabling, installing from a repository.
+"""Benchmark of installing: sizes of the zips, seconds to enable the extension, seconds from a repository to the first button.
 
 python3 tools/dev.py bench install [--platform all] [--json FILE] [--repeat 3]
 
@@ -17,12 +17,12 @@ import fresh_blender
 from rows import Row, Table, at_most, row
 
 MEGABYTE = 1e6  # bytes, as in what download pages say
-# asked of the program: megabytes a zip, seconds until it is enabled, seconds from the repository to the first button
+# required: megabytes per zip, seconds until it is enabled, seconds from the repository to the first button
 SIZE, ENABLE, BUTTON = 75.0, 0.2, 60.0
 
 
 def main(arguments: list[str]) -> int:
-    """Build, measure, print the table; 0 whatever was measured."""
+    """Build, measure and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench install")
     own = build_zip.own_platform()
     parser.add_argument(

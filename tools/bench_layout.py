@@ -1,10 +1,10 @@
-"""Measures tracing, merging and flattening against what was asked, and against libigl and Blender on the same patches.
+"""Benchmark of tracing, merging and flattening, beside required values and beside libigl and Blender on the same patches.
 
 python3 tools/dev.py bench layout [--meshes DIR] [--json FILE]
 python3 tools/dev.py bench layout --match FILE [--only PATTERNS] [--layouts N] [--patience TIMES] [--meshes DIR]
 
-``--match`` compares the predicted match of layouts with the one that the optimiser reaches, which it keeps in FILE: searches that
-stand there are not run again, predictions are.
+``--match`` compares the predicted match of layouts with the match that the optimiser reaches. Results of searches are stored in FILE
+and not computed again; predictions always are.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from flexmaps.engine.surface.remeshing import regularise
 from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres, median quad edge of every mesh here
-# the most patches that are wanted
+# largest number of patches, by mesh
 PATCHES = {"cubesphere": 1, "three_holes": 11, "bunny": 10, "vault": 2, "spot": 25}
-SECONDS = {"bunny": 4.0, "spot": 8.0}  # the most time for tracing and merging; 2 for the others
+SECONDS = {"bunny": 4.0, "spot": 8.0}  # largest time for tracing and merging; 2 s for other meshes
 REPORTED = {"flower_cmc1", "amo_quad"}
 SYMMETRIC = {"vault", "torus", "cubesphere"}
 
@@ -101,7 +101,7 @@ def surfaces(meshes_dir: Path | None) -> list[tuple[str, PolygonMesh]]:
 
 
 def measure(name: str, polygons: PolygonMesh) -> list[Row]:
-    """All rows of one mesh."""
+    """Return all rows of one mesh."""
     params = LayoutParams()
     polygons = check.scaled(polygons, edge=EDGE)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
@@ -149,7 +149,7 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
 
 
 def whole_job(name: str, source: str, memory: float | None) -> list[Row]:
-    """The main job in a process of its own: wall seconds, and peak megabytes, Blender file and pictures included."""
+    """Run the main job in a separate process; return wall seconds and peak megabytes, with Blender file and pictures."""
     tool = Path(__file__).with_name("dev.py")
     with tempfile.TemporaryDirectory() as folder:
         started = time.monotonic()
@@ -164,7 +164,7 @@ def whole_job(name: str, source: str, memory: float | None) -> list[Row]:
 
 
 def _worst_edit(flat: FlatPatches, params: LayoutParams) -> float:
-    """Seconds of the slowest hand edit: every seam opened by itself, and every patch cut through its middle."""
+    """Return the seconds of the slowest manual edit: opening each seam, and cutting each patch through its middle."""
     worst = 0.0
     layout = flat.layout
     runs = [(edit.open_run, seam) for seam in layout.seams]
@@ -180,14 +180,14 @@ def _worst_edit(flat: FlatPatches, params: LayoutParams) -> float:
 
 
 def _overlap(flat: FlatPatches) -> float:
-    """Largest share of a patch's area that lies under another part of it, by shapely's union of its quads."""
+    """Return the largest overlap of a patch with itself, as a share of its area, by shapely's union of its quads."""
     import shapely
 
     worst = 0.0
     for quads in flat.layout.patches:
         polygons = shapely.polygons(flat.corners[quads])
         total = shapely.area(polygons).sum()
-        # snapped to a millionth of an edge: unions of quads that share sides are else left with slivers
+        # snap to a millionth of an edge, since unions of quads with common sides would leave slivers
         union = shapely.union_all(polygons, grid_size=1e-6 * flat.layout.mesh.median_edge)
         worst = max(worst, 1.0 - float(union.area) / float(total))
     return round(worst, 7)
@@ -202,7 +202,7 @@ def _isthmus(flat: FlatPatches) -> float:
 
 
 def peers(flat: FlatPatches) -> dict[str, Any]:
-    """Worst E and seconds of libigl's ARAP and SLIM, of Blender's minimum stretch, and of our own flattening."""
+    """Return largest energy and seconds of libigl's ARAP and SLIM, of Blender's minimum stretch, and of our flattening."""
     found: dict[str, Any] = {}
     started = time.process_time()
     again = flatten.flatten(flat.layout, LayoutParams(), SILENT)
@@ -238,7 +238,7 @@ def _peer(flat: FlatPatches, method: Any) -> dict[str, Any]:
         before = np.roll(d, 1, axis=1)
         own = tri.pick(quads)
         a, b = own.along * d + own.against * before, own.along_bar * d + own.against_bar * before
-        if method is blender:  # its scale is arbitrary: take the one that fits best
+        if method is blender:  # its scale is arbitrary: use the best fit
             scale = (own.area * np.abs(a)).sum() / (own.area * (np.abs(a) ** 2 + np.abs(b) ** 2)).sum()
             a, b = scale * a, scale * b
         worst = max(worst, float(quad_energy(own, a, b).max()))

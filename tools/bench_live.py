@@ -1,4 +1,4 @@
-"""Measures how soon a piece follows a change, and whether it goes on doing so.
+"""Benchmark of live mode: how soon a piece follows a change, and whether it still does so after long work.
 
 python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces brush wishes foreign hand window]
 
@@ -43,15 +43,15 @@ SIZES = (
     (400, 0.060, 0.2),
     (1000, 0.150, 0.5),
     (2400, 0.350, 1.2),
-)  # spirals, seconds asked to the first picture and to rest
-TICK = 0.030  # seconds of the main thread at the most
-SHARE = 0.05  # of the spirals, in a stroke
-STROKES = 8  # of which the median counts
-AWAY = 0.01  # millimetres that a live shape may be from a simulation's
+)  # number of spirals, required seconds to the first picture and to equilibrium
+TICK = 0.030  # largest time on the main thread, seconds
+SHARE = 0.05  # share of the spirals in a stroke
+STROKES = 8  # number of strokes whose median is reported
+AWAY = 0.01  # largest distance of the live shape from a simulation, millimetres
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench live")
     parser.add_argument("--minutes", type=float, default=10.0, help="how long the hand works")
     parser.add_argument("--surfaces", type=int, default=24, help="surfaces of the zoo at the most")
@@ -70,7 +70,7 @@ def main(arguments: list[str]) -> int:
 
 
 def changes(_: argparse.Namespace) -> Iterator[Row]:
-    """Strokes and other changes on domes of three sizes."""
+    """Measure strokes and other changes on domes of three sizes."""
     rng = np.random.default_rng(0)
     for count, first_asked, rest_asked in SIZES:
         flat, made = of_mesh(shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
@@ -94,7 +94,7 @@ def changes(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def others(mesh: Any) -> Iterator[tuple[str, Callable[[Given], Given]]]:
-    """Changes of other kinds."""
+    """Yield changes of other kinds."""
     yield "thickness", lambda g: replace(g, spiral=replace(g.spiral, thickness=1.2 * g.spiral.thickness))
     yield "material", lambda g: replace(g, material=material("pla"))
     yield "supports", lambda g: replace(g, supports=standing(mesh, "lowest"))
@@ -110,7 +110,7 @@ def pulled(given: Given) -> Given:
 
 
 def cleared(given: Given, mesh: Any) -> np.ndarray:
-    """The seams without those between two of the patches."""
+    """Return the seams without those between two of the patches."""
     from flexmaps.engine.patches.layout import PatchLayout
 
     layout, seams = PatchLayout(mesh, given.seams), given.seams.copy()
@@ -121,7 +121,7 @@ def cleared(given: Given, mesh: Any) -> np.ndarray:
 
 
 def surfaces(options: argparse.Namespace) -> Iterator[Row]:
-    """Strokes on surfaces nobody tuned anything to."""
+    """Measure strokes on surfaces of the zoo, to which nothing was tuned."""
     rng, away, slow, count, lost = np.random.default_rng(1), [], [], 0, 0
     for name, surface in SURFACES.items():
         if count == options.surfaces:
@@ -159,14 +159,14 @@ def brush(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def wishes(_: argparse.Namespace) -> Iterator[Row]:
-    """Wishes that no turn of the piece fulfils."""
+    """Measure wishes that cannot be met by rotating the whole piece."""
     from live_wishes import wished
 
     yield from wished()
 
 
 def foreign(_: argparse.Namespace) -> Iterator[Row]:
-    """Surfaces with quads that the project did not make."""
+    """Measure surfaces whose quads come from other programs."""
     from live_foreign import tried
 
     yield from tried(SHARED, TICK)
@@ -176,7 +176,7 @@ def foreign(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def hand(options: argparse.Namespace) -> Iterator[Row]:
-    """Random work on an object, followed all the time."""
+    """Work on an object at random while live mode follows."""
     import bpy
     from live_hand import Hand
 
@@ -208,7 +208,7 @@ def hand(options: argparse.Namespace) -> Iterator[Row]:
 
 
 def resident(process: str) -> float:
-    """Bytes of memory of a process; of this one's peak where the system does not tell."""
+    """Return the resident memory of a process in bytes; where the system does not report it, this process's peak."""
     try:
         return float(Path(f"/proc/{process}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -216,7 +216,7 @@ def resident(process: str) -> float:
 
 
 def window(_: argparse.Namespace) -> Iterator[Row]:
-    """A hand on the mouse, in a real Blender: see tests/window/following.py and brush.py."""
+    """Report mouse strokes in a real Blender window, recorded by tests/window/following.py and brush.py."""
     for path, words in ((WINDOW, "live"), (BRUSH, "painted")):
         if not path.is_file():
             yield row("real window", f"not measured: run test window -k {words}", "", "", None)

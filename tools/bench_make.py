@@ -1,14 +1,14 @@
-"""Scans of built pieces: how many of random starts end with the scan over the surface.
+"""Benchmark of scan registration: share of random starting poses from which the scan is aligned with the surface.
 
 python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--tables] [--json FILE]
 
-Every start shows three fifths of a surface, with noise, a table below and outliers, turned by up to 30 degrees, or, with
-``--anywhere``, by any angle. It is judged by the root mean square distance between the surface and the scan's true points where
-they were laid, not by the pose: symmetric surfaces have several right ones. No noise is in what is judged. Surfaces come in
-turns, so that a bench that was stopped has a share of all; it goes on from the starts that are in the file.
+Each synthetic scan covers three fifths of a surface, with noise, a table below and outliers, rotated by up to 30 degrees, or with
+``--anywhere`` by any angle. The error is the RMS distance between the surface and the aligned noise-free points; the pose itself is not
+compared, since symmetric surfaces have several right ones. Surfaces take turns, so that an interrupted run covers all of them; it is
+resumed from the starts in the file.
 
-``--tables`` asks instead whether what the scan shows beside the piece is told from it: a table that the piece stands on, one a
-little below, one with a wall behind, all with the scan's noise, and none.
+``--tables`` measures instead whether the surroundings are separated from the piece: a table under it, a table a little lower, a table
+with a wall behind, all with the scan's noise, and no surroundings.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the 
 DEGREES, SHOWN, NOISE = 30.0, 0.6, 0.001  # a start's largest turn, share of the surface, noise as a share of the size
 DENSE = 24  # points of a scan to every spiral
 LOWER = 0.02  # share of the size by which a table stands lower, or a wall away
-# of every family of the zoo at least one, those that slide in themselves (gable, accordion, barrel, dome) among them
+# at least one surface of each family of the zoo, with those that can slide along themselves (gable, accordion, barrel, dome)
 MADE = (
     "cube", "torus", "dome", "saddle", "vault", "hypar", "barrel", "three_holes", "coil", "elbow", "gable", "accordion", "vase",
     "knot25", "enneper", "monkey", "terrain-gentle", "hill-ratio4", "dome-oculus", "schwarz-p", "star5", "flower3", "tower-leaning",
@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
 
 
 def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
-    """How many starts end right, of every surface and in all."""
+    """Return the share of successful starts, for each surface and in all."""
     known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else {}
     starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names]
     starts = starts[: options.starts]
@@ -93,7 +93,7 @@ def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
 
 
 def told_apart(name: str) -> list[Row]:
-    """RMS and largest distance of the spirals, percent of the size, of scans with a table, a lower one, a wall too, and with none."""
+    """Return RMS and largest distance of the spirals (percent of the size) for scans with and without tables and walls."""
     mesh, rows = _mesh(name), []
     for beside in ("table", "lower table", "table and wall", "nothing"):
         random = np.random.default_rng(0)
@@ -122,7 +122,7 @@ def _mesh(name: str) -> QuadMesh:
 
 
 def _shown(mesh: QuadMesh, count: int, random: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Of ``count`` true points of a surface those that a scan shows, on one side of a random plane; and the size."""
+    """Sample a surface and return the points on one side of a random plane, which the scan covers, and the surface's size."""
     of = random.choice(len(mesh.quads), count, p=mesh.areas / mesh.areas.sum())
     corners = mesh.quads[of][:, [0, 1, 2]]
     corners[::2] = mesh.quads[of][::2][:, [0, 2, 3]]

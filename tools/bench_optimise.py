@@ -79,7 +79,7 @@ LARGE_SIDE = 100  # quads along either side of the largest vault
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     root = Path(__file__).resolve().parent.parent
     parser = argparse.ArgumentParser(prog="dev.py bench optimise")
     shared = root.parent / "shared" / "meshes"
@@ -116,7 +116,7 @@ def supports(mesh: QuadMesh) -> np.ndarray | None:
 
 @one_thread
 def measure(name: str, polygons: PolygonMesh) -> list[Row]:
-    """All rows of one mesh."""
+    """Return all rows of one mesh."""
     found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
     design, mesh, published, wanted = found.design, found.mesh, PUBLISHED.get(name), WANTED[name]
     assert design is not None

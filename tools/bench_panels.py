@@ -1,4 +1,4 @@
-"""What choosing a layout brings, beside the layout that geometry alone finds: match, panels, symmetry and time.
+"""Benchmark of proposing layouts, beside the layout found by geometry alone: match, panels, symmetry and time.
 
 python3 tools/dev.py bench panels [--meshes DIR] [--zoo PATTERNS] [--most QUADS] [--pictures DIR] [--json FILE]
 
@@ -39,14 +39,14 @@ from rows import Row, Table, at_least, at_most, row
 
 MATCH = 1.0  # percent, asked of every surface
 EDGE = 0.02  # metres
-WORSE = 1.05  # ratio of distances from which a layout is worse than another
-# percent: what is nearer today has nothing to win; of a piece of 400 mm that are 0.04 mm, less than a laser's kerf varies
+WORSE = 1.05  # ratio of distances above which a layout counts as worse
+# percent; a match below it cannot be improved noticeably: 0.04 mm in a piece of 400 mm, less than a laser's kerf varies
 EXACT = 0.01
 PICTURE = 160  # pixels
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
     parser = argparse.ArgumentParser(prog="dev.py bench panels")
     parser.add_argument(
@@ -151,7 +151,7 @@ def _chosen(piece: Piece, flat: Any, params: ChooseParams) -> tuple[Choice, floa
 
 
 def processor() -> float:
-    """Processor seconds of this process and of those that it has waited for."""
+    """Return the processor seconds of this process and of its finished child processes."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
@@ -168,7 +168,7 @@ def _picture(choice: Choice, path: Path) -> None:
 
 
 def summed(rows: list[Row]) -> list[Row]:
-    """What holds over all surfaces."""
+    """Return the rows over all surfaces."""
     value: dict[str, dict[str, Any]] = {}
     for one in rows:
         value.setdefault(one["mesh"], {})[one["row"]] = one["measured"]

@@ -1,4 +1,4 @@
-"""Quads of triangles: the best of several candidates beside QuadriFlow's first answer alone.
+"""Benchmark of remeshing triangles to quads: the best of several candidates beside QuadriFlow's first result.
 
 python3 tools/dev.py bench quads [--meshes DIR] [--only PATTERNS] [--quads N] [--json FILE]
 
@@ -43,7 +43,7 @@ MADE = ("remesh-potato", "remesh-rough", "remesh-spiky", "remesh-land", "cube", 
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
     parser = argparse.ArgumentParser(prog="dev.py bench quads")
     parser.add_argument("--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of meshes")
@@ -105,13 +105,13 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
 
 
 def _seconds() -> float:
-    """Of the processor, by this process and those that it has waited for."""
+    """Return the processor seconds of this process and of its finished child processes."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 
 
 def _summed(rows: list[Row]) -> list[Row]:
-    """What all surfaces came to, beside the first answers alone."""
+    """Return the rows over all surfaces, beside those of the first candidates."""
 
     def both(name: str, meshes: set[str] | None = None) -> tuple[list[float], list[float]]:
         found = [one for one in rows if one["row"] == name and (meshes is None or one["mesh"] in meshes)]
@@ -155,8 +155,8 @@ def merged_energy(mesh: QuadMesh) -> float:
 
 
 def off_principal(mesh: QuadMesh, target: Any) -> tuple[float, float]:
-    """Degrees: how far the quads' sides lie off the principal directions of the triangles, in the mean; and radians by which
-    a quad bends more one way than the other."""
+    """Return the mean angle (degrees) between the quads' sides and the principal directions of the triangles, and the mean
+    difference (radians) of a quad's bending in its two directions."""
     one, _, k1, k2 = igl.principal_curvature(target.vertices, target.triangles, RADIUS)[:4]
     p = mesh.vertices[mesh.quads]
     _, triangle, _ = igl.point_mesh_squared_distance(mesh.centroids, target.vertices, target.triangles)[:3]

@@ -1,4 +1,4 @@
-"""Rims: read back from the sheets as they are written, and what every kind of border brings on open surfaces.
+"""Benchmark of rims: rims read back from the written sheets, and the match with each kind of border on open surfaces.
 
 python3 tools/dev.py bench rim [--only PATTERNS] [--meshes FOLDER] [--no-optimise] [--pictures FOLDER] [--json FILE]
 
@@ -48,7 +48,7 @@ LARGE = 5.0  # metres, of the sheets: panels are not to be split for them
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table; 0 whatever was measured."""
+    """Measure and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench rim")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--meshes", type=Path, help="a folder with more meshes")

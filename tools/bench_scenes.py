@@ -47,7 +47,7 @@ Kind = Callable[[str, np.random.Generator], str]
 
 
 def main(arguments: list[str]) -> int:
-    """Try every kind, print the table, write the rows; 0 whatever was measured."""
+    """Try every kind, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench scenes")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     parser.add_argument("--seed", type=int, default=0, help="another number makes others")

@@ -1,4 +1,4 @@
-"""What a piece stands on, or hangs by: feet in the slots of plates and frames, and eyelets, read back from the files that are cut.
+"""Benchmark of bases: feet in the slots of plates and frames, and eyelets, read back from the cutting files.
 
 python3 tools/dev.py bench standing [--only PATTERNS] [--kinds feet,frame,eyelets] [--json FILE]
 
@@ -69,7 +69,7 @@ class Fit:
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench standing")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
     parser.add_argument("--kinds", default="feet,frame,eyelets", help="kinds of base, with commas between them")

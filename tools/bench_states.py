@@ -1,4 +1,4 @@
-"""What every stage reports of a piece, beside a fresh simulation of the piece as it is stored.
+"""Comparison of the figures that every stage reports with a new simulation of the stored piece.
 
 python3 tools/dev.py bench states [--only PATTERNS] [--patience P] [--json FILE]
 """
@@ -36,7 +36,7 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """Compare, print the table; 0 whatever was found."""
+    """Compare and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench states")
     parser.add_argument("--only", default="*", help="patterns of 'shape, way', with semicolons")
     parser.add_argument("--patience", type=float, default=0.3, help="of the searches")

@@ -1,9 +1,9 @@
-"""Measures how soon every stage hears a stop: the processor time between two looks at it, on 2401 spirals.
+"""Benchmark of cancelling: the longest processor time between two checks for a cancel in every stage, on 2401 spirals.
 
 python3 tools/dev.py bench stop [--only trace merge ...] [--json FILE]
 
-A stage can only end where it reports progress, so that the longest time between two reports is the longest that somebody who
-presses ESC waits for. Beside it stand the words that were to be read meanwhile, and the place that spoke next.
+A stage can only stop where it reports progress, so the longest time between two reports is the longest wait after pressing ESC.
+Beside it are the text shown meanwhile and the line of code that reported next.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STAGES = ("regularise", "trace", "merge", "flatten", "spirals", "simulate", "opt
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench stop")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     parser.add_argument("--only", nargs="*", choices=STAGES, default=[*STAGES])
@@ -59,7 +59,7 @@ def stages(wanted: list[str]) -> Iterator[Row]:
 
 @contextmanager
 def listening() -> Iterator[list[tuple[float, str, str]]]:
-    """Collects (seconds, the words before it, the place after it) for every time between two looks for a stop."""
+    """Record (seconds, text before, line of code after) for every interval between two checks for a cancel."""
     from flexmaps.bridge.hosts import background
     from flexmaps.engine.progress import Progress
 
@@ -97,7 +97,7 @@ def listening() -> Iterator[list[tuple[float, str, str]]]:
 
 
 def _place(frame: FrameType | None) -> str:
-    """The line that asked, outside the progress itself."""
+    """Return the line of code that called the progress."""
     while frame is not None and frame.f_code.co_filename.endswith(("progress.py", "bench_stop.py")):
         frame = frame.f_back
     return "?" if frame is None else f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"

@@ -1,4 +1,4 @@
-"""The estimate of the largest strains on the surface of arms against solids of whole designs, arm by arm, and what it costs.
+"""Benchmark of strain estimates: largest surface strains of arms against solids of whole designs, arm by arm, and their cost.
 
 python3 tools/dev.py bench strain [--only TEXT] [--solve] [--json FILE]
 
@@ -21,12 +21,12 @@ from flexmaps.engine.mechanics.assembly import of_design, target_pose
 from rows import Table, at_least, at_most, row
 from scipy.stats import spearmanr
 
-LARGE = 0.3  # share of the largest strain of a piece
-CLOSE, NEAR = 0.15, 0.2  # shares by which estimates may be off
+LARGE = 0.3  # arms count whose strain exceeds this share of their piece's largest strain
+CLOSE, NEAR = 0.15, 0.2  # relative errors within which estimates count as close and near
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table; 0 whatever was measured."""
+    """Measure and print the table; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench strain")
     parser.add_argument("--only", help="cases with this text in their name")
     parser.add_argument("--solve", action="store_true", help="solve the solids that are missing")

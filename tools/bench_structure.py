@@ -1,4 +1,4 @@
-"""Measures load paths and critical loads against closed forms, against themselves in another way, and against full solids.
+"""Benchmark of load paths and critical loads, against closed forms, an independent computation, and solids.
 
 python3 tools/dev.py bench structure [--plain] [--json FILE]
 
@@ -36,7 +36,7 @@ SHORT = (6, 0.12, 2.0, 60.0)
 FALLS = (0.15, 0.4, 0.7, 0.9, 1.0, 1.15)  # of the fall at which a piece snaps, at which its solid is solved
 TURNS = (0.02, 0.2, 0.4)  # radians between two hubs; the quads of that dome lie at 0.24 to each other
 BELOW = 0.8  # of the limit load, up to which deflections are compared: nearer to it they grow without bound
-SIZES = (150, 600, 1000)  # spirals, about
+SIZES = (150, 600, 1000)  # approximate numbers of spirals
 
 
 def main(arguments: list[str]) -> int:

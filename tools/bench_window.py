@@ -1,4 +1,4 @@
-"""The parts of ``bench blender`` that tell how soon things are seen: progress, sidebar, preview, frames, the way by *Next*."""
+"""Parts of ``bench blender`` on responsiveness: progress, sidebar, preview, frames, and whole runs by *Next*."""
 
 from __future__ import annotations
 

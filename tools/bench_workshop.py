@@ -1,4 +1,4 @@
-"""From the file to the workshop: the calibration sheet's figures, how well sheets are filled, and remnants.
+"""Benchmark of the workshop: accuracy of the calibration sheet, fill of the sheets, and nesting on remnants.
 
 python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws N] [--names demo,spot] [--meshes DIR] [--json FILE]
 
@@ -41,7 +41,7 @@ from rows import Row, Table, at_least, at_most, row
 
 NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each
 FILL, STRIP_SECONDS = 0.6, 25  # share of the sheets that is wanted; seconds that the strip is searched
-# materials and thicknesses whose pieces are made as solids
+# materials and thicknesses for which the formulas are compared with solid models
 SHEETS = {
     "POM 2 mm": {},
     "birch 4 mm": {"material.material": "birch", "spiral.thickness": 4},
@@ -50,7 +50,7 @@ SHEETS = {
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table and write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench workshop")
     root = Path(__file__).resolve().parent.parent
     shared = root.parent / "shared" / "meshes"

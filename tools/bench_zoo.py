@@ -1,9 +1,9 @@
-"""Runs the whole main job on a zoo of surfaces, each in a process of its own, and tells what became of each.
+"""Benchmark of the whole main job on a zoo of surfaces, each in a separate process.
 
 python3 tools/dev.py bench zoo [--only PATTERN,...] [--jobs N] [--limit SECONDS] [--fresh] [--meshes DIR] [--remesh N] [--json FILE]
 
-What is done is kept in out/zoo and not done again while surface, settings and program stay the same. A page with pictures of
-all of them, out/zoo/index.html, shows first those with which something is wrong.
+Records are kept in out/zoo and reused while surface, settings and program are unchanged. The page out/zoo/index.html shows pictures of
+all surfaces, those with faults first.
 """
 
 from __future__ import annotations

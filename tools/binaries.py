@@ -1,6 +1,6 @@
-"""Whether the compiled files in a wheel are for the system that its name says: their own first bytes tell.
+"""Check that the compiled files in a wheel are for the system in its name, by the headers of the files.
 
-``build_zip`` calls this for every wheel of every platform, for this machine can load those of one alone.
+``build_zip`` calls this for the wheels of every platform, since this machine can load only those of its own.
 """
 
 from __future__ import annotations

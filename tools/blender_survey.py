@@ -1,4 +1,4 @@
-"""What one Blender says of the extension: how long enabling takes, and whether every operator and panel runs in it.
+"""Survey of the extension in one Blender: seconds to enable it, and whether every operator and panel runs.
 
 Runs as a script with Blender as a module, where the checkout is loaded, or inside a real Blender, where the zip that lies
 beside it is installed. The last line printed is ``SURVEY`` and JSON.
@@ -21,7 +21,7 @@ FOUND = {"blender": bpy.app.version_string, "python": sys.version.split()[0], "e
 
 
 class Nothing:
-    """Stands for a layout and takes whatever is drawn."""
+    """Stand-in for a Blender layout that accepts all calls."""
 
     def __getattr__(self, name):
         if name == "panel":
@@ -56,7 +56,7 @@ def enable():
 
 
 def scenes():
-    """States of a file in which everything must answer: names, as a generator that makes one after another."""
+    """Make states of a file one after another, in each of which all operators and panels must work; yield their names."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     yield "empty file"
     bpy.ops.object.camera_add()
@@ -78,7 +78,7 @@ def scenes():
 
 
 def ask(package, state):
-    """Poll every operator and draw every panel; what goes wrong is noted."""
+    """Poll every operator and draw every panel; record errors."""
     panels = importlib.import_module(package.__name__ + ".panels")
     operators = importlib.import_module(package.__name__ + ".operators")
     for cls in operators.CLASSES:

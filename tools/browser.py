@@ -1,4 +1,4 @@
-"""A real browser without a window, for tests of the page: Chromium, driven through its DevTools by a pipe.
+"""Headless Chromium for tests of the page, controlled by the DevTools protocol through a pipe.
 
 The protocol needs no package: JSON texts that end with a zero byte, on two open files (``--remote-debugging-pipe``). Everything
 that a browser would ask of a network by itself is switched off, and it draws by software, so that tests say the same anywhere.

@@ -1,4 +1,4 @@
-"""``build`` of tools/dev.py: the extension's zips, one a platform and Python, with the wheels that it needs inside."""
+"""``build`` of tools/dev.py: the extension's zips, one per platform and Python, each with the wheels that it needs."""
 
 from __future__ import annotations
 

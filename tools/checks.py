@@ -1,4 +1,4 @@
-"""``test`` and ``lint`` of tools/dev.py: ruff, mypy and the tests, tier by tier; what was left out is said at the end."""
+"""``test`` and ``lint`` of tools/dev.py: ruff, mypy and the tests by tiers; skipped tests are listed at the end."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take u
 KINDS = ("passed", "failed", "skipped")
 SLOWEST = 5  # tests of a tier that are named in the end
 NO_TESTS = 5  # pytest's exit status where it found no test, as with -k
-THOROUGH = "--thorough"  # of tests/conftest.py: also what takes long
+THOROUGH = "--thorough"  # option of tests/conftest.py: run slow tests too
 # whose types are checked, with tools/
 PACKAGES = ("engine", "bridge", "api", "command", "operators", "panels", "database")
 
@@ -121,7 +121,7 @@ _PRINTING = Lock()
 
 
 def _logged(work: Callable[[IO[str]], Found]) -> Found:
-    """Do some work that writes into a file, and print that in one piece when it ends."""
+    """Run work that writes its output to a file, and print the whole output when it ends."""
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as log:
         found = work(log)
         log.seek(0)

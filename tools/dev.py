@@ -153,7 +153,7 @@ def environment_python(version):
 
 
 def requirements():
-    """Name of the file that pip installs from, checksums inside, and one text that changes whenever a pin changes."""
+    """Return the name of the pinned requirements with checksums, and a text that changes whenever a pin changes."""
     folder = os.path.join(ROOT, "requirements")
     text = ""
     for name in ("dev.txt", "runtime.txt"):

@@ -1,4 +1,4 @@
-"""Assemblies on which the equilibrium is measured: designs of meshes, objects of any number of spirals, single rows."""
+"""Test assemblies for the equilibrium: designs of meshes, smooth objects of any number of spirals, single rows."""
 
 from __future__ import annotations
 
@@ -120,5 +120,5 @@ def shaken(pose: Pose, shift: float, turn: float, seed: int) -> Pose:
 
 
 def turned(pose: Pose) -> Pose:
-    """The whole somewhere else."""
+    """Return the pose after a rigid motion."""
     return pose.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))

@@ -1,7 +1,6 @@
-"""What there is to say of a piece, computed by other means than the extension's: numpy, scipy and Blender's own trees alone.
+"""Independent check of a piece's findings, computed with numpy, scipy and Blender's own trees only.
 
-Nothing here is imported from the package, and the limits are written down a second time, so that a limit that was raised in one
-of both places shows.
+Nothing here is imported from the package, and the limits are stated a second time, so that a change in only one place is noticed.
 """
 
 from __future__ import annotations

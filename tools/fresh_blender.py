@@ -1,4 +1,4 @@
-"""A Blender that has nothing but itself: the module of the environment without what else lies beside it, with user files of its own.
+"""A fresh Blender: the environment's module without any other packages, and with new user files.
 
 For the tests of the zip, for ``release``, which installs what it has built, and for ``bench install``.
 """

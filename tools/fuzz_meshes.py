@@ -1,4 +1,4 @@
-"""Small spoilt quad meshes, each made from its number alone, through the checks; what passes is made, down to the sheets."""
+"""Fuzzing of the checks with small faulty quad meshes, each generated from its number; meshes that pass are made into sheets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Damaged mesh files, each made from its number alone, through the readers and the checks.
+"""Fuzzing of the readers and checks with damaged mesh files, each generated from its number.
 
 The seeds are the files of ``tests/corpus``: small ones of every format, and those that once were a fault. Mutations know the
 formats: counts, indices, types and line ends are what is damaged, beside bytes.

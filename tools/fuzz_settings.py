@@ -1,4 +1,4 @@
-"""Odd values for settings and odd words on the command line, each made from its number alone."""
+"""Fuzzing of settings and of the command line, each case generated from its number."""
 
 from __future__ import annotations
 

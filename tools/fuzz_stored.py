@@ -1,4 +1,4 @@
-"""Damage done to what an object in Blender keeps of its stages, each made from its number alone; then the stages are called."""
+"""Fuzzing of the data that an object in Blender stores of its stages, each case generated from its number; then stages run on it."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def _damage(rng: random.Random, obj: Any) -> list[str]:
     return done
 
 
-# -- what is called after it -----------------------------------------------------------------------------------------------
+# -- calls on the damaged object -------------------------------------------------------------------------------------------
 
 
 def _calls(obj: Any, folder: Path) -> dict[str, Callable[[], Any]]:

@@ -1,4 +1,4 @@
-"""How the stages from the flat patches to the assembly sheet grow where a surface is cut along every edge."""
+"""Growth of the times of stages, from flat patches to the assembly sheet, with the size of a surface cut along every edge."""
 
 from __future__ import annotations
 

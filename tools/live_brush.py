@@ -1,4 +1,4 @@
-"""How long painting holds up Blender's window: pieces are painted as the tool does it, in Blender as a module."""
+"""Time for which painting blocks Blender's window; pieces are painted as by the brush, in Blender as a module."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a live piece is tried with: domes, tori and surfaces of the zoo of any number of spirals, and changes of all kinds."""
+"""Test cases of live mode: domes, tori and surfaces of the zoo with any number of spirals, and changes of all kinds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A live piece in this very process, for benches: what it takes to come to rest, and how far from a simulation it rests."""
+"""Live mode in the same process, for benches: time to equilibrium, and distance of the final shape from a simulation."""
 
 from __future__ import annotations
 

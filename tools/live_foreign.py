@@ -1,4 +1,4 @@
-"""Live mode and the brush on meshes of other origin, with every kind of border."""
+"""Live mode and the brush on meshes of other programs, with every kind of border."""
 
 from __future__ import annotations
 

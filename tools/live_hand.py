@@ -1,4 +1,4 @@
-"""A hand that works on a piece at random while live mode follows it, and looks whether what is shown belongs to what is there."""
+"""Random editing of a piece in live mode, with checks that the displayed shape belongs to the present piece."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Hand:
             return
         shape = following.shape
         if following.problem or not shape.converged:
-            return  # said, and the last good shape is kept
+            return  # live mode reports the problem and keeps the last good shape
         before = self.seen.get(now.mark)
         assert shape.vertices is not None
         if before is not None and 1e3 * float(np.abs(before - shape.vertices).max()) > SAME:

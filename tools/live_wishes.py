@@ -1,4 +1,4 @@
-"""How much nearer Optimise brings spirals to where they are wished, on surfaces of all kinds."""
+"""Gain of Optimise for drag targets: distance of spirals from their targets before and after, on surfaces of all kinds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``python3 tools/dev.py database``: hands the command to the database's own command line."""
+"""``python3 tools/dev.py database``: passes its arguments to the command line of the database."""
 
 from __future__ import annotations
 

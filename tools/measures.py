@@ -1,6 +1,6 @@
-"""``measures`` of tools/dev.py: whether the house is in order: imports, lengths of files and functions, numbers without a word.
+"""``measures`` of tools/dev.py: code metrics: upward imports, lengths of files and functions, constants without a comment.
 
-``tests/engine/test_measures.py`` holds what it counts at nothing.
+``tests/engine/test_measures.py`` requires that it finds none.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def within(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tuple[int
 
 
 def upward() -> list[Place]:
-    """Imports of a folder from one after it."""
+    """Return imports that go upward: from a folder that comes later in ``ROOMS``."""
     files = [*package(), *sources(DATABASE)]
     known = {dotted(path): path for path in files}
     order = {name: k for k, name in enumerate((*ROOMS, DATABASE))}

@@ -1,4 +1,4 @@
-"""The messages that people read, for translators: ``python3 tools/dev.py python tools/messages.py``.
+"""Extraction of all messages to users, for translators: ``python3 tools/dev.py python tools/messages.py``.
 
 Finds them in the code, writes the template ``panels/locale/flexmaps.pot``, and brings every language beside it up to date: new
 messages come in without a translation, those that are gone are kept at the end of the file as obsolete.

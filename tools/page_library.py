@@ -1,4 +1,4 @@
-"""Makes engine/runs/page/three.min.js anew: of three.js what the page's 3D view needs, in one file, with its licence in it.
+"""Builds engine/runs/page/three.min.js: the parts of three.js that the page's 3D view needs, in one file with its licence.
 
     python3 tools/dev.py python tools/page_library.py
 

@@ -1,4 +1,4 @@
-"""The independent judge of our solid elements: the same problem in scikit-fem, with its own mesh, elements and Newton."""
+"""Independent reference for our solid elements: the same problem in scikit-fem, with its own mesh, elements and Newton solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random operator calls in random order, with random settings, on random small meshes: what must never happen is looked for.
+"""Random operator calls in random order, with random settings, on random small meshes, and a check for faults after each.
 
 Used by tests/blender/test_random.py for a few calls and by ``bench blender`` for a thousand. After every call: no traceback,
 no temporary thing left, every mesh valid, every panel can be drawn.

@@ -1,4 +1,4 @@
-"""One piece with several kinds of border, rendered beside each other."""
+"""Pictures of one piece with several kinds of border, side by side."""
 
 from __future__ import annotations
 

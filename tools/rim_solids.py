@@ -1,4 +1,4 @@
-"""A strip of a rim with its hole as a solid of scikit-fem, and as the beams that the elastic model takes it for."""
+"""A strip of a rim with its hole, as a solid in scikit-fem and as the beams of the elastic model."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def solid_compliance(length: float, width: float, hole: float, height: float, ma
         axis[basis.get_dofs(elements=True).all(f"u^{i + 1}")] = i
     held, far = place[0] < 1e-9, place[0] > length - 1e-9
     free = ~(held | far)
-    # a rigid end: every unknown there follows from the six of its middle
+    # a rigid end: its unknowns depend on the six of its centre
     arm = place[:, far] - np.array([length, 0.0, 0.0])[:, None]
     rigid = np.zeros((far.sum(), 6))
     for row, (i, r) in enumerate(zip(axis[far], arm.T, strict=True)):

@@ -1,4 +1,4 @@
-"""Rows of the benches' tables: what was asked beside what was measured, and others beside both."""
+"""Rows of the benches' tables: required value, measured value, and values of other programs."""
 
 from __future__ import annotations
 

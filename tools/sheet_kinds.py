@@ -1,4 +1,4 @@
-"""Sheets of every kind, small, for the benches: connectors, holding tabs, kerf, a remnant, bases, eyelets, copies, several objects."""
+"""Small sheets of every kind for the benches: connectors, holding tabs, kerf, a remnant, bases, eyelets, copies, several objects."""
 
 from __future__ import annotations
 

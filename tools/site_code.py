@@ -1,4 +1,4 @@
-"""Whether the code in Markdown pages works: Python blocks run in a folder of small files, shell lines are read by the program's own parsers,
+"""Check that the code in Markdown pages works: Python blocks run in a folder of small files, shell lines are read by the program's parsers,
 and names of the program in running text exist.
 
 A block is fenced with its language, or indented; of indented ones the first word tells what they are. Others (diagrams, load cases) are not

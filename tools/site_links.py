@@ -1,4 +1,4 @@
-"""Whether the links of a folder of HTML pages lead somewhere: files, anchors, pictures, scripts. Addresses elsewhere are only listed."""
+"""Check of the links in a folder of HTML pages: files, anchors, pictures, scripts. External addresses are only listed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces whose reported state is compared with a fresh simulation of what would be stored."""
+"""Test pieces whose reported figures are compared with a new simulation of the stored piece."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Comparison:
 def fresh(
     result: Result, settings: Settings, design: SpiralDesign, *, loaded: bool = True, start: Pose | None = None
 ) -> Simulation:
-    """The simulation of a design as it is stored, in single precision, begun from the target where no other start is given."""
+    """Simulate a design as it is stored, in single precision; start from the target by default."""
     flat, (width, twist) = design.flat, (_single(design.width), _single(design.twist))
     stored = replace(design, flat=measured(flat.layout, _single(flat.points)), width=width, twist=twist)
     physics = settings.simulate if loaded else replace(settings.simulate, gravity=False)

@@ -1,4 +1,4 @@
-"""Pieces whose load paths are measured: a column, an arch and a dome of few spirals; and the same paths by full solids."""
+"""Test pieces for load paths: a column, an arch and a dome of few spirals; and their load paths with solid models."""
 
 from __future__ import annotations
 

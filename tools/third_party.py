@@ -1,4 +1,4 @@
-"""What others wrote and the zips carry: its licences, where its source is, and the one wheel that is shipped without a part.
+"""Third-party software in the zips: its licences, the places of its sources, and the wheel that ships without one of its parts.
 
 ``build_zip`` calls this for every zip. A wheel, a licence or a library that is not listed here is an error, so that nothing comes
 in unseen with a new version.

@@ -1,4 +1,4 @@
-"""``site`` of tools/dev.py: the site, into docs/site, with its links and code checked, looked at in a browser; a table of what was found.
+"""``site`` of tools/dev.py: builds the site in docs/site, checks its links, code and pages in a browser, and prints a table.
 
 Sphinx makes it (MyST for Markdown, Furo for the look), from a folder of packages of its own, so that no environment of the program changes.
 The site asks for nothing from anywhere: no fonts, no scripts of others. Any web server can hold it, or none: it opens from the disk.

@@ -1,4 +1,4 @@
-"""Layouts of as many panels as another: its seams moved aside, and cuts where its shape asks for one against seams joined."""
+"""Layouts with as many panels as a given one: its seams shifted, or a new cut in exchange for a seam."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .moves import blamed, cuts, weakest, with_images
 
 ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
 JOINED = 6  # seams that are tried against a cut; not measured, it bounds the time
-TRIED = 24  # ideas that are worth laying flat: 24 of 1,000 quads take some 10 s
+TRIED = 24  # largest number of ideas to lay flat: 24 with 1,000 quads take some 10 s
 
 
 def alike(piece: Piece, judged: Judged) -> list[Idea]:
-    """Layouts of no more panels than a judged one, those whose panels have to take up the least curvature first.
+    """Return layouts with no more panels than a judged one, those with the least curvature within their panels first.
 
     Every change is tried with its images under the symmetries that the layout keeps, and by itself.
     """
@@ -37,12 +37,12 @@ def alike(piece: Piece, judged: Judged) -> list[Idea]:
 
 
 def _curved(layout: PatchLayout) -> float:
-    """How much bending of the panels is not left to the seams: by how much a panel is distorted grows with the square of it."""
+    """Return the curvature within the panels, which seams don't absorb; a panel's distortion grows with its square."""
     return round(float((np.bincount(layout.patch_of, curvature_within(layout)) ** 2).sum()), 9)
 
 
 def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea]:
-    """Every seam moved aside by some rows of quads, to both sides."""
+    """Yield layouts with one seam shifted by some rows of quads, to either side."""
     for seam in layout.seams:
         for quads, sides in _beside(layout.mesh, seam):
             for rows in ROWS:
@@ -88,7 +88,7 @@ def _rows(
 
 
 def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray, " edges"]:
-    """The edges round some quads."""
+    """Return the edges around some quads."""
     edges, count = np.unique(mesh.quad_edges[quads], return_counts=True)
     return edges[count == 1]
 
@@ -96,7 +96,7 @@ def _outline(mesh: QuadMesh, quads: Int[np.ndarray, " some"]) -> Int[np.ndarray,
 def _exchanged(
     layout: PatchLayout, symmetries: Sequence[Symmetry], blame: Float[np.ndarray, " quads"]
 ) -> Iterator[Idea]:
-    """Cuts where the shape asks for them, each against every one of the seams that matter least."""
+    """Yield layouts with a new cut where the shape misses the target, each with one of the least important seams joined."""
     mesh, panels = layout.mesh, len(layout.patches)
     for edges, name in cuts(layout, blame):
         new = with_images(edges, symmetries)

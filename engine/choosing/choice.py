@@ -1,4 +1,4 @@
-"""What choosing ends with: a few proposals with their figures, and the one that was taken."""
+"""Outcome of choosing: a few proposals with their figures, and the number of the present one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .judge import Judged
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
-PROPOSALS, LEAST_SHOWN = 6, 3  # that are shown: more are no choice but a list, and fewer are none either
+PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
 STRIDE = 1.6  # times the panels of the proposal before that the next one has at most, where there are such layouts
-GIVEN = "as it was"  # the origin of the layout that choosing began with
+GIVEN = "as it was"  # origin of the layout with which choosing began
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A layout with what it leads to and what making it takes.
+    """A layout with its match, and with estimates of making it.
 
     judged : what its panels do; where it is not ``proved``, as is predicted
     sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts, and where nobody has drawn it
@@ -58,7 +58,7 @@ class Proposal:
         return self.judged.laid.symmetric > 1
 
     def report(self) -> dict[str, Any]:
-        """Its row in the ``choose`` block of report.json."""
+        """Return the proposal's row in the ``choose`` block of report.json."""
         laid = self.judged.laid
         return {
             "origin": laid.origin,
@@ -79,7 +79,14 @@ class Proposal:
 
 
 def proposal(judged: Judged, settings: Settings, material: Material) -> Proposal:
-    """A judged layout with its estimates."""
+    """Make a proposal: add estimates of sheets and times to a judged layout.
+
+    Parameters
+    ----------
+    judged : the layout with its match
+    settings : of the piece
+    material : of the sheets
+    """
     flat, thickness = judged.laid.flat, settings.spiral.thickness
     corners = flat.corners - np.roll(flat.corners, 2, axis=1)
     area = 0.5 * float(np.abs(corners[:, 0, 0] * corners[:, 1, 1] - corners[:, 0, 1] * corners[:, 1, 0]).sum())
@@ -128,7 +135,7 @@ class Choice:
 
 
 def front(judged: list[Judged]) -> list[Judged]:
-    """Return the layouts than which none of as few panels is nearer, fewest panels first."""
+    """Return the Pareto front of few panels and small distance from the target, fewest panels first."""
     found: list[Judged] = []
     for one in sorted(judged, key=lambda one: (one.laid.panels, one.eased, one.laid.joints)):
         if not found or one.eased < found[-1].eased:
@@ -148,7 +155,7 @@ def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
         near = [one for one in following if one.panels <= STRIDE * way[-1].panels]
         way.append(near[-1] if near else following[0])
     chosen: list[Proposal] = []
-    # somebody may want the given one back, whatever it looks like
+    # always show the initial layout, so that users can return to it
     for one in dict.fromkeys((best, *given, *way, *symmetric, *made)):
         wanted = len(chosen) < (PROPOSALS if one in way or one in symmetric else LEAST_SHOWN)
         if one in given or (wanted and not any(_look(one) == _look(other) for other in chosen)):
@@ -157,5 +164,5 @@ def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
 
 
 def _look(one: Proposal) -> tuple[float | str, ...]:
-    """Return the figures by which somebody tells proposals from each other."""
+    """Return the figures that make proposals distinguishable to users."""
     return one.panels, one.judged.laid.joints, f"{100.0 * one.rms:.1g}", one.sheets

@@ -51,8 +51,8 @@ SHARES, COMPACT, NECK = (0.8, 0.6, 0.4), (0.9, 1.4), 2
 MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
 MOST_PANELS = 3  # times as many as there are now, where their number is free; not measured, it bounds the time
 CURVED = 2.0  # times the curvature that the given layout's panels take up: over seven surfaces none with more lay flat
-SETTLED = 0.6  # share of them that are judged before any is changed
-TURNS = 3  # how often the best are changed
+SETTLED = 0.6  # share of the layouts to judge before any is changed
+TURNS = 3  # number of times that the best layouts are changed
 BASES = 2  # layouts that are changed in a turn
 PROVED = 2  # layouts that get a long search beside the given one, as many as there are cores at least
 # Seconds that a long search takes for one that its work counts: only what is told of the time that is left depends on it
@@ -116,7 +116,7 @@ def choose(
 
 
 def _cut_there(search: Search, progress: Progress) -> None:
-    """Cut the best layout where its shape is to blame, until that is near enough or no further cut brings it nearer."""
+    """Cut the best layout where its shape misses the target, until it is near enough or no cut improves it."""
     for turn in range(TURNS):
         best = next(iter(search.judged), None)
         if best is None or (turn and 100.0 * best.rms <= WANTED):
@@ -203,7 +203,7 @@ def _promising(search: Search, sketches: list[Sketch]) -> list[Sketch]:
 
 
 def _merges(search: Search) -> list[LayoutParams]:
-    """Other limits under which the surface is merged: the present ones, and others where the number of panels is given."""
+    """Return the settings under which to merge the surface: the present ones, and variants if the number of panels is fixed."""
     layout = search.piece.settings.layout
     if search.params.goal != "panels":
         return [layout]
@@ -212,7 +212,7 @@ def _merges(search: Search) -> list[LayoutParams]:
 
 
 def _limits(search: Search, first: Laid) -> tuple[int, float]:
-    """How many panels there may be, and how much the worst quad may be distorted."""
+    """Return the largest number of panels, and the largest distortion of a quad."""
     params, layout = search.params, search.piece.settings.layout
     panels = params.panels if params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
     return panels, max(layout.distortion_limit, float(first.flat.energy.max()))
@@ -251,7 +251,7 @@ def _beats(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
 
 
 def _worth(laid: Laid) -> tuple[float, ...]:
-    """What geometry says of a layout: joints, mean distortion, symmetries lost; the smaller the better."""
+    """Return the geometric costs of a layout: joints, mean distortion, symmetries lost."""
     areas = laid.flat.layout.mesh.areas
     return laid.joints, round(float(laid.flat.energy @ areas / areas.sum()), 9), -laid.symmetric
 
@@ -259,7 +259,7 @@ def _worth(laid: Laid) -> tuple[float, ...]:
 def _done(
     piece: Piece, params: ChooseParams, most: float, job: Laid | Idea | LayoutParams
 ) -> Judged | list[Laid] | None:
-    """A layout judged by a long search; an idea laid flat, or the surface merged under these limits and tighter ones."""
+    """Run one job in a worker: judge a layout by a long search, lay an idea flat, or merge the surface under some limits."""
     if isinstance(job, Laid):
         return judge(piece, job, LONG)
     if isinstance(job, Idea):
@@ -278,7 +278,7 @@ def _done(
 
 
 def _changed(search: Search, first: Laid, progress: Progress) -> bool:
-    """Change the best layouts where their shape says so; whether that brought a better one, or may still."""
+    """Change the best layouts where they miss the target; return whether that has improved or may still improve them."""
     before = search.key(search.judged[0])
     ideas: list[Idea] = []
     share = 2 * max(1, round(search.left / (2 * TURNS)))  # an even number keeps two cores busy

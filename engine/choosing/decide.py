@@ -1,4 +1,4 @@
-"""What choosing ends with: which of the judged layouts is taken, which others are shown, and what is said of it."""
+"""Decision among the judged layouts: the best one, the proposals to show, and the note to users."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ ENOUGH = 1.05
 
 
 def decided(search: Search, first: Laid, finished: bool) -> Choice:
-    """Return the choice among all that was judged."""
+    """Return the choice among all judged layouts.
+
+    Parameters
+    ----------
+    search : with all judged layouts
+    first : the initial layout
+    finished : False if the user cancelled
+    """
     settings = search.piece.settings
     judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
     search.expected = 1.0
@@ -70,7 +77,7 @@ def hopeful(search: Search, one: Judged) -> bool:
 
 
 def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
-    """What was chosen, or what stands in the way."""
+    """Return a sentence on the best layout, or on why the goal was missed."""
     what = short(best.judged.laid, best.rms)
     if given is not None and given is not best:
         what += f" (before: {short(given.judged.laid, given.rms)})"
@@ -96,7 +103,7 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
 
 
 def _no_nearer(search: Search, best: Judged) -> str:
-    """A sentence on layouts of more panels, with a blank after it; nothing where no search says so."""
+    """Return a sentence, with a trailing space, if searches show that more panels come no nearer; else ""."""
     searched = [one for one in search.judged if one.share]
     most = max(searched, key=lambda one: one.laid.panels, default=best)
     left = most.rms if most.share >= LONG else EXPECTED * most.rms

@@ -1,4 +1,4 @@
-"""One layout laid flat, and judged by the shape that its assembled panels take after a short optimisation."""
+"""Laying one layout flat, and judging it by the shape of its assembled panels after a short optimisation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .lines import evenly
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.35
-WHOLE = 1.0  # the share of a piece that was optimised, not searched here
+WHOLE = 1.0  # share of patience recorded for a piece that Optimise has optimised
 # Power of the strain's excess by which a long search promises too much. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
 # 1.12 times the strain that is borne, and whole searches, which bring that down, at 0.86 and 1.15 %
 EASED = 2
@@ -40,7 +40,7 @@ QUADS, LEAST = 1000, 0.25
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """What all layouts of a surface have in common.
+    """Data common to all layouts of a surface.
 
     mesh : the target; supports : (k,) int or None; force : (F, 3) newtons or None
     symmetries : of the mesh, none where layouts need not be symmetric
@@ -56,7 +56,7 @@ class Piece:
 
     @property
     def held(self) -> bool:
-        """Whether something holds it in its shape, so that one panel without a cut need not stay flat."""
+        """Whether supports or forces deform the piece, so that one panel without cuts need not stay flat."""
         return self.supports is not None and len(self.supports) > 0
 
 
@@ -90,18 +90,18 @@ class Laid:
 
     @property
     def joints(self) -> int:
-        """Arms that meet across a cut: what somebody has to snap together."""
+        """Number of joints to snap together: pairs of arms that meet across a cut."""
         return int(self.cut.sum())
 
     @property
     def seams(self) -> float:
-        """Metres of seams on the surface."""
+        """Length of all seams on the surface, metres."""
         return float(self.flat.layout.mesh.edge_lengths[self.cut].sum())
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What the assembled panels of a layout do.
+    """Match, strains and making figures of a layout's assembled panels.
 
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
     blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
@@ -127,12 +127,12 @@ class Judged:
 
     @property
     def proved(self) -> bool:
-        """Whether a whole search would leave no more than ``rms``: a long one did, with strains that are borne."""
+        """Whether ``rms`` is reliable: a long search reached it, with strains within the limit."""
         return self.share >= WHOLE or (self.share >= LONG and self.strain <= 1.0)
 
     @property
     def eased(self) -> float:
-        """The RMS distance that a long search may well leave once its strains are borne; of other searches, ``rms``."""
+        """Expected RMS distance once a long search's strains are brought within the limit; for other searches, ``rms``."""
         return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
 
 
@@ -161,7 +161,7 @@ def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SIL
 
 
 def taken_up(layout: PatchLayout) -> float:
-    """Radians of curvature that the most curved panel has to take up."""
+    """Return the curvature within the most curved panel, radians."""
     return float(np.bincount(layout.patch_of, curvature_within(layout)).max())
 
 
@@ -207,7 +207,7 @@ def judge(
 
 
 def optimised(laid: Laid, found: Simulation) -> Judged:
-    """Return what the panels of a layout do whose spirals were optimised.
+    """Judge a layout whose spirals are optimised already.
 
     Parameters
     ----------
@@ -218,13 +218,13 @@ def optimised(laid: Laid, found: Simulation) -> Judged:
 
 
 def _drawn(known: Judged, found: Simulation) -> Judged:
-    """Return a judged layout with what cutting it takes."""
+    """Return a judged layout with its length of cuts and number of contours."""
     curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
 
 def judged(laid: Laid, found: Simulation, limits: Reach, share: float, *, thorough: bool) -> Judged:
-    """Return what the panels of a layout do in a shape at rest, without what cutting takes.
+    """Judge a layout by its shape at equilibrium, without figures of cutting.
 
     Parameters
     ----------

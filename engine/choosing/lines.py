@@ -18,7 +18,8 @@ from ..surface.symmetry import Symmetry, close_under, keeping
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it
-COMPLETED = 2  # layouts made symmetric that are tried in each way, those with the fewest cuts first; not measured, it bounds the time
+# layouts made symmetric that are tried in each way, those with the fewest cuts first; not measured, it bounds the time
+COMPLETED = 2
 OPENINGS = 3  # rounds of opening what is no disk and adding the images; one mends most
 LEAST = 4  # lines of a family: fewer are no family but a coincidence
 
@@ -48,7 +49,7 @@ class Family:
 
 
 def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
-    """The straight line that every edge belongs to; lines end at irregular vertices and at the border."""
+    """Return the number of each edge's straight line; lines end at irregular vertices and at the border."""
     inner = np.flatnonzero(~mesh.border)
     one, two = [], []
     for way in range(2):
@@ -60,7 +61,7 @@ def lines_of(mesh: QuadMesh) -> Int[np.ndarray, " edges"]:
 
 
 def families(mesh: QuadMesh) -> list[Family]:
-    """The families of parallel lines of a surface, those that cover most of it first."""
+    """Return the families of parallel lines of a surface, those that cover most of it first."""
     line_of = lines_of(mesh)
     size = np.bincount(line_of)
     found = [_family(mesh, strip, closed, line_of) for strip, closed in _strips(mesh)]
@@ -77,7 +78,7 @@ def families(mesh: QuadMesh) -> list[Family]:
 
 
 def _strips(mesh: QuadMesh) -> Iterator[tuple[list[int], bool]]:
-    """The edges that every strip of quads crosses, in order, and whether it is closed."""
+    """Yield each strip of quads: the edges that it crosses, in order, and whether it is closed."""
     seen = np.zeros(len(mesh.edges), dtype=bool)
     # those that begin at the border first, so that none is entered in its middle
     for edge in (*np.flatnonzero(mesh.border).tolist(), *np.flatnonzero(~mesh.border).tolist()):
@@ -140,7 +141,7 @@ def drawn(
 
 
 def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
-    """The edges that a mirror leaves where they are: those in its plane. None of a rotation."""
+    """Return the edges in the plane of a mirror symmetry; empty for a rotation."""
     if not symmetry.mirrors:
         return np.zeros(0, dtype=np.int64)
     still = symmetry.vertices == np.arange(len(mesh.vertices))
@@ -156,7 +157,7 @@ def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"
 
 
 def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Cuts in every mirror plane by itself, and in all planes together: a name and (E,) bool each."""
+    """Yield cuts in each mirror plane, and in all planes together: name and (E,) bool."""
     found = []
     for symmetry in symmetries:
         edges = in_plane(mesh, symmetry)
@@ -172,7 +173,7 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
 def unlike(
     sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Those that are not the image of one before: of the sixteen mirror planes along a torus of 32 quads, two."""
+    """Drop sketches that are images of earlier ones: two of the sixteen mirror planes along a torus of 32 quads remain."""
     seen = set[bytes]()
     for name, cut in sketches:
         if cut.tobytes() not in seen:
@@ -217,7 +218,7 @@ def evenly(
 
 
 def _opened(cut: np.ndarray, mesh: QuadMesh, symmetry: Symmetry) -> np.ndarray:
-    """The cuts with their images under a symmetry; what is no disk is opened in images of one cut."""
+    """Add the images of the cuts under a symmetry, and open patches that are not disks by one cut and its images."""
     for _ in range(OPENINGS):
         cut = close_under(cut, [symmetry])
         opened = make_disks(PatchLayout(mesh, cut)).cut & ~mesh.border

@@ -17,7 +17,7 @@ from .judge import Idea, Judged, Laid, Piece, lay
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
 IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
-# of what limits a spiral's match, see ``reach``: what another cut mends
+# reasons that limit a spiral's match (see ``reach``) and that another cut can remove
 MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 OTHERWISE = (
     0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
@@ -48,22 +48,22 @@ def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[
 
 
 def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry]) -> Int[np.ndarray, " more"]:
-    """Edges and where the symmetries take them."""
+    """Return edges with their images under symmetries."""
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 
 def blamed(judged: Judged) -> Float[np.ndarray, " quads"]:
-    """(F,) how much every quad is to blame, most where another cut would mend it."""
+    """Return (F,) each quad's share in the mismatch, weighted by whether another cut could remove its reason."""
     return weighed(judged.blame, judged.kind)
 
 
 def weighed(blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]) -> Float[np.ndarray, " quads"]:
-    """Differences of bending, most where another cut would mend them; ``kind`` as in ``reach``."""
+    """Weight differences of bending by whether another cut could remove their reason, ``kind`` as in ``reach``."""
     return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
 
 
 def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterator[Idea]:
-    """A layout with one more cut each, as ``cuts`` says."""
+    """Yield layouts with one more cut each, see ``cuts``."""
     for edges, origin in cuts(layout, blame):
         cut = layout.cut.copy()
         cut[edges] = True
@@ -71,7 +71,7 @@ def with_cuts(layout: PatchLayout, blame: Float[np.ndarray, " quads"]) -> Iterat
 
 
 def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, str]]:
-    """Edges to cut: through the middle of the patch to blame, and from its worst vertices to the outline."""
+    """Yield edges to cut: through the middle of the worst patch, and from its worst vertices to the outline."""
     worst = int(np.bincount(layout.patch_of, blame).argmax())
     middle = middle_line(layout, worst)
     if len(middle):
@@ -91,7 +91,7 @@ def cuts(layout: PatchLayout, blame: np.ndarray) -> Iterator[tuple[np.ndarray, s
 
 
 def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
-    """Vertices inside of patches, those first round which most is to blame and most curvature has no way out."""
+    """Return vertices inside patches, those with the largest mismatch and the most enclosed curvature first."""
     mesh = layout.mesh
     inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
     curved = curvature_within(layout)
@@ -142,7 +142,7 @@ def joined(piece: Piece, judged: Judged, most: int) -> Laid | None:
 
 
 def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
-    """The seams, those first beside which least is to blame and which let least curvature out, for how long they are."""
+    """Return the seams, least important first: those with the least mismatch and relieved curvature per length."""
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
     curved = curvature_within(opened)
     weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)

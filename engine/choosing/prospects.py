@@ -1,4 +1,4 @@
-"""What would bring a piece nearer to its target, each with the match that a short search reaches.
+"""Ways to bring a piece nearer to its target, each with the match that a short search reaches.
 
 A short search takes seconds, a prediction half of one: only what is predicted to gain is searched. On cube, cylinder, cone and
 boolean the two agreed on which of twelve ways gain. The full search that follows a press begins where the short one does and goes on for longer, so that it comes at least as near,
@@ -31,8 +31,8 @@ from .moves import IDEAS, weighed, with_cuts
 from .predict import Start, predicted
 
 BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
-WORTH = 0.8  # of the distance that is left: what gains less is not worth a press; not measured
-MOST_HELD = 0.5  # share of the quads: a piece of which more are held is no panel that bends
+WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; not measured
+MOST_HELD = 0.5  # largest share of held quads: with more, too little of the piece is left to bend
 
 
 def prospects(
@@ -95,7 +95,7 @@ class _Promise:
 
 
 def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
-    """What a piece could be held at: few enough quads that the rest still bends, each set once."""
+    """Return the sets of quads at which a piece could be held, if enough quads remain free to bend; each set once."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}
     for name, quads in ((LOWEST, standing(mesh, LOWEST)), (BORDER, border)):
@@ -140,6 +140,6 @@ def _cut(piece: Piece, idea: Idea, promise: _Promise, progress: Progress) -> flo
 
 
 def _mismatch(found: Simulation) -> Float[np.ndarray, " quads"]:
-    """How much every quad's bending differs from the target's, squared metres."""
+    """Return the squared difference of each quad's bending from the target's, squared metres."""
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
     return (bends**2).sum(axis=1)

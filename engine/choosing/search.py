@@ -1,4 +1,4 @@
-"""What is known while layouts are sought: which were judged, in what order they stand, and how many more may be."""
+"""State of the search for layouts: judged layouts, their ranking, and the number that may still be judged."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[A
 
 # Seconds of processor for all predictions together, and what one takes: a part of a second, and so much a quad
 BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
-PUNCTUAL = 0.6  # share of the time that work may take from which its progress becomes slower and slower
+PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
 FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
 NEARER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
 )
-# What a long search leaves of the distance that a short one ends with: 0.36 to 0.67 for layouts of 986 quads, less for those of 150
+# Expected distance after a long search over the distance after a short one: measured 0.36 to 0.67 for layouts of 986 quads, less for those of 150
 EXPECTED = 0.67
 
 
 @dataclass(eq=False)
 class Search:
-    """What is known while layouts are sought."""
+    """State of the search for layouts."""
 
     piece: Piece
     params: ChooseParams
@@ -46,21 +46,21 @@ class Search:
 
     @property
     def one(self) -> float:
-        """Seconds of processor for a prediction."""
+        """Processor seconds of one prediction."""
         return ONE + QUAD * len(self.piece.mesh.quads)
 
     @property
     def left(self) -> int:
-        """How many more layouts may be judged."""
+        """Number of layouts that may still be judged."""
         return int(np.clip(BUDGET / self.one, FEWEST, MOST)) - len(self.known)
 
     def unknown(self, laid: Laid) -> bool:
-        """Whether a layout is not known yet."""
+        """Return whether a layout has not been judged yet."""
         return key(laid) not in self.known
 
     @property
     def judged(self) -> list[Judged]:
-        """Everything that takes a shape, as it was judged last, the best first."""
+        """Return the latest judgement of all layouts with an equilibrium, best first."""
         latest = self.known | self.proved
         return sorted((one for one in latest.values() if one is not None), key=self.key)
 
@@ -70,12 +70,12 @@ class Search:
 
     @property
     def said(self) -> str:
-        """What is told while layouts are judged: the best so far."""
+        """Return the progress text while layouts are judged: the best so far."""
         best = next(iter(self.judged), None)
         return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
 
     def key(self, one: Judged) -> tuple[float, ...]:
-        """The smaller the better, by what is wanted."""
+        """Return the sort key of a layout for the present goal; smaller is better."""
         rms, laid = self.distance(one), one.laid
         work = (float(laid.joints), float(laid.panels), rms)
         if self.params.goal == "panels":
@@ -85,7 +85,7 @@ class Search:
         return (0.0, *work) if rms <= limit else (1.0, rms, *work)
 
     def holds(self, one: Judged) -> bool:
-        """Whether a layout holds the goal."""
+        """Return whether a layout meets the goal."""
         return self.key(one)[0] == 0.0
 
     def next(self, share: float) -> list[Laid]:
@@ -105,7 +105,7 @@ class Search:
         self.known.update(zip(map(key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[Judged]) -> None:
-        """Learn from long searches what those leave of predictions, the worst share of several."""
+        """Update the expected ratio of long searches to predictions: the worst of several."""
         shares = [
             one.eased / before.rms
             for one in searched
@@ -115,7 +115,7 @@ class Search:
             self.expected = max(shares)
 
     def learn(self, given: Judged) -> None:
-        """Go by what a search of the given layout has come to: long searches of others begin with its spirals."""
+        """Use the outcome of a search of the initial layout: long searches of other layouts start from its spirals."""
         self.reference = given.rms
         self.expect([given])
         self.piece = replace(self.piece, spirals=given.spirals)
@@ -143,7 +143,13 @@ def _proved(tried: tuple[Piece, Laid]) -> Judged | None:
 
 
 def creeping(progress: Progress, seconds: float) -> Progress:
-    """Return a progress by the clock, for work of which the last piece, which reports nothing, takes about so many seconds."""
+    """Return a progress that advances with the clock, for work that reports nothing near its end.
+
+    Parameters
+    ----------
+    progress : to report to
+    seconds : expected duration of the work
+    """
     report, began, whole = progress.report, time.monotonic(), progress.hi - progress.lo
     if report is None or seconds <= 0.0:
         return progress
@@ -157,11 +163,11 @@ def creeping(progress: Progress, seconds: float) -> Progress:
 
 
 def key(laid: Laid) -> bytes:
-    """What tells one layout of a surface from another."""
+    """Return a key that identifies a layout of the surface."""
     return np.packbits(laid.cut).tobytes()
 
 
 def short(laid: Laid, rms: float) -> str:
-    """Panels and distance in a few words."""
+    """Describe a layout by its panels and distance in a few words."""
     panels = counted(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {100.0 * rms:.2g} %"

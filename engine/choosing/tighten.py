@@ -1,4 +1,4 @@
-"""Another layout where the one that merging gives is predicted to stay far from the target.
+"""Replacement of the merged layout if it is predicted to stay far from the target.
 
 Limits of distortion lead to few panels, but do not say how near to its target the piece comes.
 """
@@ -36,7 +36,7 @@ SEARCHED = 0.85
 def tightened(
     piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return another layout, along the folds or merged under tighter limits, where the given one is expected to miss the match that is wanted.
+    """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def tightened(
     progress(0.0, "Predicting the match")
     try:
         start = Start.from_layout(piece, flat, progress.quiet())
-    except FlexMapsError:  # quads are too small for spirals, which the next stage tells
+    except FlexMapsError:  # quads are too small for spirals; the next stage reports it
         return flat
     left = _expected(piece, flat, start, progress)
     if left == np.inf:

@@ -1,1 +1,1 @@
-"""Assemblies of spirals, what holds and loads them, and their equilibrium; the elastic models are in ``arms`` and ``rods``."""
+"""Assemblies of spirals, their supports and loads, and their equilibrium; ``arms`` and ``rods`` hold the elastic models."""

@@ -1,13 +1,13 @@
-"""Where arms bend: the point up to which the lever of an arm counts as rigid.
+"""Bend points of arms: the point up to which an arm's lever counts as rigid.
 
-An arm turns bit by bit on its way from the hub to the tip. A joint's gap that is measured between both hubs' levers, as
-if every arm were rigid up to its tip and turned there at once, takes the bending of slender arms for a stretch of the
-second order. With the turn even along the arm's length, x(u) = R u e^(i twist (1 - u)) and its arc fraction sigma,
+An arm turns gradually from hub to tip. Measuring a joint's gap as if every arm were rigid up to its tip, and turned
+there at once, would mistake the bending of slender arms for a second-order stretch. With the turn spread evenly along
+the arm, x(u) = R u e^(i twist (1 - u)) and its arc fraction sigma,
 
     shift of the second hub = integral of exp((f - 1/2) turn) dx,   f = the share of the turn that is reached there,
 
-seen from the frame half way between both hubs. Levers that end at ``integral of (1 - 2 share sigma)^2 dx`` give the same
-shift up to the third order; ``share`` is the arm's part of the joint's turning, 1/2 for equal arms.
+seen from the frame half way between both hubs. Levers that end at ``integral of (1 - 2 share sigma)^2 dx`` give the
+same shift up to the third order; ``share`` is the arm's part of the joint's turn, 1/2 for equal arms.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ import numpy as np
 
 from ..arrays import Float
 
-POINTS = 24  # of the Gauss quadrature: within 2e-14 of the radius, up to a twist of 600 degrees
+POINTS = 24  # Gauss quadrature: within 2e-14 of the radius, up to a twist of 600 degrees
 _X, _W = np.polynomial.legendre.leggauss(POINTS)
 
 
 def bend_point(twist: np.ndarray, share: Float[np.ndarray, " arms"] | float = 0.5) -> tuple[np.ndarray, np.ndarray]:
     """Bend points of n arms, and their derivatives by the twist, both (n, 2), in units of the arm's radius.
 
-    twist : (n,) rad, share : (n,) in [0, 1]. Axes: along the radius to the tip, and to the left of it; arms that wind
-    clockwise have the second sign changed.
+    twist : (n,) rad; share : (n,) in [0, 1]. Axes: along the radius to the tip, and to the left of it; for arms that
+        wind clockwise, to the right.
     """
     u, w = 0.5 * (_X + 1.0), 0.5 * _W
     phi = np.atleast_1d(np.asarray(twist, dtype=float))[:, None]
@@ -42,7 +42,7 @@ def bend_point(twist: np.ndarray, share: Float[np.ndarray, " arms"] | float = 0.
 
 
 def _arc(phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Length of the arm up to u over its radius, and the derivative by the twist."""
+    """Length of the arm up to u, over its radius, and its derivative by the twist."""
     small = phi < 1e-3
     safe = np.where(small, 1.0, phi)
     speed = np.sqrt(1.0 + (safe * u) ** 2)

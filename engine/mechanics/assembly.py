@@ -38,7 +38,7 @@ class Pose:
         """Shift the hubs by step[:, :3] metres and turn them by the rotation vectors step[:, 3:] radians, in space, (n,
         6).
 
-        Rows of the nodes may follow those of the hubs; without such rows the nodes move with their hubs.
+        Rows of the nodes may follow the rows of the hubs; without such rows the nodes move with their hubs.
         """
         n = len(self.centres)
         moved = Pose(self.centres + step[:n, :3], Rotation.from_rotvec(step[:n, 3:]).as_matrix() @ self.rotations)
@@ -172,7 +172,7 @@ class Assembly:
 
     @property
     def inner(self) -> int:
-        """Number of joints without those of the rim."""
+        """Number of joints outside the rim."""
         return len(self.pairs) - (self.nodes + len(self.rim.pairs) if self.nodes and self.rim is not None else 0)
 
     @property
@@ -190,7 +190,7 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Assembly:
-        """The assembly with the rim's nodes as spirals and its joints as joints; itself where there is no rim."""
+        """The assembly with the rim's nodes as spirals and its joints as joints; without a rim, the assembly itself."""
         rim = self.rim
         if rim is None or self.nodes:
             return self
@@ -298,11 +298,22 @@ class Assembly:
         )
 
     def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
-        """Replace the widths (n, 4) metres and the twists (n,) radians."""
+        """Replace the spirals.
+
+        Parameters
+        ----------
+        width : (n, 4) metres
+        twist : (n,) radians
+        """
         return replace(self, width=width, twist=twist)
 
     def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
-        """Replace the rest geometry: levers (m, 2, 3) metres and axes (m, 2, 3, 3)."""
+        """Replace the rest geometry.
+
+        Parameters
+        ----------
+        lever, axes : (m, 2, 3) metres and (m, 2, 3, 3), as in ``Assembly``
+        """
         return replace(self, lever=lever, axes=axes)
 
 

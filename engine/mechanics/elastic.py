@@ -1,4 +1,4 @@
-"""What every elastic model of an assembly offers, so that equilibrium and design take any of them."""
+"""Interface of the elastic models of an assembly, so that equilibrium and design work with any of them."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ class Expansion:
 
     energy : joules; per_joint : (m,) joules
     gradient : (n, 6) newtons and newton metres
-    hessian : (m, 12, 12) of every joint, in the order first spiral's shift, its turn, second spiral's shift, its turn
-    convex : (m, 12, 12) the positive semi-definite part of it, without the curvature of the strains (Gauss-Newton)
+    hessian : (m, 12, 12) of every joint, in the order: shift of the first spiral, its turn, shift of the second, its
+        turn
+    convex : (m, 12, 12) positive semi-definite part of the Hessian, without the curvature of the strains (Gauss-Newton)
     """
 
     energy: float
@@ -31,7 +32,7 @@ class Expansion:
 
 
 class State(Protocol):
-    """A configuration: the hubs' pose and whatever else a model carries along. Never changed in place."""
+    """A configuration: the hubs' pose and the model's own history. Never changed in place."""
 
     @property
     def pose(self) -> Pose: ...
@@ -53,56 +54,85 @@ class ElasticModel(Protocol):
     def pairs(self) -> np.ndarray: ...
 
     def part(self, hubs: np.ndarray, joints: np.ndarray) -> ElasticModel:
-        """The model of some spirals and some of the joints between them, as ``Assembly.part``: the other joints are open."""
+        """Select spirals and joints between them, as ``Assembly.part``; all other joints are open.
+
+        Parameters
+        ----------
+        hubs : (k,) int
+        joints : (j,) int
+        """
 
     def weakened(self, share: np.ndarray) -> ElasticModel:
-        """The model with joints of these shares (m,) of their stiffness."""
+        """Multiply the joints' stiffness by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:
-        """The state at a pose, as if reached straight from rest."""
+        """State at a pose, as if reached straight from rest."""
 
     def energy(self, state: Any) -> float:
-        """Joules; not a number where the state is beyond the model."""
+        """Energy in joules; not a number outside the model's range."""
 
     def expand(self, state: Any, ahead: bool = False) -> Expansion:
-        """Energy, gradient and Hessian.
+        """Compute energy, gradient and Hessian.
 
-        With ``ahead``, the curvature of the strains is weighted not by the stresses of the state, but by those that the
-        step which led there predicted to first order: the mixed iteration of Magisano, Leonetti and Garcea (2017).
-        Thin shells bend much farther with every step, for a finite step along a bend stretches them at first.
+        Parameters
+        ----------
+        state : where
+        ahead : weight the curvature of the strains by the stresses that the last step predicted to first order, not by
+            those of the state: the mixed iteration of Magisano, Leonetti and Garcea (2017). Thin shells then bend much
+            farther per step, because a finite step along a bend first stretches them.
         """
 
     def moved(self, state: Any, step: np.ndarray) -> Any:
-        """The state moved by (n, 6) as in ``Pose.moved``."""
+        """Move a state.
+
+        Parameters
+        ----------
+        state : where the step begins
+        step : (n, 6) increments, as in ``Pose.moved``
+        """
 
     def gradient_by_design(self, state: Any) -> Float[np.ndarray, "joints 12 2 5"]:
-        """(m, 12, 2, 2): derivative of every joint's share of the gradient by the design, at a fixed pose.
+        """Differentiate every joint's share of the gradient by the design, at a fixed pose.
 
-        Rows as in ``Expansion.hessian``; then the side of the joint; then width (per metre) and twist (per radian) of the
-        spiral on that side.
+        Returns
+        -------
+        (m, 12, 2, 5) : rows as in ``Expansion.hessian``; side of the joint; four widths (per metre), then the twist
+        (per radian) of the spiral on that side
         """
 
     def beyond(self) -> list[Beyond]:
-        """The spirals that count as their nearest neighbours in what the model was fitted to, quantity by quantity."""
+        """List the quantities outside the model's range, with the spirals concerned."""
 
     def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
-        """(m,) radians: how far the two hubs of every joint are turned against each other about the line across it."""
+        """(m,) radians, turn of the two hubs of every joint relative to each other about the line across it."""
 
 
 def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) -> Float[np.ndarray, "spirals 6"]:
-    """(n, 6) sums of per-joint vectors (m, 12) over the spirals of ``pairs`` (m, 2)."""
+    """Sum vectors of joints over the spirals.
+
+    Parameters
+    ----------
+    blocks : (m, 12), in the order of ``Expansion.hessian``
+    pairs : (m, 2) int, the spirals of every joint
+    size : n, number of spirals
+
+    Returns
+    -------
+    (n, 6)
+    """
     index = (pairs[..., None] * 6 + np.arange(6)).ravel()
     return np.bincount(index, weights=blocks.ravel(), minlength=6 * size).reshape(size, 6)
 
 
 class JointSum:
-    """Sums joints' blocks (m, 12, 2 K) into a matrix (6 n, K n): from K numbers a spiral to six a spiral, or node of a rim.
+    """Sums blocks of joints (m, 12, 2 K) to a sparse matrix (6 n, K n): derivatives of six numbers per body by K per
+    spiral.
 
-    Where its entries are is worked out once for many sums.
+    The sparsity pattern is computed once for many sums.
     """
 
     def __init__(self, assembly: Assembly, each: int):
-        """assembly : with its rim; each : K"""
+        """Compute the sparsity pattern for an assembly with its rim, and ``each`` = K numbers per spiral."""
         row = (assembly.pairs[..., None] * 6 + np.arange(6)).reshape(-1, 12, 1)
         column = (assembly.owners[..., None] * each + np.arange(each)).reshape(-1, 1, 2 * each)
         self._shape = (6 * assembly.size, each * assembly.spirals)
@@ -112,6 +142,6 @@ class JointSum:
         self._indptr = np.searchsorted(entries, starts).astype(np.int32)
 
     def __call__(self, blocks: np.ndarray) -> csr_array:
-        """The matrix of these blocks."""
+        """Sum blocks."""
         values = np.bincount(self._slot.ravel(), weights=blocks.ravel(), minlength=len(self._indices))
         return csr_array((values, self._indices, self._indptr), shape=self._shape)

@@ -1,8 +1,8 @@
 """Static equilibrium of an assembly by Newton's method on the energy (FlexMaps section 6.1).
 
-The Hessian is indefinite almost everywhere but near a minimum, which ``newton.LineSearch`` deals with. The stresses in it are
-those that the last step predicted to first order, which lets thin shells bend far at once (see ``ElasticModel.expand``); large
-turns are capped. A result counts as converged at a minimum only.
+The Hessian is indefinite except near a minimum; ``newton.LineSearch`` handles that. Its stresses are those that the
+last step predicted to first order, which lets thin shells bend far per step (see ``ElasticModel.expand``). Large turns
+are capped. Only a minimum counts as converged.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from .elastic import ElasticModel, Expansion
 from .loads import Loads, between
 from .newton_system import NewtonSystem
 
-TURN_CAP = 0.5  # radians that a hub may turn in one step, for the expansion to hold; by eye
-NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; by eye
-# strain whose forces the residual is measured against where nothing is stressed: far below any that counts
-UNSTRESSED = 1e-5
+TURN_CAP = 0.5  # radians, largest turn of a hub in one step, so that the expansion holds; chosen by eye
+NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; chosen by eye
+# Strain of the forces that the residual is relative to where nothing is stressed; far below any relevant strain.
+REFERENCE_STRAIN = 1e-5
 STATUS = {
     CONVERGED: "Converged in {}.",
     ROUNDED: "Converged in {}.",
@@ -55,14 +55,14 @@ STATUS = {
 class Equilibrium:
     """Where an assembly rests.
 
-    pose : the hubs; energy : joules, elastic less the work of the forces; per_joint : (m,) elastic joules
-    converged : true only at a minimum whose residual is within the tolerance
-    iterations : Newton steps; residual : norm of the forces left over, relative to those in the joints
+    pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) elastic joules
+    converged : True only at a minimum with a residual within the tolerance
+    iterations : Newton steps; residual : norm of the unbalanced forces, relative to those in the joints
     history : (iterations + 1, 2) energy and residual
     negative_eigenvalues : of the Hessian at the end; 0 at a minimum
     torsion_max : radians, largest turn of two neighbours about the line across their joint
-    status : one plain sentence
-    spare : the largest of the margins without which it would still be a minimum, 0 if there is none (see ``solve``)
+    status : one sentence for the user
+    spare : largest of the margins with which it is stable, 0 if none (see ``solve``)
     """
 
     pose: Pose
@@ -78,7 +78,7 @@ class Equilibrium:
     spare: float = 0.0
 
     def placed(self, pose: Pose) -> Equilibrium:
-        """The same equilibrium, moved as a whole to a pose."""
+        """Replace the pose, for a rigid motion of the whole."""
         return replace(self, pose=pose)
 
 
@@ -94,12 +94,20 @@ def solve(
     step: Float[np.ndarray, "spirals 6"] | None = None,
     margins: tuple[float, ...] = (),
 ) -> Equilibrium:
-    """The equilibrium reached from a pose. ``system`` may be shared by solves with the same joints and supports.
+    """Find the equilibrium that is reached from a pose; ``converged`` tells whether it was.
 
-    ``iterations`` bounds those of the settings further; ``step`` is a first step (n, 6) that something else predicts;
-    ``margins`` are shares of the convex part of the Hessian; ``Equilibrium.spare`` is the largest that leaves it positive definite.
+    Parameters
+    ----------
+    model, start, loads, params, progress : model, starting pose, loads, and the solver's settings
+    system : shared by solves with the same joints and supports
+    iterations : a further limit on the settings' number of iterations
+    step : (n, 6) a predicted first step
+    margins : shares of the convex part that are subtracted from the Hessian; ``Equilibrium.spare`` is the largest that
+        leaves it positive definite
 
-    Raises FlexMapsError if forces would carry an unsupported piece away. Where it does not converge, the result says so.
+    Raises
+    ------
+    FlexMapsError : forces would carry away a piece without supports
     """
     return exhausted(settling(model, start, loads, params, progress, system, iterations, step, margins))
 
@@ -115,20 +123,29 @@ def settling(
     step: Float[np.ndarray, "spirals 6"] | None = None,
     margins: tuple[float, ...] = (),
 ) -> Generator[Any, None, Equilibrium]:
-    """The same step by step: gives the model's states on the way and returns the equilibrium; between two, other work may be done."""
+    """Run ``solve`` step by step, so that other work can be done in between.
+
+    Parameters
+    ----------
+    model, start, loads, params, progress, system, iterations, step, margins : as in ``solve``
+
+    Returns
+    -------
+    Generator : yields the model's states, returns the equilibrium
+    """
     if system is None:
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
-        # so near to the end, the convex part is wanted for one step at the most
+        # near the end the convex part is needed for at most one step
         rule.decay, state = 0.0, model.moved(state, step)
-    return _result(problem, (yield from stepping(problem, state, rule)))
+    return _make_result(problem, (yield from stepping(problem, state, rule)))
 
 
 @dataclass(eq=False)
 class _Balance:
-    """Elastic energy less the work of the forces, as a function of the model's states (a ``newton.Problem``)."""
+    """Elastic energy minus the work of the forces, as a function of the model's states (a ``newton.Problem``)."""
 
     model: ElasticModel
     loads: Loads
@@ -137,7 +154,7 @@ class _Balance:
     progress: Progress
     margins: tuple[float, ...] = ()
     spare: float = 0.0
-    scale: float = 0.0  # newtons, the largest forces so far
+    scale: float = 0.0  # newtons, largest force so far
 
     def expand(self, state: Any) -> Local:
         here = self.model.expand(state, ahead=True)
@@ -181,7 +198,7 @@ class _Balance:
         convex = self.system.values(here.convex) if self.margins else values
         kept = (one for one in sorted(self.margins, reverse=True) if self.system.factor(values - one * convex))
         self.spare = next(kept, 0.0)
-        return self.system.factor(values)  # the last one, as its owner solves with it
+        return self.system.factor(values)  # last, because the caller solves with this factor
 
     def exits(self, state: Any) -> list[Any]:
         here = self.model.expand(state)
@@ -190,7 +207,7 @@ class _Balance:
         return [self.model.moved(state, sign * way) for sign in (1.0, -1.0)]
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
-        """Forces left over, relative to the forces in the joints now and at the start, and to the loads."""
+        """Norm of the unbalanced forces, relative to the largest forces in the joints so far and to the loads."""
         weight, inner = force_measure(self.model, here, pose)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
         self.scale = max(self.scale, inner, float(np.linalg.norm(self.loads.force)))
@@ -198,17 +215,26 @@ class _Balance:
 
 
 def force_measure(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
-    """What makes forces of forces and moments (6,), and newtons, the size of the forces within the joints of a state."""
+    """Weights that turn forces and moments into forces, and the size of the forces in the joints.
+
+    Parameters
+    ----------
+    model, here, pose : a state's expansion and pose
+
+    Returns
+    -------
+    (6,) and newtons
+    """
     pose = pose.whole
     a, b = model.pairs.T
     length = float(np.linalg.norm(pose.centres[b] - pose.centres[a], axis=1).mean())
     stiffness = np.einsum("mii->m", here.convex[:, :3, :3])
     inner = float(np.sqrt(2.0 * here.per_joint * stiffness).sum() / np.sqrt(len(stiffness)))
-    return np.repeat([1.0, 1.0 / length], 3), max(inner, UNSTRESSED * length * float(np.median(stiffness)))
+    return np.repeat([1.0, 1.0 / length], 3), max(inner, REFERENCE_STRAIN * length * float(np.median(stiffness)))
 
 
-def _result(problem: _Balance, run: Run) -> Equilibrium:
-    """What a run has led to, with its sentence."""
+def _make_result(problem: _Balance, run: Run) -> Equilibrium:
+    """Collect the result of a run, with its sentence."""
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, ROUNDED), 0
@@ -226,10 +252,15 @@ def _result(problem: _Balance, run: Run) -> Equilibrium:
 def other_minima(
     model: ElasticModel, found: Equilibrium, loads: Loads, params: SimulateParams, progress: Progress = SILENT
 ) -> list[Equilibrium]:
-    """Other shapes in which the assembly can rest, by energy: searches from starts bent along its softest modes.
+    """Search other shapes in which the assembly can rest, sorted by energy.
 
-    ``params.restarts`` starts: the shape turned inside out, then bent along its softest modes. Minima are the same if no
-    hub differs by more than a tenth of the distance of neighbours.
+    The ``params.restarts`` starts are the shape turned inside out, then shapes bent along its softest modes. Two minima
+    are equal if no hub differs by more than a tenth of the distance of neighbours.
+
+    Parameters
+    ----------
+    model, found, loads : the equilibrium ``found``, and its model and loads
+    params, progress : the solver's settings
     """
     if not params.restarts or not found.converged:
         return []
@@ -237,21 +268,21 @@ def other_minima(
     if not len(system.free):
         return []
     here = model.expand(model.start(found.pose))
-    count = min(MODES, len(system.free))
+    count = min(MODE_COUNT, len(system.free))
     modes = system.softest(system.values(here.hessian), system.values(here.convex), count)[0]
     modes /= np.linalg.norm(modes[..., 3:], axis=2).max(axis=1)[:, None, None]
     minima, quick = [found], replace(params, iterations=min(params.iterations, 100))
     for k in range(params.restarts):
         part = progress.part(k / params.restarts, (k + 1) / params.restarts)
-        start = _inside_out(found.pose, system.held) if k == 0 else _bent(found.pose, modes, k - 1)
+        start = _turn_inside_out(found.pose, system.held) if k == 0 else _bend_along_modes(found.pose, modes, k - 1)
         other = solve(model, start, loads, quick, part, system)
         if other.converged and all(differ(other.pose, known.pose, model.pairs, loads) for known in minima):
             minima.append(other)
     return sorted(minima[1:], key=lambda e: e.energy)
 
 
-def _inside_out(pose: Pose, held: np.ndarray) -> Pose:
-    """Mirrored along the mean normal, at the middle of the hubs that are held; these stay."""
+def _turn_inside_out(pose: Pose, held: np.ndarray) -> Pose:
+    """Mirror a pose along its mean normal, at the middle of the held hubs, which stay."""
     held = held[: len(pose.centres)]
     middle = pose.centres[held[:, 0]].mean(axis=0)
     normal = pose.rotations[:, :, 2].mean(axis=0)
@@ -262,23 +293,30 @@ def _inside_out(pose: Pose, held: np.ndarray) -> Pose:
     return Pose(np.where(held[:, :3], pose.centres, centres), np.where(held[:, 3:4, None], pose.rotations, rotations))
 
 
-def _bent(pose: Pose, modes: np.ndarray, k: int) -> Pose:
-    """Bent along one mode after the other, to both sides, then along random mixtures of them."""
+def _bend_along_modes(pose: Pose, modes: np.ndarray, k: int) -> Pose:
+    """Bend a pose along the modes one by one, to both sides, then along random mixtures of them."""
     rng = np.random.default_rng(k)
     weight = np.eye(len(modes))[k // 2] * (-1.0) ** k if k < 2 * len(modes) else rng.normal(size=len(modes))
-    step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * BEND * (1.0 + k % 3)
-    # in small parts, as turns do not add
+    step = np.tensordot(weight / np.abs(weight).sum(), modes, 1) * MIN_BEND * (1.0 + k % 3)
+    # in small steps, because finite turns do not add
     for _ in range(8):
         pose = pose.moved(step / 8.0)
     return pose
 
 
-MODES = 6  # softest ones that starts are bent along; by eye
-BEND = 0.8  # radians, largest turn of the smallest bent start
+MODE_COUNT = 6  # number of softest modes that starts are bent along; chosen by eye
+MIN_BEND = 0.8  # radians, largest turn of the least bent start; chosen by eye
 
 
 def differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
-    """Return whether any hub lies more than a tenth of the distance of neighbours apart in two poses."""
+    """Return whether any hub differs between two poses by more than a tenth of the distance of neighbours.
+
+    Parameters
+    ----------
+    one, two : the poses; the supports decide how far the first may be moved to fit the second
+    pairs : (m, 2) int, joined hubs
+    loads : the supports
+    """
     placed, pairs = loads.laid(one, pairs, two), between(pairs, len(one.centres))
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()

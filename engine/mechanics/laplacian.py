@@ -28,7 +28,7 @@ def uniform_laplacian(pairs: Int[np.ndarray, "joints 2"], size: int) -> csr_arra
 def laplacian_difference(
     pairs: np.ndarray, centres: Float[np.ndarray, "spirals 3"], target: Float[np.ndarray, "spirals 3"]
 ) -> Float[np.ndarray, "spirals 3"]:
-    """Subtract the target's Laplacian coordinates from those of the centres, after the best rotation.
+    """Laplacian coordinates of the centres, after the best rotation, minus the target's.
 
     Parameters
     ----------

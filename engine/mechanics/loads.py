@@ -17,10 +17,8 @@ from .rigid import Freedom, freedoms
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
-CARRY_TOLERANCE, TURN_TOLERANCE = (
-    1e-9,
-    1e-6,
-)  # share of the forces' largest possible work that counts as zero, for shifts and for turns
+# Work of the forces, as a share of the largest possible, that counts as zero: for shifts and for turns of a piece.
+CARRY_TOLERANCE, TURN_TOLERANCE = 1e-9, 1e-6
 GROUND_HEIGHT = 0.25  # height above the lowest quad, in median edges, up to which a quad stands on the ground
 
 
@@ -115,7 +113,13 @@ class Loads:
 
 
 def between(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
-    """Select the joints (m, 2) int between the first ``size`` bodies: hubs, not nodes of a rim."""
+    """Select the joints between hubs, without those of a rim's nodes.
+
+    Parameters
+    ----------
+    pairs : (m, 2) int, joined bodies
+    size : number of hubs, which come first
+    """
     return pairs[(pairs < size).all(axis=1)]
 
 

@@ -1,4 +1,4 @@
-"""The linear systems of an assembly's equilibrium: assembled from joint blocks, held degrees of freedom eliminated."""
+"""Linear systems of an assembly's equilibrium, assembled from joint blocks without the held degrees of freedom."""
 
 from __future__ import annotations
 
@@ -10,16 +10,18 @@ from ..arrays import Float, Num
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
 from ..progress import SILENT, Progress
 
-SHIFT = 1e-9  # of the diagonal: what makes a semi-definite matrix definite
-INVERSE_TOLERANCE = 1e-7  # relative, of the eigenvalues at a minimum: their derivatives need accurate modes
-DENSE = 60  # increments up to which all eigenvalues are found at once; Lanczos needs more than it is asked for
+SHIFT = 1e-9  # share of the diagonal added to make a semi-definite matrix definite
+# relative, of the eigenvalues at a minimum; tight because their derivatives need accurate modes
+INVERSE_TOLERANCE = 1e-7
+DENSE = 60  # largest number of free increments solved densely; Lanczos needs more unknowns than eigenvalues
 
 
 class NewtonSystem:
-    """Systems in the free increments of n hubs, which share one pattern and one symbolic factorisation.
+    """Systems in the free increments of n hubs, with one sparsity pattern and one symbolic factorisation.
 
     pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
-    Bodies that joints have beyond those n, the nodes of a rim, are free; fields (n, 6) may leave them out, which is 0 there.
+    Bodies in ``pairs`` beyond the n hubs, the nodes of a rim, are free; their rows in fields (n, 6) may be missing and
+    then count as 0.
     """
 
     def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None):
@@ -36,37 +38,43 @@ class NewtonSystem:
         self.cholesky = SparseCholesky(self.pattern, backend)
 
     def values(self, blocks: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) entries of the lower triangle from the joints' (m, 12, 12) blocks."""
+        """(nnz,) entries of the lower triangle, from the joints' blocks (m, 12, 12)."""
         return self.pattern.sum(blocks.ravel()[self._used])
 
     def factor(self, values: np.ndarray) -> bool:
-        """Factor; False where the matrix is not positive definite."""
+        """Factor the matrix; return False if it is not positive definite."""
         return self.cholesky.attempt(values)
 
     def reduced(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
-        """(free,) of a (n, 6) field."""
+        """(free,) free entries of a field (n, 6)."""
         if len(field) < len(self.held):
             field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
         return field.ravel()[self.free]
 
     def full(self, reduced: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) with zeros where hubs are held."""
+        """(n, 6) field from its free entries, zero where hubs are held."""
         out = np.zeros(self.held.size)
         out[self.free] = reduced
         return out.reshape(self.held.shape)
 
     def solve(self, field: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
-        """(n, 6) solution for a right-hand side (n, 6), with the last factor."""
+        """Solve for a right-hand side (n, 6) with the last factor."""
         return self.full(self.cholesky.solve(self.reduced(field)))
 
     def definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
-        """Values of a positive semi-definite matrix, made definite by a share of its diagonal."""
+        """Make a positive semi-definite matrix definite.
+
+        Parameters
+        ----------
+        values : (nnz,) its entries
+        share : of the diagonal that is added
+        """
         values, diagonal = values.copy(), self.pattern.indptr[:-1]
         values[diagonal] += share * values[diagonal] + 1e-3 * share * values[diagonal].max(initial=0.0)
         return values
 
     def negative(self, values: np.ndarray) -> int:
-        """Number of negative eigenvalues of the matrix with these values."""
+        """Count the negative eigenvalues of the matrix with these values."""
         try:
             return negative_eigenvalues(self.pattern, values)
         except NotPositiveDefinite:  # a pivot is exactly zero
@@ -77,11 +85,20 @@ class NewtonSystem:
     def softest(
         self, values: np.ndarray, metric: np.ndarray, count: int = 1, progress: Progress = SILENT
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(count, n, 6) increments in which the energy rises least, or falls most, and (count,) how it does against a metric.
+        """Find the increments in which the energy rises least, or falls most: eigenvectors of H v = lambda B v.
 
-        Eigenvectors of H v = lambda B v with the smallest lambda; B, given by its values, is made definite: against it
-        the spectrum of H is well spread, so that a few Lanczos steps do. Fewer where fewer are free; where
-        nothing is, one that moves nothing and costs as much as its metric.
+        B is made definite. Relative to it the spectrum of H is well spread, so that a few Lanczos steps suffice.
+
+        Parameters
+        ----------
+        values, metric : (nnz,) entries of H and B
+        count : number of modes; fewer are returned if fewer increments are free
+        progress : is updated and can cancel
+
+        Returns
+        -------
+        (count, n, 6) and (count,) : modes, smallest lambda first, and their lambda. Without free increments, one zero
+        mode with lambda 1
         """
         if not len(self.free):
             return np.zeros((1, *self.held.shape)), np.ones(1)
@@ -102,16 +119,25 @@ class NewtonSystem:
             rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=1e-3)
         except ArpackNoConvergence as error:
             rise, vectors = error.eigenvalues, error.eigenvectors
-            if not len(rise):  # modes so close to each other that none is found: any of them will do
+            if not len(rise):  # the modes are too close to separate: any of them will do
                 rise, vectors = eigsh(both[0], 1, both[1], Minv=inverse, which="SA", v0=start, tol=0.5)
         return np.stack([self.full(v) for v in vectors.T]), rise
 
     def softest_of_minimum(
         self, values: np.ndarray, metric: np.ndarray, count: int
     ) -> tuple[Float[np.ndarray, "count spirals 6"], Float[np.ndarray, " count"]]:
-        """Return the modes and eigenvalues of ``softest`` at a minimum, of unit length in the metric; ``values`` must be factored.
+        """Find the modes of ``softest`` at a minimum, with unit length in the metric.
 
-        Lanczos on the inverse, which takes few solves where modes are nearly unstable.
+        Uses Lanczos on the inverse, which needs few solves where modes are nearly unstable.
+
+        Parameters
+        ----------
+        values, metric : (nnz,) entries of H, which must be factored, and of B
+        count : number of modes
+
+        Returns
+        -------
+        (count, n, 6) and (count,) : modes and their lambda
         """
         metric = self.definite(metric)
         if len(self.free) <= DENSE:
@@ -130,7 +156,7 @@ class NewtonSystem:
         return np.array([self.full(v / one) for v, one in zip(vectors.T, lengths, strict=True)]), 1.0 / found
 
     def _all_modes(self, values: np.ndarray, metric: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the modes and eigenvalues of ``softest`` from the dense matrices."""
+        """Modes and eigenvalues of ``softest`` from the dense matrices."""
         a, b = (self.pattern.matrix(v).toarray() for v in (values, metric))
         rise, vectors = eigh(a, b, subset_by_index=(0, min(count, len(self.free)) - 1))
         return np.stack([self.full(v) for v in vectors.T]), rise

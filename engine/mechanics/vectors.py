@@ -12,7 +12,13 @@ from ..arrays import Float
 
 
 def times(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
-    """Matrix-vector products: ``matrix`` (..., i, j) times ``vector`` (..., j)."""
+    """Multiply matrices and vectors.
+
+    Parameters
+    ----------
+    matrix : (..., i, j)
+    vector : (..., j)
+    """
     return (matrix @ vector[..., None])[..., 0]
 
 

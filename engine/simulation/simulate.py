@@ -156,7 +156,7 @@ class Simulation:
             worst = int(np.argmax(self.twisted))
             quads = self.model.pairs[worst]
             text = (
-                f"Two neighbours are twisted against each other by {np.degrees(self.twisted[worst]):.0f} degrees more than in the target: "
+                f"The twist of two neighbours against each other differs by {np.degrees(self.twisted[worst]):.0f} degrees from that in the target: "
                 "probably not the shape that the object would take; optimise again, or make their spirals more alike"
             )
             findings.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))

@@ -127,6 +127,6 @@ def test_a_spiral_outside_the_table_is_named() -> None:
     (found,) = ArmModel.of(assembly.redesigned(width, assembly.twist), VERO).beyond()
     assert found.quantity == "width / thickness" and found.spirals.tolist() == [2]
     width[1] = np.nan
-    with pytest.raises(FlexMapsError, match="no number") as caught:
+    with pytest.raises(FlexMapsError, match="not a number") as caught:
         ArmModel.of(assembly.redesigned(width, assembly.twist), VERO)
     assert caught.value.faces == [1]

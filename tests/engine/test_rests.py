@@ -49,7 +49,7 @@ def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target
     knotted = dataclasses.replace(saddle, equilibrium=turned)
     told = [finding for finding in knotted.findings if finding.code == "knotted"]
     assert knotted.locked and len(told) == 1 and two in told[0].faces
-    assert "degrees more than in the target" in told[0].message
+    assert "degrees from that in the target" in told[0].message
     lost = dataclasses.replace(saddle, equilibrium=dataclasses.replace(turned, converged=False))
     assert not any(finding.code == "knotted" for finding in lost.findings)
 

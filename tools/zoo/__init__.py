@@ -1,4 +1,4 @@
-"""A zoo of surfaces that the project makes itself, by families with parameters, to see what the program does with each.
+"""The zoo: families of parametric test surfaces for the whole program.
 
 They stand for classes: what differs within a family is what a layout, a simulation or a nesting may stumble over.
 """
@@ -18,7 +18,7 @@ from . import smooth as sm
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface: how to make it, of arbitrary size, and what is asked of it.
+    """One surface: a function that makes it, in any size, and the requirements on it.
 
     supports : which quads stand, as ``job.run`` takes it
     refused : the code of the finding for which the check must refuse it, if it must

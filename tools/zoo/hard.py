@@ -1,4 +1,4 @@
-"""Surfaces on which a search easily stalls: double walls, lattices, folds, roofs on free borders."""
+"""Surfaces on which the optimiser easily stalls: double walls, lattices, folds, roofs on free borders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small pictures of what a job made, and the page that shows those of all surfaces side by side."""
+"""Small pictures of the results of a job, and a page that shows the pictures of all surfaces side by side."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of the zoo as a whole, beside what was measured."""
+"""Requirements on the zoo as a whole, beside measured values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One surface through the whole main job, in a process of its own: what came out, how good it is, what it cost."""
+"""Trial of one surface: the whole main job in a separate process, with its results, their quality and their cost."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class Curvature:
 
     @classmethod
     def of(cls, product: Float[np.ndarray, "*n"]) -> Curvature:
-        """Evaluate the functions."""
+        """Evaluate the functions at products of curvature and width, which is positive to the left."""
         square = (product / SATURATION) ** 2
         fourth = 1.0 + square * square
         root = 1.0 / np.sqrt(np.sqrt(fourth))
@@ -90,7 +90,7 @@ class Torsion:
 
     @classmethod
     def of(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
-        """Evaluate the functions for widths and one height, metres."""
+        """Evaluate torsion functions and their slopes; width, height : metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])
         values, by_log = (np.moveaxis(spline(at, order) * scale, -1, 0) for order in (0, 1))

@@ -1,4 +1,4 @@
-"""The shape of every arm in an assembled piece: position and rotation of each of its sections.
+"""The shape of every arm in an assembled piece: position and rotation of its sections.
 
 The hubs are rigid and stand where a pose puts them. Both arms of a joint form one elastic beam from hub to hub: they
 carry the same wrench, and their tips meet in one frame. The sections bend, twist, stretch and shear under the wrench
@@ -171,7 +171,13 @@ class Bender:
 
     @classmethod
     def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
-        """Divide the arms of a design into pieces; ``material`` as in ``bent``."""
+        """Divide the arms of a design into pieces.
+
+        Parameters
+        ----------
+        design : the spirals
+        material : as in the function ``bent``
+        """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
         arm = 4 * mesh.edge_quads[inner] + mesh.edge_sides[inner]

@@ -1,4 +1,4 @@
-"""The rim of an assembled piece for ``bent``: necks and halves of the strip as arms of its nodes, and where these are."""
+"""The rim of an assembled piece for ``bent``: necks and halves of the strip as arms of its nodes, and the nodes' pose."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .pieces import POISSON, STATIONS, Grain, answers
 
 @dataclass(frozen=True, eq=False)
 class RimPieces:
-    """The rim's joints and its 4 B arms in pieces, as those of ``bent``; each fourth arm is none.
+    """The rim's joints, and its 4 B arms in pieces as in ``bent``; every fourth arm is unused.
 
-    hub : (B,) int, of every node; arm : (k, 2) int, both arms of every joint; axes : of these, in the flat frame
+    hub : (B,) int, of every node; arm : (k, 2) int, both arms of every joint; axes : of the joints, in the flat frame
     """
 
     design: SpiralDesign
@@ -34,6 +34,7 @@ class RimPieces:
 
     @property
     def nodes(self) -> int:
+        """Number of nodes."""
         return len(self.hub)
 
     @cached_property
@@ -41,12 +42,12 @@ class RimPieces:
         return ArmModel.of(of_design(self.design), self.material, curving=False, slopes=False).of_rim
 
     def settled(self, pose: Pose) -> Pose:
-        """The pose with nodes, at rest between the hubs where it has none."""
+        """Add the nodes to a pose without them, in equilibrium between the hubs."""
         return pose if pose.nodes is not None else self._model.start(pose).pose
 
 
 def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
-    """Of a design with a rim."""
+    """Divide the arms of a design's rim into pieces."""
     rim, whole = design.rim, of_design(design).whole
     assert rim is not None and whole.rim is not None
     known = (
@@ -73,7 +74,8 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
 
 
 def _line(rim: Rim, arm: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (B, k) from the nodes' centres and directions outwards at shares (k,) of an arm, and its lengths (B,)."""
+    """Positions (B, k) relative to the nodes' centres and outward directions at shares (k,) of an arm, and its lengths
+    (B,)."""
     count = len(rim.quad)
     if arm == NECK:
         long = np.full(count, rim.depth + 0.5 * rim.width)

@@ -1,4 +1,4 @@
-"""Compliances of the arms as they are cut: the table's and what the cut adds to it (see ``cut``), with their derivatives."""
+"""Compliances of the arms as they are cut: the table's compliances plus the cut's correction (see ``cut``)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ from .stiffness import tip_compliance
 
 @dataclass(frozen=True, eq=False)
 class ArmCompliances:
-    """Compliance of both arms of m joints as they are cut: the table's and what the cut adds to it, in the arms' own axes, SI.
+    """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI.
 
-    values : (m, 2, 6, 6); table : without what the cut adds; table_by_scale : its derivative by twice the radius, per metre
-    table_by_grain : by the angle to the grain, of sheets that have one, else 0
-    by : (m, 2, 5, 6, 6) derivatives of the values by the numbers of ``cut``, per metre and per radian; None where they were not asked for
+    values : (m, 2, 6, 6) table's compliance plus the cut's correction; table : without the correction
+    table_by_scale : derivative of ``table`` by twice the radius, per metre
+    table_by_grain : derivative of ``table`` by the angle to the grain; 0 without a grain
+    by : (m, 2, 5, 6, 6) derivatives of the values by the parameters of ``cut``, per metre and per radian; None if not
+        computed
     """
 
     values: Float[np.ndarray, "joints 2 6 6"]
@@ -34,30 +36,44 @@ class ArmCompliances:
     table_by_grain: Float[np.ndarray, "joints 2 6 6"]
 
     def varied(self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]) -> ArmCompliances:
-        """To first order where the shapes of the arms change, of which ``by_shapes`` is what the cut adds; see ``cut``."""
+        """Update to first order for a change of the arms' shapes.
+
+        Parameters
+        ----------
+        change : (n, k) of the ``shapes``, see ``cut``
+        by_shapes : (n, k, 6, 6) derivatives of the cut's correction
+        """
         shape = self.table.shape
         table = self.table + 2.0 * change[:, 0].reshape(shape[:2])[..., None, None] * self.table_by_scale
         if change.shape[1] > 3:
-            # the grain has no sense: half a turn is none
+            # half a turn leaves the grain as it is
             change[:, 3] = (change[:, 3] + 0.5 * np.pi) % np.pi - 0.5 * np.pi
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
 
     def part(self, joints: np.ndarray) -> ArmCompliances:
+        """Select joints."""
         return self.each(lambda _, known: known[joints])
 
     def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
-        """Of all members that are known, what is made of their names and values."""
+        """Apply a function of name and value to every member that is not None."""
         known: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         changed: dict[str, Any] = {k: None if value is None else made(k, value) for k, value in known.items()}
         return ArmCompliances(**changed)
 
 
 def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True) -> ArmCompliances:
-    """Tip compliances of both arms of every joint as they are cut, with their derivatives or without them.
+    """Compute the tip compliances of both arms of every joint as they are cut.
 
-    Raises FlexMapsError with the spirals whose width or twist is no number.
+    Parameters
+    ----------
+    assembly, material : m joints at rest, and the sheet
+    slopes : compute the derivatives by the design
+
+    Raises
+    ------
+    FlexMapsError : a width or a twist is not a number; ``faces`` are the spirals
     """
     spiral, known = assembly.pairs.ravel(), material.orthotropy
     shape = shapes(assembly, material)

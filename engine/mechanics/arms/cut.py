@@ -1,4 +1,4 @@
-"""Compliance of an arm as it is cut minus that of the stiffness table's arm, with exact derivatives.
+"""Compliance of a cut arm minus the compliance of the stiffness table's arm, with exact derivatives.
 
 The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
 ways: its end is blended with the arm beyond its joint (see ``spirals.blends``), and its root lies where its neighbours'
@@ -35,7 +35,7 @@ NUMBERS = 5  # number of these parameters
 # rows in derivative arrays: the value and the parameters of a blended end
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of the parameters of a root
-# parameters of ``blends`` in the columns of ``slope_by``: first those of the design, then those of ``shapes``
+# parameters of ``blends`` in the columns of ``slope_by``: first the design's, then the shape's
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
 _BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape
 _GRAIN = 3  # column of the grain angle in ``shapes``
@@ -68,7 +68,7 @@ class CutArms:
     inwards.
 
     radius, width, twist : metres and radians; beside : metres, mean width of both neighbours in the spiral
-    fillet : metres, fillet radius minus that of the table's arm; fillet_by : its derivative with respect to the width
+    fillet : metres, fillet radius minus the table's fillet radius; fillet_by : its derivative with respect to the width
     slope, joint, share : as in ``Blends``, in these axes
     grain : radians from the radius to the grain, 0 for sheets without a grain
     slope_by, joint_by, share_by : (N, 7) derivatives with respect to own width and twist, mate's width and twist,
@@ -175,7 +175,7 @@ def by_shapes(
 def more_compliant(
     arms: CutArms, thickness: float, material: Material, slopes: bool = True
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
-    """Compliance of N cut arms minus that of the table's arms, SI, and its derivatives.
+    """Compliance of N cut arms minus the table's compliance, SI, and its derivatives.
 
     Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``NUMBERS`` parameters above, per metre
     and per radian. It fades to zero for arms hardly longer than wide. Without ``slopes`` the derivatives are zero,

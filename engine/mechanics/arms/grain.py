@@ -1,17 +1,20 @@
-"""Arms of sheets with a grain: what their sections yield, and the curved beam of which the stiffness table is taken.
+"""Arms of sheets with a grain: flexibility of their sections, and the curved beam that the stiffness table corrects.
 
-A section whose way lies at an angle to the grain is monoclinic: its plane is no plane of symmetry, the sheet's is. By
-Saint-Venant's principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body, chapters 2 and 6), with the compliances S of
-the sheet turned to the section's axes, 1 along the arm, 2 across it in the sheet, 3 normal to it, and I = w h^3 / 12,
+A section at an angle to the grain is monoclinic: the plane of the sheet is a plane of symmetry, the section's own plane
+is not. Let S be the compliances of the sheet in the section's axes (1 along the arm, 2 across it in the sheet, 3 normal
+to it) and I = w h^3 / 12. By Saint-Venant's principle (Lekhnitskii, Theory of Elasticity of an Anisotropic Body,
+chapters 2 and 6) the flexibilities are
 
     stretch S11 / A, shear 6/5 S66 / A, both coupled by S16 / A; bending in the sheet S11 / (h w^3 / 12)
     bending out of it S11 / I, torsion 1 / D + S16^2 / (4 S11 I), both coupled by -S16 / (2 I)
 
-where D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: that of an isotropic section made wider
-by the root of their ratio. All of it is exact for forces and moments that are the same along the arm, but for the shear factors.
+D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55: the rigidity of an isotropic section widened
+by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant along
+the arm.
 
-A hub keeps the sections near it from warping, which counts the more, the larger S16 is (``Yielding.of_held``), and it yields more,
-the softer the sheet is in shear (``Yielding.of_hub``). What isotropic hubs do is in the stiffness table.
+A hub keeps the sections near it from warping, which matters more the larger S16 is (``Yielding.of_held``), and it
+yields more the softer the sheet is in shear (``Yielding.of_hub``). The stiffness table contains the effect of isotropic
+hubs.
 """
 
 from __future__ import annotations
@@ -27,26 +30,30 @@ from ...materials import Orthotropy
 from .beams import SHEAR_FACTOR, Blocks, gauss, torsion_constant
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
 
-# Gauss points along an arm: compliances of 300 random arms with moduli of 16 to 1 are within 1e-6 of those of 96 points up to
-# 150 degrees of twist, 3e-5 up to 300, 2e-4 up to 500
+# Gauss points along an arm; more are slower. Compliances of 300 random arms with moduli in the ratio of 16 to 1 are
+# within 1e-6 of 96 points up to 150 degrees of twist, 3e-5 up to 300, 2e-4 up to 500.
 POINTS = 48
-# What a hub yields to bending in the sheet and out of it beyond what isotropic ones do: lengths of arm, in widths, per ratio of
-# Young's to the shear modulus more than there; and the distance from the centre, in widths, at which it no longer holds sections:
-# 1.4 and 2 hold about as well. All three fit 240 solids of random spirals and materials; tools/bench_grain.py draws others
+# Extra flexibility of a hub in bending in the sheet and out of it: lengths of arm, in arm widths, per excess of the
+# ratio of Young's to shear modulus over the isotropic one. HUB_HOLDS is the distance from the centre, in arm widths,
+# over which a hub keeps sections from warping; 1.4 and 2 fit about as well. Fitted to 240 solids of random spirals and
+# materials; tools/bench_grain.py draws others.
 HUB_BEND, HUB_LIFT, HUB_HOLDS = 0.045, 0.025, 1.7
-HUB_TALL = 0.31  # where the second turns from tall arms to wide ones, in solids of straight arms
-HUB_AT = 0.5  # widths from the centre to where a hub yields: where the arm leaves it
-BATCH = 500  # arms at a time, so that they stay in the processor's cache
-_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # the numbers by which the beam has derivatives
+HUB_TALL = 0.31  # fourth power of w/h at which HUB_LIFT changes from tall arms to wide ones, in solids of straight arms
+HUB_AT = 0.5  # arm widths from the centre to where a hub yields, which is where the arm leaves it
+BATCH = 500  # arms at a time, few enough to stay in the processor's cache
+_RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is differentiated
 
 
 @dataclass(frozen=True, eq=False)
 class Yielding:
-    """What a piece of an arm yields, per length, and the derivatives by its width and by the angle from the arm to the grain.
+    """Flexibility of a piece of an arm per length, with derivatives by its width and by the angle from the arm to the
+    grain.
 
-    Each (3, ...): value, by width, by angle. stretch, slide, mixed : stretch per force along, shear per force across in the sheet,
-    and either per the other force; rise : shear per force normal to the sheet
-    bend, lift, twist : turn per moment about the normal, about the direction across, along; coupled : twist per the moment across
+    Each array (3, ...): value, derivative by width, derivative by angle.
+    stretch, slide, mixed : stretch per force along the arm, shear per force across it in the sheet, and their coupling
+    rise : shear per force normal to the sheet
+    bend, lift, twist : turn per moment about the normal, about the direction across the arm, and along it
+    coupled : twist per moment about the direction across the arm
     """
 
     stretch: np.ndarray
@@ -60,8 +67,11 @@ class Yielding:
 
     @classmethod
     def of(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
-        """angle : radians from the arm's way, to its left, to the grain; width, height : metres. All broadcast."""
-        s11, s16, s66, s55 = _turned(known, angle)
+        """Evaluate free sections; all arguments broadcast.
+
+        known : moduli; angle : radians from the arm to the grain, positive to its left; width, height : metres
+        """
+        s11, s16, s66, s55 = _rotated_compliances(known, angle)
         area, inertia = 1.0 / (width * height), 12.0 / (width * height**3)
 
         def of(value: np.ndarray, factor: np.ndarray, power: int) -> np.ndarray:
@@ -70,7 +80,7 @@ class Yielding:
         stretch, mixed = of(s11, area, 1), of(s16, area, 1)
         slide, rise = of(SHEAR_FACTOR * s66, area, 1), of(SHEAR_FACTOR * s55, area, 1)
         bend, lift = of(s11, 12.0 / (height * width**3), 3), of(s11, inertia, 1)
-        # S16^2 / S11, and what is left of S66
+        # S16^2 / S11, and S66 without it
         shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
         shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
         left = s66 - shared
@@ -79,13 +89,14 @@ class Yielding:
 
     @classmethod
     def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
-        """What a section yields less where it is kept from warping, beyond what isotropic ones do; as ``of``.
+        """Flexibility of a section kept from warping minus the flexibility of a free section, without the isotropic part;
+        arguments as ``of``.
 
-        It stays plane: the stiffness Q is the inverse of S11, S16 and S66, in the sheet Q11 h w^3 / 12, out of it and in torsion
-        [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)].
+        The section stays plane. With the stiffness Q, the inverse of S11, S16 and S66, it is Q11 h w^3 / 12 in the
+        sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of it and torsion.
         """
         free = cls.of(known, angle, width, height)
-        s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _turned(known, angle))
+        s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _rotated_compliances(known, angle))
         level = np.stack([width * height**3 / 12.0, height**3 / 12.0 + 0.0 * width, 0.0 * width])
         upright = np.stack([height * width**3 / 12.0, height * width**2 / 4.0, 0.0 * width])
         over = _inverse(_times(s11, s66) - _times(s16, s16))
@@ -105,8 +116,11 @@ class Yielding:
     def of_hub(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
     ) -> Yielding:
-        """What the whole hub of an arm yields more than an isotropic one of this Poisson's ratio; as ``of``, but not per length."""
-        s11, _, s66, s55 = _turned(known, angle)
+        """Flexibility of the whole hub of an arm minus the flexibility of an isotropic hub with this Poisson's ratio.
+
+        Arguments as ``of``, but the result is not per length.
+        """
+        s11, _, s66, s55 = _rotated_compliances(known, angle)
         more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
         flat = width / height
         spread = HUB_TALL + flat**4
@@ -119,11 +133,13 @@ class Yielding:
         return cls(none, none, none, none, bend, lift, none, none)
 
 
-def _turned(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value and derivative, 1/Pa (Jones, Mechanics of Composite
-    Materials, section 2.6)."""
+def _rotated_compliances(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """S11, S16, S66 and S55 at an angle to the grain, each (2, ...): value and derivative, 1/Pa.
+
+    Jones, Mechanics of Composite Materials, section 2.6.
+    """
     s1, s2, s12, s6 = 1.0 / known.along, 1.0 / known.across, -known.poisson / known.along, 1.0 / known.shear
-    # by twice and four times the angle: mean, half the difference, and how far the sheet is from isotropic
+    # coefficients of 1, of the cosine of twice the angle, and of the cosine of four times the angle
     mean, half = 0.125 * (3.0 * (s1 + s2) + 2.0 * s12 + s6), 0.5 * (s1 - s2)
     quarter = 0.125 * (s1 + s2 - 2.0 * s12 - s6)
     c2, n2, c4, n4 = np.cos(2.0 * angle), np.sin(2.0 * angle), np.cos(4.0 * angle), np.sin(4.0 * angle)
@@ -136,7 +152,7 @@ def _turned(known: Orthotropy, angle: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> np.ndarray:
-    """(3, ...): 1 / D of sections with these shear compliances (2, ...) in the sheet and normal to it; by width and angle."""
+    """(3, ...): 1 / D of sections with shear compliances (2, ...) in the sheet and normal to it; by width and angle."""
     wider = np.sqrt(level[0] / upright[0])
     wider_by = 0.5 * wider * (level[1] / level[0] - upright[1] / upright[0])
     wide = width * wider
@@ -147,22 +163,25 @@ def _torsion(level: np.ndarray, upright: np.ndarray, width: np.ndarray, height: 
     return np.stack([value, by_wide * wider, by_angle])
 
 
-# values with their derivatives: (1 + P, ...), as in ``cut``
+# arrays (1 + P, ...) of values and their derivatives, as in ``cut``
 
 
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Product of two arrays of values with derivatives (product rule)."""
     out = a * b[:1] + a[:1] * b
     out[0] = a[0] * b[0]
     return out
 
 
 def _inverse(a: np.ndarray) -> np.ndarray:
+    """Reciprocal of values with derivatives."""
     out = -a / a[0] ** 2
     out[0] = 1.0 / a[0]
     return out
 
 
-def _total(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
+def _dot(a: np.ndarray, b: np.ndarray) -> Float[np.ndarray, "numbers n"]:
+    """Sum over the stations of the product of two arrays of values with derivatives."""
     out = np.einsum("psn,sn->pn", a, b[0])
     out[1:] += np.einsum("sn,psn->pn", a[0], b[1:])
     return out
@@ -177,10 +196,12 @@ def line_compliance(
     height: float | np.ndarray,
     of: Callable[..., Yielding],
 ) -> Float[np.ndarray, "12 numbers n"]:
-    """Compliance of the tip from the stations of a line, and its derivatives, in the order of ``ENTRIES`` of both blocks.
+    """(12, 1 + P, N) tip compliance from the stations of a line, with derivatives, in the order of ``ENTRIES`` of both
+    blocks.
 
-    A line as in ``cut``; grain : (1 + P, 1 or S, N) angle from the arms' first axes to the grain; of : what the stations yield at
-    an angle, width and height
+    place, pace, width, weight : a line as in ``cut``; grain : (1 + P, 1 or S, N) angle from the arms' first axes to the
+        grain
+    of : function of angle, width and height that gives the flexibility of the stations
     """
     x, y = -place.real, -place.imag
     speed = np.abs(pace[0])
@@ -202,37 +223,37 @@ def line_compliance(
     one, none = np.zeros_like(tx), np.zeros_like(tx)
     one[0] = 1.0
     bend, stretch, slide, mixed = (over(v) for v in (yields.bend, yields.stretch, yields.slide, yields.mixed))
-    inside = _alone(bend, (-y, x, one))
-    forces = _pair(stretch, slide, mixed, (tx, ty, none), (-ty, tx, none))
+    inside = _sum_squares(bend, (-y, x, one))
+    forces = _sum_coupled(stretch, slide, mixed, (tx, ty, none), (-ty, tx, none))
     twist, lift, coupled, rise = (over(v) for v in (yields.twist, yields.lift, yields.coupled, yields.rise))
     lever, torque = _times(x, tx) + _times(y, ty), _times(y, tx) - _times(x, ty)
-    outside = _pair(twist, lift, coupled, (torque, tx, ty), (-lever, -ty, tx))
+    outside = _sum_coupled(twist, lift, coupled, (torque, tx, ty), (-lever, -ty, tx))
     outside[0] += rise.sum(axis=1)
     return np.concatenate([inside + forces, outside])
 
 
-def _alone(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
-    """The sums of value a a over the stations."""
+def _sum_squares(value: np.ndarray, rows: tuple[np.ndarray, ...]) -> Float[np.ndarray, "6 numbers n"]:
+    """Sum value a_i a_j over the stations, for (i, j) in ``ENTRIES``; ``rows`` are a_0, a_1, a_2."""
     scaled = [_times(value, row) for row in rows]
-    return np.stack([_total(scaled[i], rows[j]) for i, j in ENTRIES])
+    return np.stack([_dot(scaled[i], rows[j]) for i, j in ENTRIES])
 
 
-def _pair(
+def _sum_coupled(
     first: np.ndarray, second: np.ndarray, mixed: np.ndarray, a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, "6 numbers n"]:
-    """The sums of first a a + second b b + mixed (a b + b a) over the stations."""
+    """Sum first a_i a_j + second b_i b_j + mixed (a_i b_j + b_i a_j) over the stations, for (i, j) in ``ENTRIES``."""
     rows = [
         (_times(first, p) + _times(mixed, q), _times(mixed, p) + _times(second, q)) for p, q in zip(a, b, strict=True)
     ]
-    return np.stack([_total(rows[i][0], a[j]) + _total(rows[i][1], b[j]) for i, j in ENTRIES])
+    return np.stack([_dot(rows[i][0], a[j]) + _dot(rows[i][1], b[j]) for i, j in ENTRIES])
 
 
 @dataclass(frozen=True, eq=False)
 class GrainBeams:
-    """``beams.tip_compliance`` for n arms with a grain, to be given to ``stiffness.tip_compliance``.
+    """``beams.tip_compliance`` for n arms with a grain, as ``beam`` of ``stiffness.tip_compliance``.
 
-    grain : (n,) radians, from the radius to the tip, towards the side to which arms wind inwards, to the grain
-    unit, poisson : Pa, what counts as Young's modulus, and Poisson's ratio: those of the table
+    grain : (n,) radians from the radius at the tip to the grain, positive to the side to which arms wind inwards
+    unit, poisson : Young's modulus (Pa) and Poisson's ratio that the table is used with
     """
 
     known: Orthotropy
@@ -241,7 +262,7 @@ class GrainBeams:
     poisson: float
 
     def __call__(self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray) -> Blocks:
-        """Slopes as in ``Blocks``, then by the angle to the grain."""
+        """Compliance with the slopes of ``Blocks``, then by the angle to the grain."""
         parts = [
             self._lines(*(values[start : start + BATCH] for values in (scale, height, twist, self.grain)))
             for start in range(0, len(scale), BATCH)
@@ -249,7 +270,7 @@ class GrainBeams:
         found = self.unit * np.concatenate(parts, axis=2).reshape(2, 6, 5, -1)
         value, by_radius, by_width, by_twist, by_grain = np.moveaxis(found, 2, 0)
         by_scale = 0.5 * scale * by_radius
-        # a compliance goes with the (-1 - k)th power of all lengths together
+        # a compliance is homogeneous of degree -1 - k in all lengths
         kind = np.array([[0 if r < 3 else 1 for r in rows] for rows in (IN_PLANE, OUT_OF_PLANE)])
         power = np.array([[-1 - kind[b, i] - kind[b, j] for i, j in ENTRIES] for b in (0, 1)])[..., None]
         by_height = power * value - by_scale - by_width
@@ -258,7 +279,7 @@ class GrainBeams:
     def _lines(
         self, scale: np.ndarray, height: np.ndarray, twist: np.ndarray, grain: np.ndarray
     ) -> Float[np.ndarray, "12 5 n"]:
-        """Of some arms, by the numbers above; 1/Pa, lengths in arm widths."""
+        """(12, 5, n) compliance of some arms and its derivatives by the parameters above; 1/Pa, lengths in arm widths."""
         x, w = gauss(POINTS)
         radius, n = 0.5 * scale, len(scale)
         width, angle, weight = np.zeros((5, 1, n)), np.zeros((5, 1, n)), np.zeros((5, POINTS, 1))
@@ -266,7 +287,7 @@ class GrainBeams:
         angle[0], angle[1 + _GRAIN] = grain, 1.0
         t = np.zeros((5, POINTS, 1))
         t[0] = x[:, None]
-        # how far the hub holds the stations' sections, by their distance from the centre in widths
+        # share to which the hub holds the sections, by their distance from the centre in widths
         away = radius * (1.0 - t[0])
         share = np.zeros((5, POINTS, n))
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
@@ -280,7 +301,7 @@ class GrainBeams:
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = _spiral(radius, twist, t)
-        # one station of length 1, whatever the numbers
+        # one station whose length is 1 for all parameters
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
@@ -289,7 +310,7 @@ class GrainBeams:
 
 
 def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places, seen from the tips, and derivatives by t of pure spirals at t (5, S, 1 or n), with the derivatives by the numbers."""
+    """Positions, seen from the tips, and t-derivatives of pure spirals at t (5, S, 1 or n), with parameter derivatives."""
     whole, last = t, t[0]
     turn = np.exp(1j * twist * last)
     place, pace = (1.0 - last) * turn, (1j * twist * (1.0 - last) - 1.0) * turn
@@ -306,10 +327,10 @@ def _spiral(radius: np.ndarray, twist: np.ndarray, t: np.ndarray) -> tuple[np.nd
 def direction_share(
     strength: tuple[float, float, float], stress: float, angle: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """A stress (Pa) over what the sheet bears at an angle (radians) to its grain, and the derivative by the angle.
+    """Stress (Pa) over the sheet's strength at an angle (radians) to its grain, and the derivative by the angle.
 
-    Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962. strength : as in
-    ``Orthotropy``
+    Norris, Strength of Orthotropic Materials Subjected to Combined Stresses, Forest Products Laboratory 1962. strength
+    : as in ``Orthotropy``
     """
     first, second, sheared = (stress / one for one in strength)
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2

@@ -120,7 +120,7 @@ class ArmModel:
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
         """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
 
-        They are the stored ones, which ``varied`` does not update, or else computed for this assembly.
+        Stored derivatives, which ``varied`` does not update, are returned first; otherwise they are computed.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
@@ -154,7 +154,7 @@ class ArmModel:
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
         beyond = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever - lever)
-        # a turn about the midpoint of the bend points also shifts the joint
+        # from the joint to the midpoint of the bend points
         offset = -0.5 * (beyond[:, 0] + beyond[:, 1])
         stiffness = _move_to_bend_points(at_joint, offset)
         second = None
@@ -255,7 +255,16 @@ class ArmModel:
         )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``."""
+        """Largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``.
+
+        Parameters
+        ----------
+        state, material : where the joints are, and the sheet
+
+        Returns
+        -------
+        (m, 2)
+        """
         return arm_strains(self.assembly, self.wrenches(state), material)
 
     def beyond(self) -> list[Beyond]:

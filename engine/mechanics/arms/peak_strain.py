@@ -164,8 +164,7 @@ class _Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def pulled(self, pull: _Pull) -> Float[np.ndarray, "n numbers"]:
-        """Vector-Jacobian product: derivatives by the parameters of ``blends`` of a number with the derivatives
-        ``pull``."""
+        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters of ``blends``."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -pull.bend * self.width / self.length
         by_length = pull.length - pull.bend * self.bend / self.length
@@ -352,8 +351,10 @@ class _SectionStrains:
 
 
 def _lag_matrices() -> tuple[Float[np.ndarray, "pieces pieces"], Float[np.ndarray, "pieces pieces"]]:
-    """(pieces, pieces) matrices to multiply from the right: value ``LAG`` pieces further out minus value as far in, and
-    the length between both; fewer pieces at the ends."""
+    """Matrices (pieces, pieces) that give, for values in rows, differences along the arm and the lengths they span.
+
+    A difference is the value ``LAG`` pieces further out minus the value ``LAG`` pieces further in, fewer at the ends.
+    """
     ahead, far = np.zeros((PIECES, PIECES)), np.zeros((PIECES, PIECES))
     for i in range(PIECES):
         out, inn = max(i - LAG, 0), min(i + LAG, PIECES - 1)

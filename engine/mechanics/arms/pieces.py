@@ -1,4 +1,4 @@
-"""Arms in pieces, each with one strain: how these answer to a wrench at the tip (Castigliano's beam, as in ``beams``)."""
+"""Flexibility of the pieces of arms, one constant strain each (Castigliano's beam, as in ``beams``)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,19 @@ from ..vectors import skew
 from .beams import SHEAR_FACTOR, torsion_constant
 from .grain import Yielding
 
-# pieces of an arm, each with one strain: places within 3e-4 of an edge of those of 64, on a dome, a saddle and a torus;
-# 8 miss by 1e-3
+# Pieces of an arm, each with one constant strain; more are slower. On a dome, a saddle and a torus, positions differ by 3e-4
+# of an edge from the result of 64 pieces, with 8 pieces by 1e-3.
 STATIONS = 16
-POISSON = 0.35  # where no material is given: 0.25 and 0.45 move places by 8e-4 of an edge, on a dome and a torus
+POISSON = 0.35  # without a material; 0.25 and 0.45 move positions by 8e-4 of an edge, on a dome and a torus
 
 
 @dataclass(frozen=True)
 class Grain:
-    """The grain of a sheet: its moduli, its angle from the x axes of the flat frames, radians, and what counts as 1 Pa."""
+    """The grain of a sheet.
+
+    known : moduli, Pa; angle : radians from the x axes of the flat frames; unit : Pa, the result is for moduli divided
+        by it
+    """
 
     known: Orthotropy
     angle: float
@@ -29,7 +33,8 @@ class Grain:
     def yields(
         self, tangent: np.ndarray, width: np.ndarray, height: float
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
-        """Turn per moment, and stretch and shear per force, over a length: along the arm, across it, normal to the sheet."""
+        """Flexibilities (A, S, 3, 3) per length: turn per moment, and stretch and shear per force; axes along the arm,
+        across, normal."""
         found = Yielding.of(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
         turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
         for out, diagonal, mixed in (
@@ -51,9 +56,11 @@ def answers(
     poisson: float,
     grain: Grain | None = None,
 ) -> Float[np.ndarray, "arms stations 6 6"]:
-    """(A, S, 6, 6): bend and stretch of pieces per force and moment at the tip, all in the flat frame.
+    """(A, S, 6, 6) bend and stretch of pieces per force and moment at the tip, all in the flat frame.
 
-    lever : (A, S, 3) metres, from the piece to the tip; grain : of sheets that have one
+    lever : (A, S, 3) metres, from the piece to the tip; tangent : (A, S, 3); length, width : (A, S) metres; height :
+        metres
+    grain : of sheets with a grain
     """
     normal = np.broadcast_to([0.0, 0.0, 1.0], tangent.shape)
     aside = np.cross(normal, tangent)

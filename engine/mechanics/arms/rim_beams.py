@@ -1,4 +1,4 @@
-"""Compliances of the rim's arms, in the places of those that the stiffness table has for spirals."""
+"""Compliances of the rim's arms, which replace the stiffness table's compliances for necks and strips."""
 
 from __future__ import annotations
 
@@ -19,9 +19,11 @@ def of_rim(
     added: Float[np.ndarray, "n 6 6"],
     by: Float[np.ndarray, "n numbers 6 6"] | None,
 ) -> None:
-    """Put what the rim's arms are into the compliances of both arms of every joint, one joint after the other, in place.
+    """Overwrite the compliances of necks and strips in the arrays of all arms, joint by joint.
 
-    An arm at the rim is blended with its mirror image, so that its own width and twist count as its mate's, too.
+    table, added, by : table compliances, the cut's correction, and the derivatives of their sum
+
+    An arm at the rim is blended with its mirror image, so its own width and twist count as its mate's, too.
     """
     rim, ties = assembly.rim, assembly.ties
     assert rim is not None
@@ -45,7 +47,8 @@ def of_rim(
 def _necks(
     assembly: Assembly, line: Beams, width: np.ndarray, material: Material, slopes: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compliances (B, 6, 6) of necks of these widths (B,), in the flat frame, and their derivatives by the widths, 0 without slopes."""
+    """Compliances (B, 6, 6) of necks of widths (B,), in the flat frame, and derivatives by the widths, 0 without
+    ``slopes``."""
 
     def at(share: float) -> np.ndarray:
         wide = np.broadcast_to((share * width)[:, None], line.length.shape)
@@ -58,8 +61,11 @@ def _necks(
 
 
 def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndarray, "n 6 6"]:
-    """Compliances of lines, SI, in the flat frame; a hole leaves two bars, which bend together in the plane, and softens what
-    lies before and behind it, where no stress gets to (see ``_softer``)."""
+    """Compliances (N, 6, 6) of lines, SI, in the flat frame.
+
+    At a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
+    where no stress reaches (see ``_hole_factors``).
+    """
     known, height = material.orthotropy, assembly.thickness
     grain = None if known is None else Grain(known, assembly.grain, material.youngs)
     given = line.lever, line.tangent, line.length
@@ -69,28 +75,30 @@ def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndar
         left = line.width - line.bore
         more = answers(*given, left, height, material.poisson, grain)
         more[:, :, 2, :] *= (left**3 / (line.width**3 - line.bore**3))[..., None]
-        # the strip is as much wider than what a hole leaves of it as the hole is large
-        softer = _softer(1.0 - assembly.rim.width / line.width, height / line.width)
+        # width of the strip minus width beside the hole is the hole's diameter
+        softer = _hole_factors(1.0 - assembly.rim.width / line.width, height / line.width)
         normal = np.broadcast_to([0.0, 0.0, 1.0], line.tangent.shape)
         frame = np.stack([line.tangent, np.cross(normal, line.tangent), normal], axis=-1)
         for rows, factor in zip((slice(0, 3), slice(3, 6)), softer, strict=True):
             own = (frame * factor[..., None, :]) @ np.swapaxes(frame, -1, -2)
             found[:, :, rows] += own @ (more - found)[:, :, rows]
     compliance = tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
-    # where a sheet has a grain, the factors know no mixed entries
+    # with a grain, the factors break the symmetry of the coupled entries
     return 0.5 * (compliance + np.swapaxes(compliance, 1, 2))
 
 
-def _softer(
+def _hole_factors(
     hole: Float[np.ndarray, "*lines"], height: Float[np.ndarray, "*lines"]
 ) -> tuple[Float[np.ndarray, "*lines 3"], Float[np.ndarray, "*lines 3"]]:
-    """By how much more a hole softens a strip than the material that it takes away: turns and shifts along it, across it, normal to it.
+    """Factors by which a hole softens a strip more than the missing material: turns and shifts along it, across it,
+    normal to it.
 
-    hole, height : diameter and thickness of the sheet as shares of the strip's width. Small holes soften a plate that is
-    stretched by three times their share of its area (Kachanov, Tsukrov and Shafiro 1994). These are lines through what quadratic
-    hexahedra of strips with one hole give, of diameters of 0.15 to 0.5 and thicknesses of 0.1 to 0.8 widths at a Poisson's ratio
-    of 0.3: within 4 % where a strip is stretched, or bent or sheared in the sheet, 12 % where it is bent out of it. Twist is
-    farther off where the sheet is thin or thick, by up to a third of what a hole adds.
+    hole, height : diameter of the hole and thickness of the sheet, as shares of the strip's width. Small holes soften a
+        stretched plate by three times their share of its area (Kachanov, Tsukrov and Shafiro 1994). The factors are
+        fits to quadratic hexahedra of strips with one hole, of diameters of 0.15 to 0.5 and thicknesses of 0.1 to 0.8
+        widths, at a Poisson's ratio of 0.3. They are within 4 % where a strip is stretched, or bent or sheared in the
+        sheet, and within 12 % where it is bent out of it. For twist of thin or thick sheets the error is up to a third
+        of the hole's effect.
     """
     one = np.ones(np.shape(hole))
     lift = 2.5 - 1.8 * hole + 0.26 * np.log(np.maximum(height, 1e-3) / 0.4)
@@ -99,7 +107,7 @@ def _softer(
 
 
 def _own_axes(assembly: Assembly, arms: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
-    """What takes shifts and turns from the flat frame to the axes of arms, 2 e + side of the joint e."""
+    """(n, 6, 6) matrices that rotate shifts and turns from the flat frame to the axes of arms, 2 e + side of joint e."""
     e, side = np.divmod(arms, 2)
     flat = np.zeros((len(arms), 6, 6))
     flat[:, :3, :3] = flat[:, 3:, 3:] = np.swapaxes(assembly.axes[e, side], 1, 2)

@@ -13,7 +13,7 @@ from .tip_beams import BentByTips, Pair, Pull
 
 @dataclass(eq=False)
 class SectionPull:
-    """Derivatives of numbers, one per section, by the members of ``Section`` with the same names."""
+    """Derivatives of one number per section by ``middle``, ``along``, ``across``, ``off`` and ``half`` of ``Section``."""
 
     middle: Float[np.ndarray, "n places 3"]
     along: Float[np.ndarray, "n places 3"]

@@ -95,7 +95,7 @@ class JointChanges:
         return cls(assembly.sides, wrench, by_pose, changes, tangent @ by_pose, turned)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
-        """(m, 2, 5): ``gradient_by_design`` along a motion ``way`` (m, 12) of both hubs."""
+        """(m, 2, 5): contract ``gradient_by_design`` with a motion ``way`` (m, 12) of both hubs."""
         along = times(self.by_pose, way)
         out = times(self.wrench_by_design, along[:, None])
         out[:, :, TWIST] += times(self.turned, along[:, 3:])
@@ -135,10 +135,10 @@ def convex_by_design(
     way: Float[np.ndarray, "joints 12"],
     curving: np.ndarray | None = None,
 ) -> Float[np.ndarray, "joints 2 5"]:
-    """(m, 2, 5) derivatives of every joint's r.K.r by the widths and the twist of both spirals; r = S y' along a motion
-    of both hubs.
+    """(m, 2, 5) derivatives of each joint's convex energy r.K.r by the widths and the twist of both spirals.
 
-    Arguments as in ``JointChanges.of``; way : (m, 12) the motion.
+    r is the rate of the joint's strains in a motion ``way`` (m, 12) of both hubs. Other arguments as in
+    ``JointChanges.of``.
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)

@@ -66,7 +66,7 @@ class SlotWidths:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
-        """Derivatives by the tip motions and by the parameters of both arms."""
+        """Derivatives of the widths by tip motions (K, 2, 6) and parameters (K, 2, 8) of outer and inner arm."""
         return self.slots.slopes(self.arms, self.numbers, self.motion, self.t, self.s)
 
 

@@ -1,4 +1,4 @@
-"""How stiff every spiral is, as one number to be looked at."""
+"""Stiffness of every spiral as one number, to be displayed."""
 
 from __future__ import annotations
 
@@ -13,17 +13,25 @@ from ...spirals.design import SpiralDesign
 from ..assembly import Assembly, of_design
 from .compliances import arm_compliances
 
-MM = 1e3  # newton metres to newton millimetres
+MM = 1e3  # newton millimetres per newton metre
 
 
 def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
-    """N mm for every radian by which an arm bends over its side, the mean of the joined arms of every spiral.
+    """Mean bending stiffness of the joined arms of every spiral, from the elastic model's tip compliances.
 
-    Of the elastic model's tip compliances; None where it knows no such spirals. Spirals without a joint have the least of the others.
+    A spiral without a joint gets the smallest value of the others.
+
+    Parameters
+    ----------
+    design, material : the spirals, and the sheet
+
+    Returns
+    -------
+    (F,) N mm per radian that an arm bends over its side; None for spirals outside the elastic model
     """
     try:
         assembly = of_design(design)
-        total, count = _summed(assembly, material)
+        total, count = _sum_by_spiral(assembly, material)
     except FlexMapsError:
         return None
     mean = total / np.maximum(count, 1)
@@ -33,9 +41,14 @@ def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " q
 def renewed(
     known: Float[np.ndarray, " quads"], design: SpiralDesign, material: Material, quads: Bool[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """The ``stiffness`` of a design of which only some quads differ from that whose stiffness is known.
+    """Update ``stiffness`` where some quads of a design have changed; their neighbours change too, through the joints'
+    blends.
 
-    Neighbours change too, by the joints' blends. The known where the model knows no such spirals.
+    Parameters
+    ----------
+    known : (F,) the stiffness before; returned unchanged for spirals outside the elastic model
+    design, material : the changed spirals, and the sheet
+    quads : (F,) which have changed
     """
     try:
         whole = of_design(design)
@@ -45,16 +58,16 @@ def renewed(
         if not some.any():
             return known
         parts = {name: getattr(whole, name)[some] for name in ("pairs", "sides", "lever", "axes")}
-        total, count = _summed(replace(whole, **parts), material)
+        total, count = _sum_by_spiral(replace(whole, **parts), material)
     except FlexMapsError:
         return known
     return np.where(beside & (count > 0), total / np.maximum(count, 1), known)
 
 
-def _summed(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) sums over the joints of every spiral, and how many these are."""
+def _sum_by_spiral(assembly: Assembly, material: Material) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) sums over the joints of every spiral, and the number of its joints."""
     bend = arm_compliances(assembly, material, slopes=False).values
-    # a moment about the side: across the arm's own radius as nearly as quads are squares
+    # moment about the side: across the arm's own radius, as far as quads are squares
     own = MM / bend[..., 4, 4]
     count = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     return np.bincount(assembly.pairs.ravel(), weights=own.ravel(), minlength=assembly.size), count

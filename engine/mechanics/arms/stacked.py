@@ -1,4 +1,4 @@
-"""Small vectors and matrices of many joints with the joints as the last axis: contiguous, and so several times faster.
+"""Small vectors and matrices of many joints, with the joints as the last axis: contiguous, so several times faster.
 
 Vectors are (3, m), matrices (3, k, m).
 """
@@ -10,34 +10,36 @@ import numpy as np
 from ...arrays import Float
 from ..vectors import fill_skew
 
-EYE = np.eye(3)[:, :, None]  # the unit matrix of every joint
+EYE = np.eye(3)[:, :, None]  # unit matrix, broadcast over the joints
 
 
 def joints_last(values: np.ndarray) -> Float[np.ndarray, "... joints"]:
-    """(..., m) of an array (m, ...)."""
+    """Move the joints from the first axis to the last."""
     return np.ascontiguousarray(np.moveaxis(values, 0, -1))
 
 
 def joints_first(values: np.ndarray) -> Float[np.ndarray, "joints ..."]:
-    """(m, ...) of an array (..., m)."""
+    """Move the joints from the last axis to the first."""
     return np.ascontiguousarray(np.moveaxis(values, -1, 0))
 
 
 def outer(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Outer products (3, 3, m) of vectors (3, m)."""
     return a[:, None] * b
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Dot products (m,) of vectors (3, m)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a x b; b may be a matrix, of whose columns each is multiplied."""
+    """Cross products a x b; if b is a matrix, of a with each of its columns."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def skew(v: np.ndarray) -> Float[np.ndarray, "3 3 joints"]:
-    """(3, 3, m) with skew(v) x = v x x."""
+    """(3, 3, m) matrices with skew(v) x = v cross x."""
     out = np.zeros((3, *v.shape))
     fill_skew(out, v)
     return out

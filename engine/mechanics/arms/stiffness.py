@@ -247,8 +247,8 @@ def relative_factor(
     return np.array(out)
 
 
-# function of s/w, h/w and twist (n,) that gives the beam; with a grain, it has a fourth derivative, by the grain's
-# direction
+# Function of s/w, h/w and twist (n,) that returns the beam's compliance. With a grain, ``slopes`` has a fourth row, the
+# derivative by the grain's direction.
 Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]
 
 

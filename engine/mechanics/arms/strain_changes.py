@@ -1,7 +1,7 @@
 """Largest strains of the arms of an assembly, with derivatives by the hubs, the spirals and the flat shapes.
 
 The rim's strips and necks count as straight bars, as wide as they are beside their holes. The design changes only the
-width of a neck, which is that of the arm beyond its joint.
+width of a neck: a neck is as wide as the arm that it joins.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class StrainSlopes:
 class Strains:
     """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``.
 
-    assembly, changes, arms : what the strains depend on; wrench : (2 m, 6) N and N m, in the arms' own axes
+    assembly, changes, arms : the joints, their derivatives, and the parameters of their arms
+    wrench : (2 m, 6) N and N m, in the arms' own axes
     """
 
     assembly: Assembly
@@ -159,8 +160,8 @@ def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float
 
 
 def kinks(assembly: Assembly) -> Float[np.ndarray, " joints"]:
-    """(m,) how sharply the arms of a joint bend to meet: the angle (radians) of the more bent arm, times thickness over
-    the width of the narrower one."""
+    """(m,) sharpness of the kink at every joint: the angle (radians) of the more bent arm, times thickness over
+    the width of the narrower arm."""
     arms = CutArms.of(assembly)
     bend = np.abs(arms.slope) / arms.radius
     return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)

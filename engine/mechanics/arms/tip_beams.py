@@ -60,7 +60,7 @@ class Pair:
 class Pull:
     """Derivatives of K numbers, each depending on one place of an arm, by the state of the arm there.
 
-    shift, turn : by the motion of the station before the place; bend, stretch : by those of its piece
+    shift, turn : by the motion of the station before the place; bend, stretch : by bend and stretch of the piece there
     station : by the position of that station on the flat arm; hub : by t where the arm leaves its hub
     point, velocity, half : by position, velocity and half width of the flat arm at the place
     """
@@ -242,7 +242,7 @@ class BentByTips:
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
         """Vector-Jacobian product with respect to tip motions and the arms' parameters (see ``blends``).
 
-        n numbers depend on one place each, every number on its own arm; t : of these places; piece : their pieces
+        Number i depends on the place t[i] of arm i, which lies on piece[i] and has the derivatives ``pull``.
         """
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))
@@ -288,7 +288,7 @@ class BentByTips:
             Pair(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
-        # the derivatives that remain for fixed tips
+        # subtract the part that tip motions explain: the rest are derivatives at fixed tips
         bend = Pair(bend.flat - other.flat, bend.off - other.off)
         stretch = Pair(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)

@@ -1,9 +1,9 @@
-"""How the tips of both arms of every joint have moved against their hubs, with exact derivatives.
+"""Motions of the tips of both arms of every joint relative to their hubs, with exact derivatives.
 
-The motion y of a joint is how far the second hub has carried the joint from where the first one has, in the axes half way
-between both. Both arms carry the wrench K y, K = (C_a + C_b)^-1, so there the tip of the first has moved by C_a K y and that
-of the second by -C_b K y, and they meet. In its hub's own axes, which lie half of the joint's turn aside, the shift is
-turned back.
+The motion y of a joint is the position of the joint on the second hub relative to its position on the first, in the axes half
+way between both. Both arms carry the wrench K y, K = (C_a + C_b)^-1. So in these axes the tip of the first arm has
+moved by C_a K y and that of the second by -C_b K y, and they meet. The axes of either hub differ by half of the joint's
+turn, by which the shift is rotated.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class TipMotions:
     """Shifts (metres) and turns (radians) of both tips of m joints, each in the flat frame of its own hub's patch.
 
     values : (m, 2, 6); by_pose : (m, 2, 6, 12) by the increments of both hubs
-    by_design : (m, 2, 6, 2, 5) by the widths and the twist (last) of the spirals on both sides
+    by_design : (m, 2, 6, 2, 5) by the four widths and the twist of the spirals on both sides
     """
 
     values: Float[np.ndarray, "joints 2 6"]
@@ -41,17 +41,24 @@ class TipMotions:
         stiffness: Float[np.ndarray, "joints 6 6"],
         pose: Pose,
     ) -> TipMotions:
-        """With the compliances of the arms and their derivatives as in ``ArmCompliances``, and the joints' stiffness as in ``ArmModel``."""
+        """Compute the motions with their derivatives.
+
+        Parameters
+        ----------
+        assembly, pose : m joints, and where their hubs are
+        compliance, by : of the arms, and derivatives, as in ``ArmCompliances``
+        stiffness : of the joints, ``ArmModel.at_joint``
+        """
         motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
         values, by_pose, by_design = np.empty((m, 2, 6)), np.empty((m, 2, 6, 12)), np.empty((m, 2, 6, 2, 5))
         wrench = times(stiffness, motion.vector)
         back = np.zeros((m, 6, 6))
         back[:, :3, :3] = back[:, 3:, 3:] = np.swapaxes(motion.middle, 1, 2)
         motion_by_pose = back @ first_order(SpatialMotion.of(motion))
-        # what the compliances of both arms add to the joint's motion under this wrench
+        # derivatives of the joint's motion under this wrench, through the compliances of both arms
         own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
         yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
-        # of each arm (m, 2), by the parameters of the spirals on both sides (2, 3)
+        # axes: joint, arm, spiral whose parameter changes, parameter, motion
         both = np.zeros((m, 2, 2, PARAMETERS, 6))
         for side in (0, 1):
             both[:, side, side] = yields[:, side][:, [WIDTH, TWIST, BESIDE]]
@@ -66,7 +73,7 @@ class TipMotions:
             frame[:, :3, :3], frame[:, 3:, 3:] = assembly.axes[:, side] @ turn, assembly.axes[:, side]
             values[:, side] = times(frame, moved)
             by_pose[:, side] = frame @ share @ motion_by_pose
-            # the shift is turned back by half of the turn
+            # derivative of the rotation of the shift by half of the turn
             swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ right_jacobian(half))
             by_pose[:, side, :3] += swing @ motion_by_pose[:, 3:]
             by_design[:, side] = of_spirals(times(frame[:, None, None], by_arms), assembly.sides).transpose(0, 3, 1, 2)
@@ -79,7 +86,16 @@ def tip_motions(
     stiffness: Float[np.ndarray, "joints 6 6"],
     pose: Pose,
 ) -> Float[np.ndarray, "joints 2 6"]:
-    """The values of ``TipMotions``."""
+    """Compute the values of ``TipMotions``.
+
+    Parameters
+    ----------
+    assembly, compliance, stiffness, pose : as in ``TipMotions.of``
+
+    Returns
+    -------
+    (m, 2, 6) : metres and radians
+    """
     motion, axes, sign = _motion(assembly, pose), assembly.arm_axes, np.array([1.0, -1.0])[:, None]
     own = (np.swapaxes(axes, 2, 3) @ times(stiffness, motion.vector)[:, None, :, None])[..., 0]
     moved = sign * times(axes, times(compliance, own))
@@ -88,5 +104,5 @@ def tip_motions(
 
 
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:
-    """Of the joint itself: its hubs carry it to one place at rest."""
+    """Motion of the joints themselves, which both hubs carry to the same point at rest."""
     return joint_motion(pose, assembly.pairs, assembly.lever, assembly.axes, np.zeros((len(assembly.pairs), 3)))

@@ -1,10 +1,10 @@
-"""The rod model: rigid hubs joined by edges from centre to centre, with stretch, two bendings and torsion at each end.
+"""The rod model: rigid hubs joined by straight edges from centre to centre, with stretch, two bendings and torsion.
 
-FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010. An
-edge's roll belongs to it alone, so the energy here is the least over all rolls: six unknowns a spiral are left. The
-paper measures the roll from a frame that is carried along in time; here it is measured from the first hub's frame,
-carried onto the edge along the shortest turn. Both differ by the reference torsion, which eq. 4 takes out again, so the
-energy is the same and a state has no frame to carry along but whole turns.
+FlexMaps section 6.1, eq. 1-4 (Malomo et al. 2018); curvature binormal and torsion after Bergou et al. 2008 and 2010.
+The roll of an edge affects that edge only, so the energy is minimised over all rolls, which leaves six unknowns per
+spiral. The paper measures the roll from a frame transported in time; here it is measured from the first hub's frame,
+carried onto the edge along the shortest rotation. The two differ by the reference torsion, which eq. 4 subtracts, so
+the energy is the same, and a state stores only whole turns instead of a frame.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ class RodModel:
     stretch : (m,) J: k_s times the half length, both ends together
     rest : (m, 2, 3, 3) columns: along the edge, to its left, normal, in the flat frame of the hub of either end
     length : (m,) metres, at rest
-    by_design : (n, 4, 2) k_s, k_b0, k_b1, k_t of every spiral by its arms' mean width (per metre) and its twist (per radian)
+    by_design : (n, 4, 2) derivatives of k_s, k_b0, k_b1, k_t by the mean width of the arms (per metre) and the twist
+        (per radian)
     """
 
     assembly: Assembly
@@ -46,7 +47,12 @@ class RodModel:
 
     @classmethod
     def of(cls, assembly: Assembly, material: Material) -> RodModel:
-        """The model of an assembly of one material."""
+        """Build the model of an assembly of one material.
+
+        Parameters
+        ----------
+        assembly, material : spirals and joints at rest, and the sheet
+        """
         found = stiffness.rod_parameters(
             _scale(assembly),
             assembly.width.mean(axis=1),
@@ -60,9 +66,15 @@ class RodModel:
     def with_parameters(
         cls, assembly: Assembly, parameters: np.ndarray, by_design: np.ndarray | None = None
     ) -> RodModel:
-        """The model of spirals with k_s (N), k_b0, k_b1, k_t (N m^2), in the columns of (n, 4); by default of fixed ones.
+        """Build the model from the parameters of its spirals.
 
-        An edge is at rest where both arms of its joint are: straight from centre to centre in the plane of either hub.
+        An edge at rest is straight from centre to centre in the plane of either hub.
+
+        Parameters
+        ----------
+        assembly : spirals and joints at rest
+        parameters : (n, 4) k_s (N), k_b0, k_b1, k_t (N m^2)
+        by_design : (n, 4, 2) as in ``RodModel``; by default zero
         """
         change = np.zeros((*parameters.shape, 2)) if by_design is None else by_design
         half, moduli = assembly.radius, parameters[assembly.pairs]
@@ -103,23 +115,23 @@ class RodModel:
         return state.torsion
 
     def energy(self, state: RodState) -> float:
-        return float(self._stretched(state.length)[0].sum() + self._ends(state).sum())
+        return float(self._stretch_energy(state.length)[0].sum() + self._end_energies(state).sum())
 
     def gradient_by_design(self, state: RodState) -> np.ndarray:
         return gradient_by_design(self.assembly, self.springs, self.length, self.by_design, state)
 
-    def _ends(self, state: RodState) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) joules of bending and torsion."""
+    def _end_energies(self, state: RodState) -> Float[np.ndarray, "joints 2"]:
+        """(m, 2) joules of bending and torsion at both ends."""
         with np.errstate(invalid="ignore", over="ignore"):
             return strains.energy(self.springs, state.bend, state.angles)
 
-    def _stretched(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _stretch_energy(self, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m,) joules of eq. 2 at lengths (m,), and their derivative by the length in newtons."""
         strain = length / self.length - 1.0
         return 0.5 * self.stretch * strain**2, self.stretch * strain / self.length
 
     def _state(self, pose: Pose, before: RodState | None) -> RodState:
-        """The state at a pose; whole turns of the torsion and the rolls' minima are those nearest to the state before."""
+        """State at a pose; whole turns of torsion and the minima of the rolls are the closest to the state ``before``."""
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             first, second = self.pairs.T
             edge = pose.centres[second] - pose.centres[first]
@@ -141,8 +153,9 @@ class RodModel:
         return RodState(pose, length, tangent, frames, bend, torsion, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
-        """Energy, gradient and Hessian; the roll is eliminated by its Schur complement. Only the tension is looked ahead."""
-        joules, tension = self._stretched(state.length)
+        """Compute energy, gradient and Hessian; the roll is eliminated by a Schur complement. ``ahead`` affects the
+        tension only."""
+        joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
         slope = ends.gradient * FLIP
         motion = first_order(state)
@@ -152,7 +165,7 @@ class RodModel:
         per_joint = joules + ends.energy.sum(axis=1)
         along = outer(state.tangent, state.tangent)
         steep = (self.stretch / self.length**2)[:, None, None] * along
-        pull = self._stretched(state.predicted)[1] if ahead else tension
+        pull = self._stretch_energy(state.predicted)[1] if ahead else tension
         lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
         flip = np.outer(FLIP, FLIP)
         curved = second_order(state, motion, slope)
@@ -161,21 +174,21 @@ class RodModel:
             float(per_joint.sum()),
             per_joint,
             summed(blocks, self.pairs, self.assembly.size),
-            _condensed(ends.hessian * flip, jacobian, steep + lateral, curved),
-            _condensed(ends.convex * flip, jacobian, steep, None),
+            _eliminate_roll(ends.hessian * flip, jacobian, steep + lateral, curved),
+            _eliminate_roll(ends.convex * flip, jacobian, steep, None),
         )
 
 
-def _condensed(
+def _eliminate_roll(
     ends: Float[np.ndarray, "joints 2 3 3"],
     jacobian: Float[np.ndarray, "joints 2 3 6"],
     shifts: Float[np.ndarray, "joints 3 3"],
     curved: Float[np.ndarray, "joints 2 6 6"] | None,
 ) -> Float[np.ndarray, "joints 12 12"]:
-    """(m, 12, 12) by the hubs' increments, without the roll.
+    """(m, 12, 12) second derivatives by the hubs' increments, with the roll eliminated.
 
-    ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w); shifts : (m, 3, 3) by
-    d and curved : (m, 2, 6, 6) by (d, w) to be added
+    ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) derivatives of x, y, roll by (d, w)
+    shifts : (m, 3, 3) by d, and curved : (m, 2, 6, 6) by (d, w), are added
     """
     row = roll_row(ends, jacobian)
     out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
@@ -194,7 +207,8 @@ def _condensed(
 
 
 def _scale(assembly: Assembly) -> Float[np.ndarray, " spirals"]:
-    """(n,) metres: diameters of the spirals, twice the mean length of the radii to their joints; without one, any length."""
+    """(n,) metres, diameter of the spirals: twice the mean radius to their joints; arbitrary for spirals without a
+    joint."""
     arms = np.bincount(assembly.pairs.ravel(), minlength=assembly.size)
     total = np.bincount(assembly.pairs.ravel(), weights=assembly.radius.ravel(), minlength=assembly.size)
     return np.where(arms > 0, 2.0 * total / np.maximum(arms, 1), 10.0 * assembly.thickness)

@@ -1,4 +1,4 @@
-"""How the ends of the rod model's edges have bent and rolled, and how that changes with the hubs' poses, to second order."""
+"""Bends and rolls at the ends of the rod model's edges, and their derivatives by the hubs' poses to second order."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..vectors import outer, skew
 
 @dataclass(frozen=True, eq=False)
 class RodState:
-    """A pose, and what the edges make of it.
+    """A pose, and the state of the edges in it.
 
     length : (m,) metres; tangent : (m, 3) from the first hub to the second
-    frames : (m, 2, 3, 3) columns: the edge's rest direction as the hub of either end carries it along, to its left, normal
+    frames : (m, 2, 3, 3) columns, moving with the hub of either end: the edge's rest direction, its left, the normal
     bend : (m, 2, 2) the curvature binormal along that normal and along that left
-    torsion : (m,) rad of the second hub against the first about the edge, with whole turns
-    roll : (m,) rad of the edge against the first hub
-    predicted : (m,) metres, the length to first order in the step that led here
+    torsion : (m,) rad of the second hub relative to the first about the edge, with whole turns
+    roll : (m,) rad of the edge relative to the first hub
+    predicted : (m,) metres, the length that the last step predicted to first order
     """
 
     pose: Pose
@@ -34,28 +34,29 @@ class RodState:
 
     @property
     def angles(self) -> Float[np.ndarray, "joints 2"]:
-        """(m, 2) rad: roll of the edge against the hub of either end, the angle of eq. 4."""
+        """(m, 2) rad, roll of the edge relative to the hub of either end: the angle of eq. 4."""
         return np.stack([self.roll, self.roll - self.torsion], axis=1)
 
 
-# makes a derivative by x, y and the edge's roll against a hub one by x, y and the roll of the hub's frame
+# signs that turn derivatives by x, y and the edge's roll relative to a hub into those by x, y and the roll of the hub's
+# frame
 FLIP = np.array([1.0, 1.0, -1.0])
 
-# increments (d, w) of either end from those of both hubs: first shift, first turn, second shift, second turn
+# (2, 6, 12) increments (d, w) of either end from both hubs': first shift, first turn, second shift, second turn
 SPLIT = np.zeros((2, 6, 12))
-SPLIT[:, :3, :3] = -np.eye(3)  # the first hub's shift counts backwards
-SPLIT[:, :3, 6:9] = SPLIT[0, 3:, 3:6] = SPLIT[1, 3:, 9:] = np.eye(
-    3
-)  # the second's, and the turn of the hub at that end
+SPLIT[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
+# the second hub's shift, and the turn of the hub at that end
+SPLIT[:, :3, 6:9] = SPLIT[0, 3:, 3:6] = SPLIT[1, 3:, 9:] = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
 class EndMotion:
-    """First derivatives of the bends and rolls of both ends of m edges.
+    """First derivatives of the bends and rolls at both ends of m edges.
 
     jacobian : (m, 2, 3, 6) of x, y and the roll of the hub's frame on the edge, by (d, w)
-    by_tangent : (m, 2, 4, 3) of x, y, that roll and the tangent's part along the hub's rest direction, by the tangent
-    pulled : (m, 2, 4, 6) of the same four by (d, w), but for the roll that goes along with w
+    by_tangent : (m, 2, 4, 3) of x, y, that roll and the tangent's component along the hub's rest direction, by the
+        tangent
+    pulled : (m, 2, 4, 6) of the same four by (d, w), without the roll w.t of the hub itself
     """
 
     jacobian: Float[np.ndarray, "joints 2 3 6"]
@@ -64,13 +65,15 @@ class EndMotion:
 
 
 def first_order(state: RodState) -> EndMotion:
-    """With d the shift of the second hub against the first and w the turn of an end's hub, an end sees its edge's tangent
-    move by u = Pd/l + t x w + ..., and the hub's frame on the edge roll by w.t - (binormal . u)/2 + ...
-    (P projects at right angles to the tangent t, l is the length).
+    """Differentiate bends and rolls by d, the shift of the second hub minus the first hub's shift, and w, the turn of an
+    end's hub.
+
+    Seen from an end, the edge's tangent moves by u = Pd/l + t x w + ..., and the hub's frame on the edge rolls by w.t -
+    (binormal . u)/2 + ... (P projects at right angles to the tangent t, l is the length).
     """
     tangent, length = state.tangent, state.length[:, None, None, None]
     rest, left, normal = np.moveaxis(state.frames, 3, 0)
-    near = _near(state)[..., None]
+    near = _one_plus_cosine(state)[..., None]
     x, y = state.bend[..., :1], state.bend[..., 1:]
     by_tangent = np.stack(
         [(2.0 * left - x * rest) / near, -(2.0 * normal + y * rest) / near, -0.5 * (x * normal + y * left), rest],
@@ -87,7 +90,7 @@ def first_order(state: RodState) -> EndMotion:
 def second_order(
     state: RodState, motion: EndMotion, slope: Float[np.ndarray, "joints 2 3"]
 ) -> Float[np.ndarray, "joints 2 6 6"]:
-    """(m, 2, 6, 6): second derivatives by (d, w) of x, y and the frame's roll, weighted by ``slope`` (m, 2, 3)."""
+    """(m, 2, 6, 6) second derivatives by (d, w) of x, y and the frame's roll, weighted by ``slope`` (m, 2, 3)."""
     tangent, length = state.tangent, state.length[:, None, None, None]
     eye, along = np.eye(3), outer(tangent, tangent)[:, None]
     force = np.einsum("mki,mkij->mkj", slope, motion.by_tangent[:, :, :3])
@@ -96,7 +99,7 @@ def second_order(
     both = both + np.swapaxes(both, 2, 3)
     roll = 0.5 * slope[..., 2, None, None]
     sideways = np.einsum("mki,mkij->mkj", slope * [1.0, 1.0, 0.5], motion.pulled[:, :, :3])
-    twice = outer(sideways / -_near(state)[..., None], motion.pulled[:, :, 3])
+    twice = outer(sideways / -_one_plus_cosine(state)[..., None], motion.pulled[:, :, 3])
     curved = twice + np.swapaxes(twice, 2, 3)
     curved[..., :3, :3] += (axial * (3.0 * along - eye) - both) / length**2
     mixed = (skew(force) @ (eye - along) + roll * (eye - along)) / length
@@ -109,14 +112,15 @@ def second_order(
 def roll_row(
     ends: Float[np.ndarray, "joints 2 3 3"], jacobian: Float[np.ndarray, "joints 2 3 6"]
 ) -> Float[np.ndarray, "joints 12"]:
-    """(m, 12): mixed derivatives by the hubs' increments and by a roll of both hubs' frames against the edge.
+    """(m, 12) mixed derivatives by the hubs' increments and by a roll of both hubs' frames relative to the edge.
 
-    ends : (m, 2, 3, 3) second derivatives by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of these by (d, w)
+    ends : (m, 2, 3, 3) second derivatives by x, y and roll of both ends; jacobian : (m, 2, 3, 6) of x, y, roll by (d,
+        w)
     """
     coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
     return coupled[:, 0] @ SPLIT[0] + coupled[:, 1] @ SPLIT[1]
 
 
-def _near(state: RodState) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2): one and the cosine of each end's bend."""
+def _one_plus_cosine(state: RodState) -> Float[np.ndarray, "joints 2"]:
+    """(m, 2): one plus the cosine of each end's bend."""
     return 1.0 + np.einsum("mki,mi->mk", state.frames[..., 0], state.tangent)

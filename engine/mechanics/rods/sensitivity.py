@@ -1,7 +1,8 @@
-"""How the forces of the rod model change with the widths and twists of the spirals, at a fixed pose.
+"""Derivatives of the rod model's forces by the widths and twists of the spirals, at a fixed pose.
 
-The energy is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so a changed parameter has the forces of an
-edge with nothing else. The rolls follow: with the least energy over a roll r, the gradient g by the pose changes by
+The energy is linear in the parameters k_s, k_b0, k_b1, k_t of every spiral, so its derivative by a parameter is the
+energy of an edge with that parameter alone. The rolls change too: with the energy minimised over a roll r, the gradient
+g by the pose changes by
 
     dg/dp = E_qp - E_qr E_rp / E_rr.
 """
@@ -19,9 +20,9 @@ from .motion import FLIP, SPLIT, RodState, first_order, roll_row
 def gradient_by_design(
     assembly: Assembly, springs: np.ndarray, length: np.ndarray, by_design: np.ndarray, state: RodState
 ) -> Float[np.ndarray, "joints 12 2 5"]:
-    """(m, 12, 2, 5): derivative of every joint's gradient by the widths (per metre) and twist (per radian) of both spirals.
+    """(m, 12, 2, 5) derivatives of every joint's gradient by widths (per metre) and twist (per radian) of both spirals.
 
-    Rows as in ``Expansion.hessian``; then the side of the joint; then the four widths, of which the mean counts, and the
+    Axes: rows as in ``Expansion.hessian``; side of the joint; four widths, which act through their mean, then the
     twist. Arguments as in ``RodModel``.
     """
     half = assembly.radius

@@ -1,7 +1,7 @@
-"""The four parameters of the paper's rod model from the radial basis function network (FlexMaps sections 6.1 to 6.3).
+"""The four parameters of the paper's rod model from its radial basis function network (FlexMaps sections 6.1 to 6.3).
 
-Kept as the reference; ``stiffness`` holds the tip compliances that replace them. "pair" parameters are fitted on edges
-from hub to hub, where the assembly uses them; "chord" ones on edges from the hub to a free tip, as the paper did.
+Kept as a reference; the tip compliances of ``arms.stiffness`` replace them. "pair" parameters are fitted on edges from
+hub to hub, as the assembly uses them; "chord" parameters on edges from the hub to a free tip, as in the paper.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from ..arms.stiffness import lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 
 PARAMETERS = Path(__file__).resolve().parents[3] / "data" / "rod_parameters.npz"
-FORMAT = 1  # of the file
+FORMAT = 1  # version of the file
 MODELS = ("pair", "chord")
 FLATNESS_RANGE = (0.5, 1.0)  # w/h of the spirals that the networks were trained on
-SCALE_OVER_THICKNESS = (5.0, 15.0)  # s/h of those spirals
-SMALLEST_SLOT = 0.15  # slot over thickness of the spirals that the networks were trained on
+SCALE_OVER_THICKNESS = (5.0, 15.0)  # s/h of these spirals
+SMALLEST_SLOT = 0.15  # smallest slot over thickness of these spirals
 
 
 @dataclass(frozen=True, eq=False)
 class RodStiffness:
-    """n spirals' k_s (N), k_b0, k_b1, k_t (N m^2), and their derivatives.
+    """k_s (N), k_b0, k_b1, k_t (N m^2) of n spirals, and their derivatives.
 
-    values : (n, 4); by_scale, by_width per metre, by_twist per radian : (n, 4)
+    values : (n, 4); by_scale, by_width, by_twist : (n, 4) per metre, per metre, per radian
     """
 
     values: Float[np.ndarray, "spirals 4"]
@@ -50,9 +50,9 @@ def coordinates(spiral: Any) -> Float[np.ndarray, " 3"]:
 
 @lru_cache(maxsize=4)
 def load_network(model: str, path: Path = PARAMETERS) -> dict[str, np.ndarray]:
-    """The arrays of one network; raises FlexMapsError if they are missing or of another version."""
+    """Load the arrays of one network; raises FlexMapsError if they are missing or have another version."""
     if model not in MODELS:
-        raise FlexMapsError(f"'{model}' is no rod model; there are {', '.join(MODELS)}")
+        raise FlexMapsError(f"'{model}' is not a rod model; choose one of {', '.join(MODELS)}")
     if not path.is_file():
         raise FlexMapsError(f"The rod parameters {path.name} are missing; reinstall the add-on or build the database")
     with np.load(path) as stored:
@@ -78,8 +78,9 @@ def rod_parameters(
 ) -> RodStiffness:
     """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
-    scale, width : (n,) m; twist : (n,) rad. Outside the sampled region, scale 5 to 15 and width 0.5 to 1 sheet
-    thicknesses, twist up to 360 degrees or to a slot of 0.15 thicknesses, they are those of the nearest spiral inside.
+    scale, width : (n,) m; twist : (n,) rad; thickness in m, Young's modulus in Pa; model : "pair" or "chord". Spirals
+        outside the sampled region (scale 5 to 15 and width 0.5 to 1 sheet thicknesses, twist up to 360 degrees or to a
+        slot of 0.15 thicknesses) get the parameters of the nearest spiral inside.
     """
     refuse_material(thickness, youngs)
     near = _Nearest.of(*lengths_and_twists(scale, width, twist), thickness)
@@ -101,15 +102,15 @@ def rod_parameters(
     value = value * youngs * near.width[:, None] ** power
     by_scale = value * log_scale / near.scale[:, None]
     by_width = value * (slopes[1] - log_scale + power) / near.width[:, None]
-    return near.given(RodStiffness(value, by_scale, by_width, value * slopes[2] / limit[:, None]))
+    return near.with_own_derivatives(RodStiffness(value, by_scale, by_width, value * slopes[2] / limit[:, None]))
 
 
 @dataclass(frozen=True, eq=False)
 class _Nearest:
-    """The spirals (n,) of the sampled region that are nearest to given ones, and how they follow these.
+    """Spirals (n,) of the sampled region nearest to other spirals, and their derivatives by these.
 
-    moves : which of scale, width and twist is not held at the region's edge, (3, n) bool
-    along : change of a twist that is held at its limit by scale and by width, (2, n) rad/m; 0 for others
+    moves : (3, n) bool, False where scale, width or twist is clipped at the region's edge
+    along : (2, n) rad/m, derivatives of a clipped twist by scale and width; 0 where it is not clipped
     """
 
     scale: np.ndarray
@@ -120,7 +121,8 @@ class _Nearest:
 
     @classmethod
     def of(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
-        # a narrow strip beyond the edge counts as inside, as rounding may put spirals there
+        """Clip spirals to the sampled region."""
+        # a narrow strip beyond the edge counts as inside, because rounding may put spirals there
         low, high = 1.0 - SLACK, 1.0 + SLACK
         near = np.clip(scale, low * thickness * SCALE_OVER_THICKNESS[0], high * thickness * SCALE_OVER_THICKNESS[1])
         thin = np.clip(width, low * thickness * FLATNESS_RANGE[0], high * thickness * FLATNESS_RANGE[1])
@@ -130,8 +132,8 @@ class _Nearest:
         along = np.stack([by_scale, by_width]) * wound
         return cls(near, thin, np.clip(twist, 0.0, limit), moves, along)
 
-    def given(self, found: RodStiffness) -> RodStiffness:
-        """Parameters of the nearest spirals with their derivatives by the given ones."""
+    def with_own_derivatives(self, found: RodStiffness) -> RodStiffness:
+        """Apply the chain rule: parameters of the nearest spirals, with derivatives by the original spirals."""
         by_scale, by_width = (
             (slope + found.by_twist * along[:, None]) * moves[:, None]
             for slope, along, moves in zip((found.by_scale, found.by_width), self.along, self.moves[:2], strict=True)
@@ -140,9 +142,9 @@ class _Nearest:
 
 
 def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) radians: the most wound spirals of the sampled region, and the derivatives by scale and width."""
+    """(n,) radians, largest twist in the sampled region, and its derivatives by scale and width."""
     spread = (0.25 * math.pi * scale / (width + SMALLEST_SLOT * thickness)) ** 2
-    # the region's smallest s/w leaves a spread of 11
+    # positive: at the region's smallest s/w the spread is 11
     cut = np.sqrt(spread - 1.0)
     slope = np.where(cut < 2.0 * math.pi, spread / cut, 0.0)
     return np.minimum(2.0 * math.pi, cut), slope / scale, -slope / (width + SMALLEST_SLOT * thickness)
@@ -154,7 +156,7 @@ def beyond(
     twist: Float[np.ndarray, " rad"],
     thickness: float,
 ) -> list[Beyond]:
-    """Which of n spirals, scale, width (m) and twist (rad) (n,), lie outside the sampled region."""
+    """List the quantities outside the sampled region; scale, width (m) and twist (rad) : (n,)."""
     near, every = _Nearest.of(scale, width, twist, thickness), np.arange(len(scale))
     share = twist / _largest_twist(near.scale, near.width, thickness)[0]
     return [

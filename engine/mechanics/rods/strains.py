@@ -1,10 +1,11 @@
-"""The bending and torsion energy of one end of an edge in three numbers: two curvatures and a roll (FlexMaps section 6.1).
+"""Bending and torsion energy of one end of an edge from two curvatures and a roll (FlexMaps section 6.1).
 
-An edge's frame at an end is the hub's frame, carried onto the edge along the shortest turn and then rolled about it by
-the torsion. With x, y the curvature binormal along the hub's normal and along the left of its rest edge, averaging both
-frames makes the curvatures of eq. 3
+The frame of an edge at an end is the hub's frame, carried onto the edge along the shortest rotation and then rolled
+about it by the torsion. Let x, y be the curvature binormal along the hub's normal and along the left of its rest edge.
+Averaging both frames gives the curvatures of eq. 3
 
-    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = torsion / 2, c = cos h.
+    across the plane's normal    c (x cos h - y sin h),    along it    c (y cos h + x sin h),    h = torsion / 2, c =
+    cos h.
 """
 
 from __future__ import annotations
@@ -15,17 +16,17 @@ import numpy as np
 
 from ...arrays import Float
 
-TOLERANCE = 1e-9  # radians: a Newton step below this leaves an error of its square
-ROUNDS = 60  # most Newton steps or halvings of an interval: enough for any double
-LONGEST = 0.5  # radians that one step may roll an edge; by eye
+TOLERANCE = 1e-9  # radians: Newton step that ends the iteration; its error is the square of the step
+ROUNDS = 60  # Newton steps or bisections at most: enough for double precision
+MAX_ROLL_STEP = 0.5  # radians, largest roll of an edge in one step; chosen by eye
 
 
 @dataclass(frozen=True, eq=False)
 class EndEnergy:
     """Energies of ends and their derivatives by x, y and torsion; any number of leading axes.
 
-    energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3); convex : (..., 3, 3) its part without the strains' own
-    curvature
+    energy : (...) J; gradient : (..., 3); hessian : (..., 3, 3)
+    convex : (..., 3, 3) the Hessian without the curvature of the strains
     """
 
     energy: Float[np.ndarray, " ..."]
@@ -93,10 +94,11 @@ def relaxed_roll(
     torsion: Float[np.ndarray, " joints"],
     guess: Float[np.ndarray, " joints"],
 ) -> Float[np.ndarray, " joints"]:
-    """(m,) rad: the edges' rolls against their first hubs in the energy's minimum downhill of ``guess`` (m,).
+    """(m,) rad, rolls of the edges relative to their first hubs at the energy minimum downhill of ``guess`` (m,).
 
-    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; torsion : (m,) rad of the second hub against the first. Newton's
-    method within what the signs of the slope enclose. Edges with values that are not finite are given up.
+    springs : (m, 2, 3), bend : (m, 2, 2) of both ends; torsion : (m,) rad of the second hub relative to the first.
+        Newton's method, bracketed by the signs of the slope. An edge whose slope is not finite is dropped from the
+        iteration.
     """
     roll = np.array(guess, dtype=float)
     low, high = np.full_like(roll, -np.inf), np.full_like(roll, np.inf)
@@ -109,8 +111,8 @@ def relaxed_roll(
         low[left], high[left] = below, above
         newton = here - slope / bulge
         good = (bulge > 0) & (newton >= below) & (newton <= above)
-        # an interval still open on one side has its middle at infinity, and the clip makes that the longest step
-        roll[left] = np.clip(np.where(good, newton, 0.5 * (below + above)), here - LONGEST, here + LONGEST)
+        # the midpoint of a half-open interval is infinite; clipping makes it the longest step
+        roll[left] = np.clip(np.where(good, newton, 0.5 * (below + above)), here - MAX_ROLL_STEP, here + MAX_ROLL_STEP)
         left = left[(np.abs(roll[left] - here) > TOLERANCE) & np.isfinite(slope)]
         if not len(left):
             break
@@ -118,7 +120,7 @@ def relaxed_roll(
 
 
 def _offsets(torsion: np.ndarray) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2): how far the hubs of both ends are turned against the first."""
+    """(m, 2) rad, turns of the hubs of both ends relative to the first."""
     return np.stack([np.zeros_like(torsion), torsion], axis=1)
 
 
