@@ -121,7 +121,7 @@ def _predicted(design: SpiralDesign, point: FlatPoint) -> float:
     pose, step = point.equilibrium.pose, _step(point)
     before = _distance(point, pose)
     after = point.problem.at(point.problem.within(point.x + step, point), pose)
-    if after.equilibrium.converged:
+    if after.equilibrium.converged and np.isfinite(after.value):  # infinite where flat shapes leave their limits
         point = after.renewed()
         step = _step(point)
     return min(before, _moved(point, step)) / design.flat.layout.mesh.diagonal

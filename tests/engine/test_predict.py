@@ -10,6 +10,8 @@ import pytest
 from flexmaps.engine.choosing import lines
 from flexmaps.engine.choosing.judge import Idea, Laid, Piece, lay
 from flexmaps.engine.choosing.predict import Start, predicted
+from flexmaps.engine.optimisation.codesign_problem import FlatProblem
+from flexmaps.engine.optimisation.inverse import Point
 from flexmaps.engine.params import Settings
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -52,6 +54,18 @@ def test_no_search_begins_nearer_than_is_predicted() -> None:
         found = simulate(design, piece.mesh, piece.settings.material.chosen, piece.settings.simulate)
         near = predicted(piece, laid.flat, start)
         assert 0.0 < near < 0.01 * found.match["rms_percent"]
+
+
+def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    piece, layouts = dome()
+    near = [predicted(piece, laid.flat) for laid in layouts.values()]
+
+    def beyond(self: FlatProblem, x: np.ndarray, inner: Point) -> np.ndarray:
+        return np.concatenate([x[: self.own], np.resize([0.0, 1.0, 1.0], len(x) - self.own)])
+
+    monkeypatch.setattr(FlatProblem, "within", beyond)
+    for laid, usual in zip(layouts.values(), near, strict=True):
+        assert 0.0 < predicted(piece, laid.flat) < 10.0 * usual
 
 
 def test_it_hardly_matters_which_layout_gives_the_start() -> None:
