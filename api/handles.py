@@ -58,7 +58,7 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
     made, shift = piece.result, _vector(by, "way")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
     offsets[standing(made.mesh, quads)] = 1e-3 * shift
-    return replace(piece, made=replace(made, wishes=Wishes.of(made.mesh, offsets)))
+    return replace(piece, made=replace(made, wishes=Wishes.from_offsets(made.mesh, offsets)))
 
 
 def _vector(values: Sequence[float], name: str) -> np.ndarray:

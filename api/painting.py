@@ -13,7 +13,7 @@ from ..engine.mechanics.loads import standing
 from ..engine.runs import stages
 from ..engine.runs.piece import Piece
 from ..engine.spirals import painting
-from ..engine.spirals.design import proved
+from ..engine.spirals.design import resolve_contacts
 from .pieces import Tell, go_to, progress_of
 
 # direction for each axis name, in the surface's axes
@@ -62,10 +62,10 @@ def paint(
     level = weight if brush == "stiffness" else None
     stroke = painting.Stroke(inverted, None if direction is None else _direction(direction), level)
     weight = np.full(len(weight), share) if level is not None else share * weight
-    changed = painting.painted(design, brush, weight, stroke, kept=kept)
+    changed = painting.paint_spirals(design, brush, weight, stroke, kept=kept)
     free = np.ones(len(weight), dtype=bool)
     free[[] if kept is None else kept] = False
-    sound = proved(changed, reporter.part(0.8, 1.0), free=free)
+    sound = resolve_contacts(changed, reporter.part(0.8, 1.0), free=free)
     made = stages.without(ready.result, stages.made_from({"design"}))
     return replace(ready, made=replace(made, design=sound))
 

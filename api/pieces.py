@@ -13,7 +13,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.mechanics.loads import standing
 from ..engine.own_files import Guard
-from ..engine.params import ObjectSettings, changed
+from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import SILENT, Progress
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
@@ -107,12 +107,12 @@ def change(
     ------
     FlexMapsError where a setting is out of its bounds, or a vertex group is named for a piece that is not an object.
     """
-    wanted = settings if isinstance(settings, ObjectSettings) else changed(piece.settings, settings or {})
+    wanted = settings if isinstance(settings, ObjectSettings) else with_values(piece.settings, settings or {})
     if isinstance(supports, str) and piece.uid is not None:
         from ..bridge.store import supports as groups
 
         if groups.is_group(piece.uid, supports):
-            wanted, supports = changed(wanted, {"loads.supports": supports}), None
+            wanted, supports = with_values(wanted, {"loads.supports": supports}), None
     made = piece.made
     if made is not None:
         made = stages.outdated(made, piece.settings, wanted)
@@ -219,7 +219,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     """
     from ..bridge.hosts import remesh as remeshing
 
-    wanted = piece.settings if quads is None else changed(piece.settings, {"remesh.quads": quads})
+    wanted = piece.settings if quads is None else with_values(piece.settings, {"remesh.quads": quads})
     remeshed = remeshing.quads_of(piece.source, wanted.remesh.quads, wanted, progress_of(progress))
     made = begun(
         Piece(piece.name, replace(remeshed.polygons, cured=piece.source.cured), piece.settings, files=piece.files),
@@ -335,7 +335,7 @@ def _from_blender(source: Any) -> Piece:
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
-        polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.of(source))
+        polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.from_quads(source))
         return Piece("mesh", about_middle(polygons), _without_stubs(ObjectSettings(), polygons))
     files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
     name, polygons = meshio.named(str(source), up)
@@ -346,4 +346,4 @@ def _from_elsewhere(source: Any, up: str | None) -> Piece:
 def _without_stubs(settings: ObjectSettings, polygons: PolygonMesh) -> ObjectSettings:
     """Leave out the arms at an open border, which would end in the air; a closed surface keeps its settings."""
     is_open = len(polygons.sizes) and len(border_sides(sides_of(polygons)))
-    return changed(settings, {"spiral.border": "left_out"}) if is_open else settings
+    return with_values(settings, {"spiral.border": "left_out"}) if is_open else settings

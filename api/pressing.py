@@ -39,7 +39,7 @@ def press(obj: bpy.types.Object, *, cure: bool | str = False) -> dict[str, Any] 
     scene, layer = bpy.context.scene, bpy.context.view_layer
     layer.objects.active = obj
     layer.update()
-    seen = guidance.of(obj, scene)
+    seen = guidance.read_guidance(obj, scene)
     chosen = None
     if isinstance(cure, str):
         offered = {way.name: way for notice in reversed(seen.notices) for way in reversed(notice.cures)}
@@ -94,7 +94,7 @@ def presses(
     waiting = list(named)
     for _ in range(most):
         obj = bpy.context.view_layer.objects.active if obj is None else obj
-        seen = guidance.of(obj, bpy.context.scene)
+        seen = guidance.read_guidance(obj, bpy.context.scene)
         last = seen.act is None or seen.act.idname in {"flexmaps.export", "wm.path_open", "wm.save_mainfile"}
         offered = {way.name for notice in seen.notices for way in notice.cures} if last else set()
         name = next((name for name in waiting if name in offered), None)
@@ -114,7 +114,7 @@ def told(obj: bpy.types.Object) -> dict[str, Any]:
 
     from ..bridge.store import guidance, notes
 
-    seen, blocks = guidance.of(obj, bpy.context.scene), notes.read(obj.data)
+    seen, blocks = guidance.read_guidance(obj, bpy.context.scene), notes.read(obj.data)
     shape, sheets = blocks.get("equilibrium", {}), blocks.get("sheets", {})
     figures = {
         "quads": len(obj.data.polygons),

@@ -10,9 +10,9 @@ from typing import Any
 from ..engine.errors import FlexMapsError
 from ..engine.exploring.explore import Exploration
 from ..engine.exploring.folder import refuse
-from ..engine.exploring.run import explored
+from ..engine.exploring.run import explore_piece
 from ..engine.exploring.space import GOALS, MINIMISED, SIZES, space
-from ..engine.params import changed, wish
+from ..engine.params import wish, with_values
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
 from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metres, progress_of, remesh
@@ -73,7 +73,7 @@ def choose(piece: Piece, *, panels: int | None = None, match: float | None = Non
     match : acceptable RMS distance from the target, in percent of its size; without both, the settings decide
     progress : called with a fraction and a text
     """
-    wanted = changed(piece.settings, wish(panels=panels, match=match))
+    wanted = with_values(piece.settings, wish(panels=panels, match=match))
     return go_to(replace(piece, settings=wanted), "flat", progress, "choose")
 
 
@@ -206,7 +206,7 @@ def explore(
     minimised : the two measures of the Pareto front
     overwrite : also replace files in the folder that FlexMaps did not write or that changed since
     progress : called with a fraction and a text; raising ``Cancelled`` ends the exploration with what it has
-    search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explored``
+    search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
 
     Raises
     ------
@@ -221,7 +221,7 @@ def explore(
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid_out.items()}
-    return explored(results, piece.settings, question, folder, guard=guard, progress=reporter, **search)
+    return explore_piece(results, piece.settings, question, folder, guard=guard, progress=reporter, **search)
 
 
 def _refuse_offline() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from ..engine.arrays import Float
 from ..engine.mechanics.arms import stiffness
 from ..engine.progress import SILENT, Progress
-from ..engine.spirals.known import SCALE_RANGE, twist_limit
+from ..engine.spirals.known import SCALE_RANGE, table_twist_limit
 from . import linear
 from .geometry import Spiral
 from .solid import Fineness
@@ -65,7 +65,7 @@ def nodes(folder: Path, counts: tuple[int, int, int, int] = COUNTS, progress: Pr
     out = np.empty((*counts, CHANNELS))
     plans = [(i, k) for i in range(counts[0]) for k in range(counts[2])]
     for done, (i, k) in enumerate(plans):
-        out[i, :, k] = plan(folder, ratios[i], shares[k] * float(twist_limit(ratios[i])), flatnesses, poissons)
+        out[i, :, k] = plan(folder, ratios[i], shares[k] * float(table_twist_limit(ratios[i])), flatnesses, poissons)
         progress((done + 1) / len(plans), f"stiffness table: plan {done + 1} of {len(plans)}")
     return out
 
@@ -145,7 +145,7 @@ def held_out(count: int = 48, seed: int = HELD_OUT_SEED) -> list[tuple[Spiral, f
         x, y, z, p = rng.random(4)
         ratio = math.exp(math.log(5.0) + x * math.log(10.0))
         flatness = math.exp(math.log(0.3) + y * math.log(10.0))
-        out.append((Spiral(ratio, 1.0 / flatness, z * float(twist_limit(ratio))), 0.25 + 0.17 * p))
+        out.append((Spiral(ratio, 1.0 / flatness, z * float(table_twist_limit(ratio))), 0.25 + 0.17 * p))
     return out
 
 
@@ -159,7 +159,7 @@ def slender() -> list[tuple[Spiral, float]]:
     ]
 
 
-def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stiffness.Table) -> np.ndarray:
+def block_errors(values: np.ndarray, spiral: Spiral, poisson: float, table: stiffness.StiffnessTable) -> np.ndarray:
     """(6,) relative errors of the table: eigenvalues of the interpolated against the true compliance, minus 1."""
     made = stiffness.blocks(
         np.array([spiral.scale]), np.array([1.0 / spiral.height]), np.array([spiral.twist]), table, poisson

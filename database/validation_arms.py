@@ -63,7 +63,7 @@ def _face(across: int) -> Float[np.ndarray, " face"]:
 
 def model_compliances(design: SpiralDesign) -> Float[np.ndarray, "joints 2 6 6"]:
     """The same of the default elastic model."""
-    return ArmModel.of(of_design(design), MATERIAL, curving=False, slopes=False).compliance.values
+    return ArmModel.from_assembly(of_design(design), MATERIAL, curving=False, slopes=False).compliance.values
 
 
 def excess(solid: np.ndarray, model: np.ndarray) -> Float[np.ndarray, "joints 2 wrenches"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..engine.spirals.design import SpiralDesign, fitted
+from ..engine.spirals.design import SpiralDesign, make_fabricable
 from .validation_cases import PARAMS, Case, Loading, cantilever, cases, dome, saddle, sheet, shells
 from .validation_grain import grained
 
@@ -17,7 +17,7 @@ def rimmed(make: Callable[[], SpiralDesign]) -> Callable[[], SpiralDesign]:
 
     def made() -> SpiralDesign:
         design = make()
-        return fitted(design.flat, RIM, design.width, design.twist)
+        return make_fabricable(design.flat, RIM, design.width, design.twist)
 
     return made
 

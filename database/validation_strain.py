@@ -79,7 +79,7 @@ def optimised(name: str, make: Callable[[], QuadMesh]) -> SpiralDesign:
     path = FOLDER / f"{name}.design.npz"
     if not path.is_file():
         mesh = make()
-        found = job.run(PolygonMesh.of(mesh), Settings(), edge=SIDE, stop_after="optimise")
+        found = job.run(PolygonMesh.from_quads(mesh), Settings(), edge=SIDE, stop_after="optimise")
         assert found.design is not None
         made, mesh = found.design, found.design.flat.layout.mesh
         kept = {"vertices": mesh.vertices, "quads": mesh.quads, "cut": made.flat.layout.cut, "points": made.flat.points}

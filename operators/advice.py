@@ -18,7 +18,7 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
-    from ..bridge.store.surface import Surface
+    from ..bridge.store.surface import ObjectSurface
     from ..bridge.view.advised import Made
     from ..engine.runs.result import Result
 
@@ -54,9 +54,9 @@ class Advised(ContinuedStage):
         from ..bridge.view.flat_panels import PanelDrawing
 
         blocks = notes.read(obj.data)
-        if states.of(obj, bpy.context.scene)["reach"].kind != states.DONE:
+        if states.read_states(obj, bpy.context.scene)["reach"].kind != states.DONE:
             raise FlexMapsError("What was advised is out of date; press Simulate or Optimise first")
-        amount = advice.of(obj.data)[self.remedy]
+        amount = advice.read_advice(obj.data)[self.remedy]
         assert amount is not None
         self._amount, self._figures = amount, blocks["equilibrium"]
         searched, wanted = "optimise" in blocks, self.settings(snapshot)
@@ -75,7 +75,7 @@ class Advised(ContinuedStage):
                 made = live_shape.settled(made, wanted, progress.part(0.3, 0.9))
             assert made.design is not None
             progress(0.92, "Drawing outlines")
-            panels = PanelDrawing.of(made.design, wanted, progress.part(0.92, 0.99))
+            panels = PanelDrawing.from_design(made.design, wanted, progress.part(0.92, 0.99))
             return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
 
         return go_on
@@ -84,7 +84,13 @@ class Advised(ContinuedStage):
         return result.panels.show(obj, context.scene)
 
     def written(
-        self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, made: Made, was: float, now: float
+        self,
+        context: bpy.types.Context,
+        obj: bpy.types.Object,
+        surface: ObjectSurface,
+        made: Made,
+        was: float,
+        now: float,
     ) -> str:
         """Write the piece into an object of its shape, with its notes, and return a text for the user."""
         from ..bridge.view import advised
@@ -198,7 +204,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(remeshed.polygons)
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
-        return replace(made, findings=[*check.everything(PolygonMesh.of(made.mesh)), *remeshed.findings])
+        return replace(made, findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.hosts import remesh
@@ -208,7 +214,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         from ..engine.surface.mesh import PolygonMesh
 
         quads = result.after.mesh
-        made = remesh.as_object(PolygonMesh.of(quads), obj, context.scene)
+        made = remesh.as_object(PolygonMesh.from_quads(quads), obj, context.scene)
         try:
             context.view_layer.update()
             now = mesh.read_surface(made, context.scene)

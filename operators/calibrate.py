@@ -11,7 +11,7 @@ from ..bridge.store import presets, settings
 from ..bridge.store.i18n import translate
 from ..bridge.store.paths import folder_of
 from ..engine.errors import FlexMapsError
-from ..engine.params import ObjectSettings, changed
+from ..engine.params import ObjectSettings, with_values
 from .stage import AtOnce, OnObject
 from .writes import Writes
 
@@ -79,7 +79,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         wanted = settings.read(obj.flexmaps, ObjectSettings)
         made = coupons.read(folder_of(wanted.export.folder) / SUBFOLDER)
         result = calibrate.calibrate(made, self._readings())
-        settings.write(obj.flexmaps, changed(wanted, result.settings))
+        settings.write(obj.flexmaps, with_values(wanted, result.settings))
         kept = presets.keep(self.preset, result.settings) if self.preset.strip() else None
         self.level = "WARNING" if result.warnings else "INFO"
         return _describe(result, kept)

@@ -68,7 +68,7 @@ def _optimised(obj: bpy.types.Object, snapshot: Snapshot) -> Pose | None:
     from ..bridge.store import equilibrium, states
 
     scene = bpy.context.scene
-    now = states.of(obj, scene)
+    now = states.read_states(obj, scene)
     current = all(now[stage].kind == states.DONE for stage in ("optimise", "equilibrium"))
     return equilibrium.resting(obj, scene, snapshot.surface) if current else None
 

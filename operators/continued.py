@@ -14,7 +14,7 @@ from .stage import StageOperator, Work
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
-    from ..bridge.store.surface import Surface
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
 Continuation = Callable[["Result", Progress], Any]
@@ -38,7 +38,7 @@ class ContinuedStage(StageOperator):
         """Return the work that continues from the result; read Blender's data here, which the work must not touch."""
         raise NotImplementedError
 
-    def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
         from ..bridge.store import snapshot as snapshots
         from ..bridge.store.objects import find
 

@@ -28,13 +28,13 @@ class Explore(ContinuedStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.exploring.run import explored
+            from ..engine.exploring.run import explore_piece
             from ..engine.exploring.space import usual
 
             settings = snapshot.settings
             question = usual(settings.explore, settings, 1e3 * result.mesh.median_edge)
             count = settings.explore.candidates
-            return explored({0: result}, settings, question, candidates=count, progress=progress)
+            return explore_piece({0: result}, settings, question, candidates=count, progress=progress)
 
         return go_on
 

@@ -31,7 +31,7 @@ class Fit(SearchStage, bpy.types.Operator):
         from ..bridge.store import states
 
         self._flat = passed_over(obj)
-        self._start = states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+        self._start = states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
         return Spirals.continuation(self, obj, snapshot) if self._flat else super().continuation(obj, snapshot)  # type: ignore[arg-type]
 
     def begun(self, result: Result, snapshot: Snapshot, progress: Progress) -> Result:

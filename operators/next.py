@@ -31,7 +31,7 @@ class Next(AnyMesh, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
-        act = None if context.object is None else guidance.of(context.object, context.scene).act
+        act = None if context.object is None else guidance.read_guidance(context.object, context.scene).act
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
     @classmethod
@@ -49,7 +49,7 @@ class Next(AnyMesh, bpy.types.Operator):
         return self._press(context, "EXEC_DEFAULT")
 
     def _press(self, context: bpy.types.Context, how: str) -> set[str]:
-        seen = self._check_before_cut(context, guidance.of(context.object, context.scene))
+        seen = self._check_before_cut(context, guidance.read_guidance(context.object, context.scene))
         if seen.act is None:
             stopped = next((notice.sentence for notice in seen.notices), translate("There is nothing to make of it"))
             self.report({"ERROR"}, stopped)
@@ -70,18 +70,18 @@ class Next(AnyMesh, bpy.types.Operator):
         """Check the mesh before it is cut, and return the guidance afterwards, which may offer another action."""
         from ..bridge.store import states
 
-        known = states.of(context.object, context.scene)
+        known = states.read_states(context.object, context.scene)
         cuts = seen.act is not None and seen.act.idname in CUTTING
         if not cuts or known["checks"].kind == states.DONE or bpy.ops.flexmaps.check.poll() is False:
             return seen
         with suppress(RuntimeError):  # an error of the mesh is shown as a notice
             bpy.ops.flexmaps.check("EXEC_DEFAULT")
-        return guidance.of(context.object, context.scene)
+        return guidance.read_guidance(context.object, context.scene)
 
 
 def _find_notice(context: bpy.types.Context, key: str) -> Notice:
     """Return the notice of this key; raise ``FlexMapsError`` where it no longer exists."""
-    for notice in guidance.of(context.object, context.scene).notices:
+    for notice in guidance.read_guidance(context.object, context.scene).notices:
         if notice.key == key:
             return notice
     raise FlexMapsError("The mesh was changed since; press Check again")

@@ -52,7 +52,7 @@ class SearchStage(ContinuedStage):
             assert better is not None
             try:
                 progress(SEARCHED, "Drawing outlines")
-                panels = PanelDrawing.of(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
+                panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
                 spirals = design_report(better, progress.part(DRAWN, DRAWN))
                 made = job.go_on(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
             except Cancelled:  # keep the result, but skip the slower figures

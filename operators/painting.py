@@ -40,7 +40,7 @@ class PickBrush(AtOnce, _Painter, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         from ..bridge.view import easel
 
-        easel.of(context.object, context.scene)
+        easel.easel_of(context.object, context.scene)
         bpy.ops.wm.tool_set_by_id(name=easel.TOOL)
 
 
@@ -59,7 +59,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
         from ..bridge.view import brush_path, dabs, easel
 
         try:
-            self._easel = easel.of(context.object, context.scene)
+            self._easel = easel.easel_of(context.object, context.scene)
         except FlexMapsError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -156,8 +156,8 @@ class PaintFrom(AtOnce, _Painter, bpy.types.Operator):
         obj = context.object
         if not self.source:
             raise FlexMapsError("Choose a vertex group, a colour or other numbers of the object under From")
-        values = fields.of(obj, mesh.read_surface(obj, context.scene), self.source)
-        on = easel.of(obj, context.scene)
+        values = fields.read_field(obj, mesh.read_surface(obj, context.scene), self.source)
+        on = easel.easel_of(obj, context.scene)
         way = np.eye(3)["xyz".index(self.direction)]
         weight = np.full(len(values), self.strength) if self.what == "stiffness" else self.strength * values
         if self.what == "protect":

@@ -35,7 +35,7 @@ class Regularise(ContinuedStage, bpy.types.Operator):
             from ..engine.surface.mesh import PolygonMesh
 
             after = job.go_on(result, snapshot.settings, ("regularise",), progress).mesh
-            return result.mesh, after, check.everything(PolygonMesh.of(after))
+            return result.mesh, after, check.everything(PolygonMesh.from_quads(after))
 
         return go_on
 

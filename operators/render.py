@@ -19,7 +19,7 @@ from .stage import StageOperator, Work
 from .writes import Writes
 
 if TYPE_CHECKING:
-    from ..bridge.store.surface import Surface
+    from ..bridge.store.surface import ObjectSurface
 
 
 class Render(Writes, StageOperator, bpy.types.Operator):
@@ -36,7 +36,7 @@ class Render(Writes, StageOperator, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design")
 
-    def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
         """Build the scene here, which is quick; a second Blender renders it, or this one would hang for minutes."""
         from ..bridge.hosts import second_render
         from ..bridge.store.objects import find

@@ -36,7 +36,7 @@ class Spirals(ContinuedStage, bpy.types.Operator):
             made = job.go_on(result, settings, ("spirals",), progress.part(0.0, 0.5)).design
             assert made is not None
             progress(0.5, "Drawing outlines")
-            drawing = PanelDrawing.of(made, settings, progress.part(0.5, 0.9))
+            drawing = PanelDrawing.from_design(made, settings, progress.part(0.5, 0.9))
             layout = None if made.flat is result.flat else layout_report(made.flat)
             return drawing, design_report(made, progress.part(0.9, 1.0)), layout
 

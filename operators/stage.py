@@ -23,7 +23,7 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 
 if TYPE_CHECKING:
-    from ..bridge.store.surface import Surface
+    from ..bridge.store.surface import ObjectSurface
 
 Work = Callable[[Progress], Any]
 
@@ -124,7 +124,7 @@ class StageOperator(Polled):
     _writing: Any = None  # iterator over the remaining steps of writing
     _made_from: Any = None  # checksums of the settings when the work began
     _scene = 0  # Blender's id of the scene in which the work began
-    _surface: Any = None  # a ``Surface``, imported too late for an annotation, which Blender evaluates
+    _surface: Any = None  # a ``ObjectSurface``, imported too late for an annotation, which Blender evaluates
 
     @property
     def uid(self) -> int:
@@ -138,14 +138,14 @@ class StageOperator(Polled):
         """Return why this stage cannot run on a usable object, as a sentence; it must be quick enough for every redraw."""
         return None
 
-    def prepare(self, surface: Surface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
         """Return the engine work, a function that must not touch Blender's data."""
         raise NotImplementedError
 
     def meanwhile(self) -> None:
         """Make on the main thread something that the work waits for; called once, after the progress was drawn."""
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         """Write the result on the main thread; everything that can fail must come before the first write."""
         raise NotImplementedError
 

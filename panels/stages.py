@@ -33,8 +33,8 @@ def look(context: bpy.types.Context, afresh: bool = False) -> Seen:
     """Return the states of the active object; ``afresh``, which the tab sets as it is drawn first, recomputes them."""
     obj, now = context.object, time.monotonic()
     if afresh or not _seen or _seen[0].uid != obj.session_uid or now - _seen[0].seconds > ONE_REDRAW:
-        current = states.of(obj, context.scene)
-        advice = guidance.of(obj, context.scene, current)
+        current = states.read_states(obj, context.scene)
+        advice = guidance.read_guidance(obj, context.scene, current)
         _seen[:] = [Seen(obj.session_uid, now, current, notes.read(obj.data), advice)]
     return _seen[0]
 

@@ -52,4 +52,4 @@ def shaken(pose: Pose, shift: float, turn: float, seed: int = 0) -> Pose:
 
 
 def free(count: int) -> Loads:
-    return Loads.of(count)
+    return Loads.for_spirals(count)

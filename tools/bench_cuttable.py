@@ -17,7 +17,7 @@ import shapely
 import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.optimisation import codesign, optimise
-from flexmaps.engine.optimisation.inverse import Point
+from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.optimisation.optimisers import Trace
 from flexmaps.engine.optimisation.search import FARTHER, Search, Task
 from flexmaps.engine.optimisation.work import Work
@@ -69,9 +69,9 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
         SimulateParams(),
         found.supports,
         None,
-        Work.of(len(design.twist), patience),
+        Work.for_spirals(len(design.twist), patience),
     )
-    problem, points = task.problem(design), list[Point]()
+    problem, points = task.problem(design), list[DesignPoint]()
     starts = optimise.starts(problem, design, found.mesh, params, SILENT)
     start = min(starts.values(), key=lambda point: point.value)
     start = start.weighed(start.mismatch.value)

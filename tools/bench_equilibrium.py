@@ -162,7 +162,7 @@ def _arch(model: ElasticModel, stiffness: float, length: float) -> tuple[float, 
     radius = length / np.pi
     circle = radius * np.stack([np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle], axis=1)
     pose = Pose(circle, Rotation.from_rotvec(np.outer(angle, [0.0, 0.0, 1.0])).as_matrix())
-    loads = Loads.of(HUBS, supports=np.array([0]))
+    loads = Loads.for_spirals(HUBS, supports=np.array([0]))
     loads.fixed[-1, 3:] = True
     start = shaken(pose, NOISE * EDGE, NOISE, 0)
     start.centres[0], start.rotations[[0, -1]] = pose.centres[0], pose.rotations[[0, -1]]
@@ -175,7 +175,7 @@ def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: f
     """Return the distance of the tip from the solution of Bisshopp and Drucker (1945) for a load P L^2 = ``load`` E I."""
     force = np.zeros((HUBS, 3))
     force[-1, 1] = -load * stiffness / length**2
-    found = solve(model, straight, Loads.of(HUBS, supports=np.array([0]), force=force), SimulateParams())
+    found = solve(model, straight, Loads.for_spirals(HUBS, supports=np.array([0]), force=force), SimulateParams())
     tip = (found.pose.centres[-1] - straight.centres[0]) / length
 
     def modulus(slope: float) -> tuple[float, float]:
@@ -198,7 +198,7 @@ def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: f
 def on_mesh(table: Table, found: Subject) -> None:
     """Start from the target and from perturbed targets: iterations, residual forces, seconds, and convergence."""
     kind = found.name.removeprefix("made:")
-    loads = Loads.of(found.assembly.size)
+    loads = Loads.for_spirals(found.assembly.size)
     rest, spent, calm = {}, {}, {}
     for name, model in both(found):
         start = time.process_time()
@@ -262,8 +262,8 @@ def linear_algebra(table: Table) -> None:
     found = torus(2400)
     name, pieces = f"torus {found.assembly.size}", {}
     for kind, model in both(found):
-        rest = solve(model, found.pose, Loads.of(found.assembly.size), SimulateParams())
-        system = NewtonSystem(model.pairs, Loads.of(found.assembly.size).held(model.pairs, rest.pose.centres))
+        rest = solve(model, found.pose, Loads.for_spirals(found.assembly.size), SimulateParams())
+        system = NewtonSystem(model.pairs, Loads.for_spirals(found.assembly.size).held(model.pairs, rest.pose.centres))
         state = model.start(rest.pose)
         here = model.expand(state)
         values = system.values(here.hessian)
@@ -329,7 +329,7 @@ def scaling(table: Table) -> None:
 
 def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[float, float]]:
     """Return the seconds to equilibrium and the seconds per iteration, for both models."""
-    loads, out, rest = Loads.of(found.assembly.size), {}, {}
+    loads, out, rest = Loads.for_spirals(found.assembly.size), {}, {}
     for name, model in both(found):
         start = time.process_time()
         rest[name] = solve(model, found.pose, loads, SimulateParams())
@@ -350,7 +350,7 @@ def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[
 def peak(count: int) -> None:
     """Compute the equilibrium of one large dome and print the process's peak memory in megabytes."""
     found = dome(count)
-    solve(found.arm, found.pose, Loads.of(found.assembly.size), SimulateParams())
+    solve(found.arm, found.pose, Loads.for_spirals(found.assembly.size), SimulateParams())
     print(round((peak_memory() or np.nan) / 1e6))
 
 

@@ -21,7 +21,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.optimisation.optimise import Optimisation, optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.real_sheets import real_sheets
+from flexmaps.engine.simulation.real_sheets import tolerance_band
 from flexmaps.engine.simulation.rests import RESTS
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.files.meshio import read
@@ -58,7 +58,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _made(name: str) -> PolygonMesh:
-    return PolygonMesh.of(hard.SURFACES[name]())
+    return PolygonMesh.from_quads(hard.SURFACES[name]())
 
 
 def _measured(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[Row]:
@@ -85,7 +85,7 @@ def _rows(name: str, found: Optimisation, seconds: float, settings: Settings) ->
     start = {"start": found.start, "before": f"{found.before.match['rms_percent']:.2f}", "ended": found.ended}
     energies = {"J": f"{after.equilibrium.energy:.4g}", "J from the target": f"{again.equilibrium.energy:.4g}"}
     steps = {"steps": len(trace.rows), "refused": trace.rejected, "unstable": trace.unstable, "s": f"{seconds:.0f}"}
-    band = real_sheets(after, physics)
+    band = tolerance_band(after, physics)
     return [
         at_most(name, "RMS, %", ASKED.get(name), rms, start | {"panels": len(found.design.flat.layout.patches)}),
         at_most(

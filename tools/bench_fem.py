@@ -207,7 +207,7 @@ def interpolation() -> list[Row]:
     rng = np.random.default_rng(0)
     n = 2400
     s, w = rng.uniform(0.01, 0.03, n), rng.uniform(0.001, 0.002, n)
-    twist = rng.uniform(0, 1, n) * np.minimum(stiffness.twist_limit(s / w), 2 * np.pi)
+    twist = rng.uniform(0, 1, n) * np.minimum(stiffness.table_twist_limit(s / w), 2 * np.pi)
     kind: dict[str, Any] = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
     stiffness.tip_compliance(s, w, twist, **kind)
     ms = 1e3 * min(cpu(lambda: stiffness.tip_compliance(s, w, twist, **kind)) for _ in range(10))

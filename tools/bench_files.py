@@ -27,7 +27,7 @@ import browser
 import numpy as np
 from bench_layout import EDGE, surfaces
 from flexmaps import api
-from flexmaps.engine.fabrication.panels.toolpath import Runs
+from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export, solids, svg
 from flexmaps.engine.fabrication.writers.operations import frame
@@ -137,7 +137,7 @@ def written(made: CutSheets, folder: Path, thorough: bool) -> list[Path]:
     return paths
 
 
-def _gaps(runs: Runs) -> Iterator[float]:
+def _gaps(runs: SheetCuts) -> Iterator[float]:
     """Return the gaps (metres) of the holding tabs: from the end of each part of an outline to the start of the next."""
     ends = np.array([c.points[-1] for c in runs.outer if not c.closed]).reshape(-1, 2)
     starts = np.array([c.points[0] for c in runs.outer if not c.closed]).reshape(-1, 2)

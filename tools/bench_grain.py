@@ -32,9 +32,9 @@ from flexmaps.engine.mechanics.assembly import Assembly, of_design
 from flexmaps.engine.mechanics.elastic import summed
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.panel_grain import choose_grain
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.known import twist_limit
+from flexmaps.engine.spirals.known import table_twist_limit
 from rows import Row, Table, at_most, row
 
 # required, percent: median and largest error of single spirals' energies; RMS distance of whole pieces over their size
@@ -92,7 +92,7 @@ def panels(name: str) -> list[Row]:
         "optimise.iterations": STEPS,
         "optimise.codesign": False,
     }
-    plain = changed(Settings(), given)
+    plain = with_values(Settings(), given)
     made = job.run(polygons, plain, edge=0.02, stop_after="spirals")
     assert made.design is not None
     searched = {}
@@ -133,7 +133,7 @@ def spirals(count: int) -> list[Row]:
     rng, errors, ratios = np.random.default_rng(2026), [], []
     for number in range(count):
         ratio, flat = (math.exp(rng.uniform(*np.log(span))) for span in ((6.0, 35.0), (0.4, 2.8)))
-        twist = rng.uniform(0.0, 0.95) * float(twist_limit(ratio))
+        twist = rng.uniform(0.0, 0.95) * float(table_twist_limit(ratio))
         angle, known = rng.uniform(-0.5, 0.5) * math.pi, plywoods(number, rng)
         true = solid(Spiral(ratio, 1.0 / flat, twist), known, angle)
         given = (np.array([v]) for v in (ratio, 1.0, twist))
@@ -214,10 +214,10 @@ def forces() -> Row:
 
     def gradient(step: float) -> np.ndarray:
         moved = known.redesigned(known.width + step * way_width, known.twist + step * way_twist)
-        model = ArmModel.of(moved, case.material, curving=False)
+        model = ArmModel.from_assembly(moved, case.material, curving=False)
         return model.expand(model.start(pose)).gradient
 
-    model = ArmModel.of(known, case.material, curving=False)
+    model = ArmModel.from_assembly(known, case.material, curving=False)
     blocks = model.gradient_by_design(model.start(pose))
     way = np.column_stack([way_width, way_twist])
     found = summed(np.einsum("miks,mks->mi", blocks, way[known.pairs]), known.pairs, known.size)
@@ -251,5 +251,5 @@ def speed() -> list[Row]:
 
 def _cpu(known: Assembly, material: Material) -> float:
     begin = time.process_time()
-    ArmModel.of(known, material)
+    ArmModel.from_assembly(known, material)
     return time.process_time() - begin

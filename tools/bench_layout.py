@@ -93,7 +93,7 @@ def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
 
 
 def surfaces(meshes_dir: Path | None) -> list[tuple[str, PolygonMesh]]:
-    found = [(f"made:{name}", PolygonMesh.of(shapes.make(name, EDGE))) for name in shapes.NAMES]
+    found = [(f"made:{name}", PolygonMesh.from_quads(shapes.make(name, EDGE))) for name in shapes.NAMES]
     if meshes_dir is not None:
         names = sorted(n for n in os.listdir(meshes_dir) if n.endswith((".obj", ".off", ".ply", ".stl")))
         found += [(Path(n).stem, meshio.read(meshes_dir / n)) for n in names]

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.live.given import Given
+from flexmaps.engine.live.given import LiveInput
 from flexmaps.engine.live.session import forget
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.loads import standing
@@ -93,7 +93,7 @@ def changes(_: argparse.Namespace) -> Iterator[Row]:
     forget()
 
 
-def others(mesh: Any) -> Iterator[tuple[str, Callable[[Given], Given]]]:
+def others(mesh: Any) -> Iterator[tuple[str, Callable[[LiveInput], LiveInput]]]:
     """Yield changes of other kinds."""
     yield "thickness", lambda g: replace(g, spiral=replace(g.spiral, thickness=1.2 * g.spiral.thickness))
     yield "material", lambda g: replace(g, material=material("pla"))
@@ -103,13 +103,13 @@ def others(mesh: Any) -> Iterator[tuple[str, Callable[[Given], Given]]]:
     yield "a seam cleared", lambda g: replace(g, seams=cleared(g, mesh))
 
 
-def pulled(given: Given) -> Given:
+def pulled(given: LiveInput) -> LiveInput:
     away = np.linalg.norm(given.vertices - given.vertices[len(given.vertices) // 3], axis=1)
     shift = 0.005 * np.exp(-((away / 0.04) ** 2))[:, None] * [0.0, 0.0, 1.0]
     return replace(given, vertices=given.vertices + shift)
 
 
-def cleared(given: Given, mesh: Any) -> np.ndarray:
+def cleared(given: LiveInput, mesh: Any) -> np.ndarray:
     """Return the seams without those between two of the patches."""
     from flexmaps.engine.patches.layout import PatchLayout
 

@@ -24,7 +24,7 @@ from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import optimise, reach, search
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
@@ -125,7 +125,7 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     free = OptimiseParams(strain_share=0.0, codesign=False, open_slots=False)
     result = optimise.optimise(design, mesh, MATERIAL, free, SimulateParams(), supports=held)
     whole = time.process_time() - started
-    block, limits = result.report(), reach.reach(result)
+    block, limits = result.report(), reach.find_limits(result)
     borne = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(codesign=False), SimulateParams(), supports=held)
     started = time.process_time()
     usual = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held)
@@ -194,15 +194,15 @@ def _most_seconds(published: Published | None) -> float | None:
     )
 
 
-Run = tuple[Point, float, Trace]
+Run = tuple[DesignPoint, float, Trace]
 
 
 def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -> tuple[Run, Run]:
     """Ours and the baseline on the same problem from the same start: best point, processor seconds, trace."""
     assembly = of_design(design)
-    loads = Loads.of(assembly.size, supports=held)
+    loads = Loads.for_spirals(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, free=held is None)
-    space = DesignSpace.of(design, assembly)
+    space = DesignSpace.from_design(design, assembly)
     x, pose = space.coordinates(design.width, design.twist), target_pose(mesh, design.flat.corners)
     runs = []
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
@@ -211,7 +211,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
         trace, started = Trace(), time.process_time()
-        whole = Problem(assembly, space, aim, loads, _quick, SimulateParams(tolerance=tolerance))
+        whole = InverseProblem(assembly, space, aim, loads, _quick, SimulateParams(tolerance=tolerance))
         best = method(whole, whole.at(x, pose), params, trace, lambda point: None)
         runs.append((best, time.process_time() - started, trace))
     return runs[0], runs[1]
@@ -227,7 +227,7 @@ def large() -> list[Row]:
     from flexmaps.engine.surface import shapes
 
     vault = shapes.vault(LARGE_SIDE)
-    found = job.run(PolygonMesh.of(vault), STANDING, edge=EDGE, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(vault), STANDING, edge=EDGE, stop_after="spirals")
     assert found.design is not None
     started, alone = time.process_time(), OptimiseParams(codesign=False)
     result = optimise.optimise(

@@ -23,7 +23,7 @@ import numpy as np
 import zoo
 from flexmaps.engine.choosing.choice import GIVEN, Choice
 from flexmaps.engine.choosing.choose import choose
-from flexmaps.engine.choosing.judge import Piece
+from flexmaps.engine.choosing.judge import LayoutProblem
 from flexmaps.engine.display import plots, raster
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics import loads
@@ -101,7 +101,7 @@ def measure(name: str, polygons: PolygonMesh, options: argparse.Namespace) -> li
     assert found.flat is not None
     mesh = found.mesh
     held = loads.standing(mesh, "lowest") if open_surface else None
-    piece = Piece(mesh, settings, held, None, tuple(symmetries(mesh)))
+    piece = LayoutProblem(mesh, settings, held, None, tuple(symmetries(mesh)))
     began = processor()
     match, first, seconds = _chosen(piece, found.flat, ChooseParams(match=MATCH))
     spent = processor() - began
@@ -136,7 +136,7 @@ def measure(name: str, polygons: PolygonMesh, options: argparse.Namespace) -> li
     ]
 
 
-def _chosen(piece: Piece, flat: Any, params: ChooseParams) -> tuple[Choice, float, float]:
+def _chosen(piece: LayoutProblem, flat: Any, params: ChooseParams) -> tuple[Choice, float, float]:
     """The choice, seconds until something was judged, and in all."""
     began, first = time.perf_counter(), list[float]()
 

@@ -74,7 +74,9 @@ def main(arguments: list[str]) -> int:
 
 def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None:
     """One surface, remeshed from its triangles: by the first answer alone, and as the program does."""
-    target = requad.target_of(PolygonMesh.of(polygons) if isinstance(polygons, QuadMesh) else converted(polygons))
+    target = requad.target_of(
+        PolygonMesh.from_quads(polygons) if isinstance(polygons, QuadMesh) else converted(polygons)
+    )
     triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
     found = {}
     usual = requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE
@@ -83,7 +85,7 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
         begun = _seconds()
         try:
             mesh = as_quad_mesh(remesh.quads_of(triangles, count, ObjectSettings()).polygons)
-            judged = quality.quality(PolygonMesh.of(mesh), target)
+            judged = quality.quality(PolygonMesh.from_quads(mesh), target)
             found[way] = (judged, off_principal(mesh, target), mesh, _seconds() - begun)
         except FlexMapsError as error:
             print(f"{name} {way}: {error}", flush=True)
@@ -146,7 +148,7 @@ def _summed(rows: list[Row]) -> list[Row]:
 def merged_energy(mesh: QuadMesh) -> float:
     """The worst quad's distortion in the merged panels; NaN where no layout is found."""
     try:
-        found = job.run(PolygonMesh.of(mesh), Settings(), edge=EDGE, stop_after="split")
+        found = job.run(PolygonMesh.from_quads(mesh), Settings(), edge=EDGE, stop_after="split")
     except FlexMapsError as error:
         print(error, flush=True)
         return float("nan")

@@ -30,7 +30,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import Settings, SheetParams, SpiralParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.spirals.design import fitted
+from flexmaps.engine.spirals.design import make_fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.files.meshio import read
@@ -89,7 +89,9 @@ def _strips(table: Table) -> None:
 def _mesh(source: str | Path) -> PolygonMesh:
     if isinstance(source, Path):
         return read(source)
-    return zoo.SURFACES[source].polygons() if source in zoo.SURFACES else PolygonMesh.of(shapes.make(source, EDGE))
+    return (
+        zoo.SURFACES[source].polygons() if source in zoo.SURFACES else PolygonMesh.from_quads(shapes.make(source, EDGE))
+    )
 
 
 def _judged(table: Table, name: str, source: str | Path, optimised: bool, pictures: Path | None) -> None:
@@ -128,7 +130,7 @@ def _judged(table: Table, name: str, source: str | Path, optimised: bool, pictur
 def _left_out(stubs: Result) -> Result:
     """The same spirals without the arms at the border, simulated."""
     assert stubs.design is not None
-    design = fitted(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
+    design = make_fabricable(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
     return job.go_on(dataclasses.replace(stubs, design=design), _settings("left_out"), ["simulate"])
 
 

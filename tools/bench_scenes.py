@@ -22,7 +22,7 @@ from flexmaps.engine.fabrication.nesting import remnants
 from flexmaps.engine.fabrication.nesting.many import refuse_many
 from flexmaps.engine.files import replacing_many
 from flexmaps.engine.own_files import Guard
-from flexmaps.engine.params import Settings, SheetParams, changed
+from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
@@ -65,7 +65,7 @@ def main(arguments: list[str]) -> int:
 
 
 def quads(name: str) -> PolygonMesh:
-    return PolygonMesh.of(shapes.make(name))
+    return PolygonMesh.from_quads(shapes.make(name))
 
 
 def triangles(name: str) -> PolygonMesh:
@@ -261,7 +261,7 @@ def _merged_dome() -> Result:
 def split_fits(name: str, random: np.random.Generator) -> str:
     """every panel fits a sheet of any size"""
     width, height = random.uniform(0.06, 0.4, 2)
-    settings = changed(Settings(), {"sheet.sheet_width": 1e3 * width, "sheet.sheet_height": 1e3 * height})
+    settings = with_values(Settings(), {"sheet.sheet_width": 1e3 * width, "sheet.sheet_height": 1e3 * height})
     try:
         made = job.go_on(_merged_dome(), settings, ("split",))
     except FlexMapsError as error:

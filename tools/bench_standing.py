@@ -30,7 +30,7 @@ from ezdxf.path import make_path
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface.files import meshio
@@ -98,12 +98,12 @@ def main(arguments: list[str]) -> int:
 
 def _made(polygons: PolygonMesh, kind: str) -> Result:
     """The sheets of a piece on its lowest spirals, or hung by its highest ones with its weight."""
-    settings = changed(Settings(), {"base.base": kind, "sheet.nesting": "FAST"})
+    settings = with_values(Settings(), {"base.base": kind, "sheet.nesting": "FAST"})
     if kind != "eyelets":
         return job.run(polygons, settings, edge=0.02, supports="lowest")
     height = job.begin(polygons, edge=0.02).mesh.centroids[:, 2]
     top = np.flatnonzero(height >= height.max() - 0.005)
-    settings = changed(settings, {"simulate.clamped": False, "simulate.gravity": True})
+    settings = with_values(settings, {"simulate.clamped": False, "simulate.gravity": True})
     return job.run(polygons, settings, edge=0.02, supports=top.tolist())
 
 

@@ -133,11 +133,11 @@ def _cost() -> list[dict]:
     """Microseconds of processor an arm, values alone and with all derivatives."""
     case = next(c for c in validation_strain.strain_cases() if c.name == "box")
     design = case.design
-    model = ArmModel.of(of_design(design), case.material)
+    model = ArmModel.from_assembly(of_design(design), case.material)
     changes = model.changes(model.start(target_pose(case.mesh, design.flat.corners)))
-    strains = Strains.of(model.assembly, changes, case.material)
+    strains = Strains.from_changes(model.assembly, changes, case.material)
     every = np.tile(np.arange(2 * len(model.pairs)), 10)
-    plain = min(_seconds(lambda: Strains.of(model.assembly, changes, case.material)) for _ in range(20))
+    plain = min(_seconds(lambda: Strains.from_changes(model.assembly, changes, case.material)) for _ in range(20))
     whole = min(_seconds(lambda: strains.slopes(every)) for _ in range(10)) / 10.0
     count = 2 * len(model.pairs)
     return [

@@ -24,8 +24,8 @@ from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.structure.actions import Action
 from flexmaps.engine.structure.buckling import linear_buckling
-from flexmaps.engine.structure.path import Follower, follow
 from flexmaps.engine.structure.path import Path as LoadPath
+from flexmaps.engine.structure.path import PathFollower, follow
 from rows import Table, at_most, row
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair
 
@@ -75,7 +75,9 @@ def column(table: Table) -> None:
     wanted = euler / (1.0 + euler * compliance[2, 2] / EDGE)
     action = Action.none(HUBS)
     action.force[-1, 0] = -wanted
-    one = _follower(ArmModel.of(thin, MATERIAL), Loads.of(HUBS, supports=np.array([0])), action, found.pose)
+    one = _follower(
+        ArmModel.from_assembly(thin, MATERIAL), Loads.for_spirals(HUBS, supports=np.array([0])), action, found.pose
+    )
     path = follow(one, found.pose, marks=(), most=2.0)
     quick = linear_buckling(one, path.points[0])
     assert path.critical is not None and quick is not None
@@ -83,9 +85,9 @@ def column(table: Table) -> None:
     table.add(at_most(f"column of {HUBS}", "linear buckling off Euler and Engesser", 0.01, abs(quick - 1.0)))
 
 
-def _follower(model: ArmModel, loads: Loads, action: Action, pose: object) -> Follower:
+def _follower(model: ArmModel, loads: Loads, action: Action, pose: object) -> PathFollower:
     held = loads.held(model.pairs, pose.centres)  # type: ignore[attr-defined]
-    return Follower(model, NewtonSystem(model.pairs, held), action, 1e-9)
+    return PathFollower(model, NewtonSystem(model.pairs, held), action, 1e-9)
 
 
 def small_loads(table: Table) -> None:
@@ -93,7 +95,7 @@ def small_loads(table: Table) -> None:
     found = straight_row(HUBS)
     action = Action.none(HUBS)
     action.force[-1, 2] = 1e-6
-    one = _follower(found.arm, Loads.of(HUBS, supports=np.array([0])), action, found.pose)
+    one = _follower(found.arm, Loads.for_spirals(HUBS, supports=np.array([0])), action, found.pose)
     path = follow(one, found.pose, marks=(1.0, 2.0, 5.0), most=5.0)
     tips = np.array([path.marks[k].pose.centres[-1, 2] / k for k in (1.0, 2.0, 5.0)])
     table.add(
@@ -195,7 +197,7 @@ def seconds(table: Table) -> None:
     for size in SIZES:
         found = dome_of(size)
         low = found.pose.centres[:, 2] < np.quantile(found.pose.centres[:, 2], 0.1)
-        loads = Loads.of(len(low), supports=np.flatnonzero(low))
+        loads = Loads.for_spirals(len(low), supports=np.flatnonzero(low))
         rest = solve(found.arm, found.pose, loads, SimulateParams())
         action = Action.none(len(low))
         action.force[:, 2] = -0.2 * EDGE**2 * 1e3

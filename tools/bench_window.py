@@ -139,7 +139,11 @@ def panels(_: argparse.Namespace) -> Iterator[Row]:
             yield at_most(mesh, f"{panel.bl_label}: one redraw, ms", 5.0, spent)
     yield at_most(mesh, "the whole sidebar: one redraw, ms", 10.0, total)
     yield row(
-        mesh, "of it the states of all stages, ms", "", _milliseconds(lambda: states.of(obj, bpy.context.scene)), None
+        mesh,
+        "of it the states of all stages, ms",
+        "",
+        _milliseconds(lambda: states.read_states(obj, bpy.context.scene)),
+        None,
     )
 
 

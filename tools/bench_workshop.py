@@ -34,7 +34,7 @@ from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.fewer import joints as joints_of
 from flexmaps.engine.fabrication.nesting.fewer import sheets_needed
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts
-from flexmaps.engine.params import Settings, SheetParams, changed
+from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, at_least, at_most, row
@@ -70,7 +70,7 @@ def main(arguments: list[str]) -> int:
     if "calibration" in wanted:
         table.add(*played(options.draws))
         for name, values in SHEETS.items():
-            table.add(*against_solids(name, coupons(changed(Settings(), values))))
+            table.add(*against_solids(name, coupons(with_values(Settings(), values))))
     if "remnants" in wanted:
         table.add(*remnants())
     if "fill" in wanted:
@@ -88,7 +88,7 @@ def played(draws: int) -> list[Row]:
     warned = 0
     for _ in range(draws):
         h, kerf, assumed = random.uniform(1.0, 5.0), random.uniform(0.08, 0.3) * 1e-3, random.uniform(0.1, 0.25)
-        made = coupons(changed(Settings(), {
+        made = coupons(with_values(Settings(), {
             "spiral.thickness": h, "cut.kerf_outline": assumed, "cut.kerf_holes": assumed, "material.material": "custom",
             "material.youngs": 5.0, "material.poisson": random.uniform(0.2, 0.42),
         }))  # fmt: skip
@@ -146,7 +146,7 @@ def against_solids(name: str, made: Coupons) -> list[Row]:
 
 def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> list[Row]:
     """How well the sheets of a piece are filled, and an endless strip of the same panels; ``joints`` are what a sheet is worth."""
-    settings = changed(
+    settings = with_values(
         Settings(), {"sheet.nesting_seconds": seconds, "sheet.cut_joints": joints, "spiral.border": "left_out"}
     )
     result = job.run(polygons, settings, edge=EDGE)

@@ -66,7 +66,7 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
     yield spent("spirals")
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")
-    touching.touching(list(made.outlines))
+    touching.find_contacts(list(made.outlines))
     spirals.measured()
     yield spent("proof")
     labels.make_labels(layout, spirals.arms, spirals.roots, params, made.taken)

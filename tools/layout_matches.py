@@ -11,16 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.choosing.judge import Idea, Laid, Piece, lay
+from flexmaps.engine.choosing.judge import Idea, Laid, LayoutProblem, lay
 from flexmaps.engine.choosing.lines import drawn
-from flexmaps.engine.choosing.predict import Start, predicted
+from flexmaps.engine.choosing.predict import PredictionStart, predicted
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.design import curvature_adjusted, fitted
+from flexmaps.engine.spirals.design import curvature_adjusted, make_fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -38,9 +38,9 @@ def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patie
     for name, polygons in surfaces.items():
         try:
             mesh = job.run(polygons, Settings(), edge=EDGE, stop_after="regularise").mesh
-            piece = Piece(mesh, Settings())
+            piece = LayoutProblem(mesh, Settings())
             several = list(islice(_layouts(piece), layouts))
-            start = Start.from_layout(piece, several[0].flat)
+            start = PredictionStart.from_layout(piece, several[0].flat)
         except (FlexMapsError, IndexError) as error:
             print(name, "is left out:", error)
             continue
@@ -64,7 +64,7 @@ def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patie
         _agreement(found)
 
 
-def _layouts(piece: Piece) -> Iterator[Laid]:
+def _layouts(piece: LayoutProblem) -> Iterator[Laid]:
     """Layouts of a surface, each once: merged under several limits, then equal parts."""
     seen = set[bytes]()
     for cut in _cuts(piece.mesh, piece.settings):
@@ -84,11 +84,11 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
     yield from (cut for _, cut in drawn(mesh, PARTS, []))
 
 
-def _reached(piece: Piece, laid: Laid, patience: float) -> float:
+def _reached(piece: LayoutProblem, laid: Laid, patience: float) -> float:
     """Percent of the size, RMS, that a search comes near."""
     settings = piece.settings
     wanted = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-    design = fitted(laid.flat, settings.spiral, *wanted, prove=False)
+    design = make_fabricable(laid.flat, settings.spiral, *wanted, prove=False)
     params = replace(settings.optimise, patience=patience)
     found = optimise(design, piece.mesh, settings.material.chosen, params, settings.simulate, prove=False)
     return float(found.after.match["rms_percent"])

@@ -57,9 +57,9 @@ def painted(count: int, share: float, limit: float) -> Iterator[Row]:
 def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
     """Strokes of that share of an object's spirals, each with an undo and a redo."""
     rng = np.random.default_rng(0)
-    held = Held(timed(easel.of, obj, bpy.context.scene))
+    held = Held(timed(easel.easel_of, obj, bpy.context.scene))
     for k in range(count):
-        on = easel.of(obj, bpy.context.scene)
+        on = easel.easel_of(obj, bpy.context.scene)
         radius = 0.9 * np.sqrt(share * 4.0 * on.ground.reach.mean() ** 2 * len(on.ground.reach) / np.pi)
         work = dabs.Dabs(on, ("softer", "stiffer")[k % 2], False)
         at = rng.integers(len(on.ground.centres))
@@ -84,7 +84,7 @@ def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
 
 def _taken_again(obj: bpy.types.Object) -> None:
     """What follows an undo: the easel takes the former spirals, and computes how they look, as the next redraw does."""
-    easel.of(obj, bpy.context.scene).shape.prepared(bpy.context.scene.unit_settings.scale_length)
+    easel.easel_of(obj, bpy.context.scene).shape.prepared(bpy.context.scene.unit_settings.scale_length)
 
 
 def _dab(work: dabs.Dabs, on: easel.Easel, at: int, radius: float) -> None:

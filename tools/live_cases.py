@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bench_layout import EDGE
-from flexmaps.engine.live.given import Given
+from flexmaps.engine.live.given import LiveInput
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
@@ -25,19 +25,19 @@ def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralD
     return flat, design.from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 
-def given_of(made: SpiralDesign, **others: Any) -> Given:
+def given_of(made: SpiralDesign, **others: Any) -> LiveInput:
     """What a live piece of a design is given."""
     flat, mesh = made.flat, made.flat.layout.mesh
     sizes = np.full(len(mesh.quads), 4)
     cut = flat.layout.cut
     rest = (made.params, LayoutParams(), MaterialParams().chosen, SimulateParams())
-    found = Given(
+    found = LiveInput(
         mesh.vertices, mesh.quads.ravel(), sizes, cut, cut, flat.corners, flat.energy, made.width, made.twist, *rest
     )
     return replace(found, **others)
 
 
-def stroke(given: Given, rng: np.random.Generator, share: float = 0.05) -> Given:
+def stroke(given: LiveInput, rng: np.random.Generator, share: float = 0.05) -> LiveInput:
     """Softer or stiffer spirals about some place: a share of all of them, the nearest ones."""
     middles = given.vertices[given.corners.reshape(-1, 4)].mean(axis=1)
     place = middles[rng.integers(len(middles))]

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.live.given import Given
-from flexmaps.engine.live.piece import Shape
-from flexmaps.engine.live.session import Call, step
+from flexmaps.engine.live.given import LiveInput
+from flexmaps.engine.live.piece import LiveShape
+from flexmaps.engine.live.session import LiveRequest, step
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 
@@ -18,37 +18,37 @@ from flexmaps.engine.spirals.design import SpiralDesign
 class Followed:
     """A piece whose work all counts; what goes through the pipe is written and read as there."""
 
-    def __init__(self, given: Given):
+    def __init__(self, given: LiveInput):
         self.given = given
         self.rest = self.told(given.changes(None), whole=True)
 
-    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> Shape:
-        while not (shape := self._step(Call("piece", changes, whole))).resting:
+    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> LiveShape:
+        while not (shape := self._step(LiveRequest("piece", changes, whole))).resting:
             changes, whole = None, False
         return shape
 
-    def follow(self, wanted: Given) -> tuple[float, float, Shape]:
+    def follow(self, wanted: LiveInput) -> tuple[float, float, LiveShape]:
         """Seconds of processor to the first picture and to rest, and the shape."""
         began, first = time.process_time(), 0.0
         changes: dict[str, Any] | None = wanted.changes(self.given)
         while True:
-            shape = self._step(Call("piece", changes))
+            shape = self._step(LiveRequest("piece", changes))
             first, changes = first or time.process_time() - began, None
             if shape.resting:
                 self.given, self.rest = wanted, shape
                 return first, time.process_time() - began, shape
 
-    def _step(self, call: Call) -> Shape:
+    def _step(self, call: LiveRequest) -> LiveShape:
         from flexmaps.bridge.view.followed import Followed as Picture
 
         shape = step(pickle.loads(pickle.dumps(call)))
         assert shape is not None
         shape = pickle.loads(pickle.dumps(shape))
-        Picture.of(shape, 1.0)
+        Picture.from_shape(shape, 1.0)
         return shape
 
 
-def distance(given: Given, made: SpiralDesign, shape: Shape) -> float:
+def distance(given: LiveInput, made: SpiralDesign, shape: LiveShape) -> float:
     """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
     from flexmaps.engine.live.session import _pieces
 

@@ -55,4 +55,4 @@ def _report(name: str) -> dict[str, Any]:
         for quad in (int(np.argmin(apart @ axis)), int(np.argmax(apart @ axis))):
             offsets[quad] = way * mesh.median_edge * mesh.normals[quad]
     given = MaterialParams().chosen, OptimiseParams(codesign=False), SimulateParams()
-    return optimise(design, mesh, *given, wishes=Wishes.of(mesh, offsets), prove=False).report()
+    return optimise(design, mesh, *given, wishes=Wishes.from_offsets(mesh, offsets), prove=False).report()

@@ -113,7 +113,7 @@ def _choose(rng: random.Random) -> str:
     """Half of the calls take the next step, or else most would only be refused."""
     obj = bpy.context.object
     if obj is not None and obj.type == "MESH" and rng.random() < 0.5:
-        offered = next_button.of(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
+        offered = next_button.next_idname(obj, bpy.context.scene, states.read_states(obj, bpy.context.scene))
         if offered.startswith("flexmaps."):
             return offered.removeprefix("flexmaps.")
     if rng.random() < 0.3:

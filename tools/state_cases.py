@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from flexmaps.engine.choosing.judge import Laid, Piece, judge
-from flexmaps.engine.live.given import Given
+from flexmaps.engine.choosing.judge import Laid, LayoutProblem, judge
+from flexmaps.engine.live.given import LiveInput
 from flexmaps.engine.live.piece import LivePiece
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.patches.flattening.flatten import measured
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
@@ -45,8 +45,8 @@ class Case:
     def spirals(self, patience: float) -> tuple[Result, Settings]:
         """The piece as far as its spirals, and settings with this patience of the search."""
         values = {"simulate.clamped": self.clamped, "simulate.gravity": self.gravity, "optimise.patience": patience}
-        settings = changed(Settings(), values | ({"spiral.border": "rim"} if self.rim else {}))
-        mesh = PolygonMesh.of(self.mesh)
+        settings = with_values(Settings(), values | ({"spiral.border": "rim"} if self.rim else {}))
+        mesh = PolygonMesh.from_quads(self.mesh)
         made = job.run(mesh, settings, edge=EDGE, stop_after="spirals", supports=self.supports)
         held = np.zeros(0, int) if made.supports is None else made.supports
         centres = made.mesh.centroids
@@ -164,7 +164,7 @@ def after_stop(result: Result, settings: Settings, looks: int = 5) -> list[Compa
 def after_judging(result: Result, settings: Settings, share: float, thorough: bool | None) -> list[Comparison]:
     """What Choose and Explore tell of a layout that they have judged."""
     assert result.flat is not None
-    piece = Piece(result.mesh, settings, result.supports, result.force)
+    piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
     judged = judge(piece, Laid(result.flat, "", 1), share, thorough=thorough)
     assert judged is not None
     found = fresh(result, settings, SpiralDesign(judged.flat, settings.spiral, *judged.spirals))
@@ -180,7 +180,7 @@ def after_live(result: Result, settings: Settings) -> list[Comparison]:
     rest = (settings.spiral, settings.layout, settings.material.chosen, settings.simulate)
     loads, sizes, cut = (result.supports, result.force), np.full(len(mesh.quads), 4), flat.layout.cut
     known = (mesh.vertices, mesh.quads.ravel(), sizes, cut, cut, flat.corners, flat.energy)
-    first = Given(*known, design.width, design.twist, *rest, *loads)
+    first = LiveInput(*known, design.width, design.twist, *rest, *loads)
     width, twist = design.width.copy(), design.twist.copy()
     width[some], twist[some] = 0.9 * width[some], 1.1 * twist[some]
     given, piece = replace(first, width=width, twist=twist), LivePiece()

@@ -16,7 +16,7 @@ from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.structure.actions import Action
-from flexmaps.engine.structure.path import Follower, Path, follow
+from flexmaps.engine.structure.path import Path, PathFollower, follow
 from flexmaps.engine.surface.mesh import QuadMesh
 
 PARAMS = SimulateParams(tolerance=1e-9)  # tighter than usual, so that no figure hangs on it
@@ -36,7 +36,10 @@ class Pushed:
     @classmethod
     def of(cls, name: str, design: SpiralDesign, held: np.ndarray, middle: list[int]) -> Pushed:
         mesh = design.flat.layout.mesh
-        model, loads = ArmModel.of(of_design(design), MATERIAL), Loads.of(len(mesh.quads), supports=held)
+        model, loads = (
+            ArmModel.from_assembly(of_design(design), MATERIAL),
+            Loads.for_spirals(len(mesh.quads), supports=held),
+        )
         return cls(
             name, design, model, loads, middle, solve(model, target_pose(mesh, design.flat.corners), loads, PARAMS)
         )
@@ -48,9 +51,9 @@ class Pushed:
         return action
 
     @property
-    def follower(self) -> Follower:
+    def follower(self) -> PathFollower:
         system = NewtonSystem(self.model.pairs, self.loads.held(self.model.pairs, self.rest.pose.centres))
-        return Follower(self.model, system, self.action, PARAMS.tolerance)
+        return PathFollower(self.model, system, self.action, PARAMS.tolerance)
 
     def path(self, most: float, marks: tuple[float, ...] = ()) -> Path:
         return follow(self.follower, self.rest.pose, most=most, marks=marks)
@@ -121,7 +124,7 @@ def turned_pair(width: float, twist: float, axis: tuple[float, float, float], an
     width, twist : mm and degrees; axis : across the joint, along it, normal; angles : radians, rising. The second one may shift.
     """
     design = sheet(2, 1, width, twist)
-    model, fixed = ArmModel.of(of_design(design), MATERIAL), np.ones((2, 6), dtype=bool)
+    model, fixed = ArmModel.from_assembly(of_design(design), MATERIAL), np.ones((2, 6), dtype=bool)
     fixed[1, :3] = False
     solid, loads = DesignSolid(design, MATERIAL.poisson, [0, 1]), Loads(fixed, np.zeros((2, 3)))
     pose, last, off = target_pose(design.flat.layout.mesh, design.flat.corners), 0.0, []

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from ...engine.errors import Cancelled, FlexMapsError
-from ...engine.live.given import Given
-from ...engine.live.piece import Shape
-from ...engine.live.session import Call, step
+from ...engine.live.given import LiveInput
+from ...engine.live.piece import LiveShape
+from ...engine.live.session import LiveRequest, step
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
@@ -22,16 +22,16 @@ class Companion:
     prepared : makes what is drawn from a shape, outside the window's thread
     """
 
-    def __init__(self, prepared: Callable[[Shape], Any]):
-        self.latest: tuple[Shape, Any] | None = None
+    def __init__(self, prepared: Callable[[LiveShape], Any]):
+        self.latest: tuple[LiveShape, Any] | None = None
         self.answers = 0  # number of shapes so far
         self.error = ""
         self._prepared = prepared
         self._workers = Workers(1)
         self._change = threading.Condition()
-        self._wanted: Given | None = None
+        self._wanted: LiveInput | None = None
         self._start: Pose | None = None
-        self._sent: Given | None = None
+        self._sent: LiveInput | None = None
         self._resting, self._closed = True, False
         self._thread = threading.Thread(target=self._run, name="FlexMaps live", daemon=True)
         self._thread.start()
@@ -42,7 +42,7 @@ class Companion:
         with self._change:
             return self._resting and self._wanted is self._sent
 
-    def follow(self, state: Given, start: Pose | None = None) -> None:
+    def follow(self, state: LiveInput, start: Pose | None = None) -> None:
         """Follow this state from now on; ``start`` is the pose of a new piece at rest."""
         with self._change:
             self._wanted, self._start = state, start
@@ -83,11 +83,11 @@ class Companion:
             self.latest, self.answers = (shape, drawn), self.answers + 1
         return not self._closed
 
-    def _compute_shape(self, state: Given, start: Pose | None) -> Shape:
+    def _compute_shape(self, state: LiveInput, start: Pose | None) -> LiveShape:
         for _ in range(TRIES):
             whole = self._sent is None
             changes = None if state is self._sent else state.changes(self._sent)
-            shape: Shape | None = self._workers.submit(step, Call("piece", changes, whole, start)).result()
+            shape: LiveShape | None = self._workers.submit(step, LiveRequest("piece", changes, whole, start)).result()
             if shape is not None:
                 return shape
             self._sent = None  # the process that held the piece has ended

@@ -105,7 +105,7 @@ def write(
     described = report.build(result, source=name, files=written, settings=settings) | findings
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
     drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
-    view, show = Shown.of(result), settings.page.viewer
+    view, show = Shown.from_result(result), settings.page.viewer
     rest = progress.part(0.9, 1.0)
     piece = page_data.text(view, settings, report_page.title_of(described), rest) if view and show else None
     report_page.write(described, drawn, out, new, shown, piece=piece)
@@ -121,7 +121,7 @@ def _findings(model: bpy.types.Object) -> dict[str, Any]:
 
     if not hasattr(model, "flexmaps"):
         return {}
-    return {"findings": guidance.of(model, bpy.context.scene).findings()}
+    return {"findings": guidance.read_guidance(model, bpy.context.scene).findings()}
 
 
 def write_sheets(

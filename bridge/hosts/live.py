@@ -15,8 +15,8 @@ from ..store import notes
 from . import background
 
 if TYPE_CHECKING:
-    from ...engine.live.given import Given
-    from ...engine.live.piece import Shape
+    from ...engine.live.given import LiveInput
+    from ...engine.live.piece import LiveShape
     from ..view.followed import Followed
     from .companion import Companion
 
@@ -46,7 +46,7 @@ def shown() -> Any:
 def start(obj: bpy.types.Object) -> Follower:
     """Follow this object from now on, and no other."""
     stop()
-    _running.append(Follower(obj.session_uid))
+    _running.append(ObjectWatcher(obj.session_uid))
     return _running[0]
 
 
@@ -74,7 +74,7 @@ def stepped(*_: object) -> None:
         _running[0].touched = True
 
 
-class Follower:
+class ObjectWatcher:
     """Watches one object.
 
     uid : Blender's id of the object
@@ -90,7 +90,7 @@ class Follower:
         self.slowest = 0.0
         self.final = False
         self._companion: Companion | None = None
-        self._given: Given | None = None
+        self._given: LiveInput | None = None
         self._next, self._look = 0.0, 0.0
         self._gone = False
         self._refused = ""  # reason why the object cannot be read
@@ -103,7 +103,7 @@ class Follower:
         return self._companion.error or (self.shape.problem if self.shape is not None else "")
 
     @property
-    def shape(self) -> Shape | None:
+    def shape(self) -> LiveShape | None:
         """Return the latest shape, if there is one."""
         latest = None if self._companion is None else self._companion.latest
         return None if latest is None else latest[0]
@@ -166,7 +166,7 @@ class Follower:
             from ..view.followed import Followed
 
             unit = bpy.context.scene.unit_settings.scale_length
-            self._companion = Companion(lambda shape: Followed.of(shape, unit))
+            self._companion = Companion(lambda shape: Followed.from_shape(shape, unit))
         return self._companion
 
     def _take(self) -> None:

@@ -100,7 +100,7 @@ def _content_of(piece: Any) -> Told:
     if isinstance(piece, Piece):
         figures = described(piece)
         drawn = report_page.drawings(piece.result, figures, piece.settings.layout.distortion_limit)
-        return Told(figures, drawn, Shown.of(piece.result), piece.settings)
+        return Told(figures, drawn, Shown.from_result(piece.result), piece.settings)
     read = held.taken(piece)
     return of_object(read.taken.result(), read)
 

@@ -17,10 +17,10 @@ NEARER = 0.98  # share of the distance at most that counts as nearer; not measur
 FIGURES = ("rms_percent", "strain_share_max", "slots_closed")  # of the block "equilibrium", compared before and after
 
 
-def of(mesh: bpy.types.Mesh) -> Amounts:
+def read_advice(mesh: bpy.types.Mesh) -> Amounts:
     """Return the amount of each remedy of the last advice that a button can apply; empty without advice."""
     block = notes.read(mesh).get("reach")
-    return {} if block is None else remedies.of_block(block)
+    return {} if block is None else remedies.read_block(block)
 
 
 def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
@@ -33,7 +33,7 @@ def unadvised(mesh: bpy.types.Mesh, remedy: str) -> str | None:
     """
     if "reach" not in notes.read(mesh):
         return translate("It is not known yet what limits the match; press Simulate first")
-    return None if remedy in of(mesh) else translate("The advice under Optimise is another one")
+    return None if remedy in read_advice(mesh) else translate("The advice under Optimise is another one")
 
 
 def compared(remedy: str, was: float, now: float, before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:

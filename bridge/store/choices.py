@@ -10,12 +10,12 @@ import numpy as np
 from ...engine.arrays import Bool
 from ...engine.errors import FlexMapsError
 from . import attributes
-from .surface import Surface
+from .surface import ObjectSurface
 
 NAME = attributes.PREFIX + "choices"
 
 
-def write(obj: bpy.types.Object, surface: Surface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
+def write(obj: bpy.types.Object, surface: ObjectSurface, cuts: Sequence[Bool[np.ndarray, " edges"]]) -> None:
     """Store where every layout cuts: bit k of an edge's number stands for layout k.
 
     Parameters
@@ -30,7 +30,7 @@ def write(obj: bpy.types.Object, surface: Surface, cuts: Sequence[Bool[np.ndarra
     attributes.put(obj, NAME, "EDGE", "INT", bits)
 
 
-def cuts_of(surface: Surface, number: int) -> Bool[np.ndarray, " edges"]:
+def cuts_of(surface: ObjectSurface, number: int) -> Bool[np.ndarray, " edges"]:
     """Return where a layout cuts, in the engine's order of edges.
 
     Parameters

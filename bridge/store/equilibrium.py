@@ -31,9 +31,9 @@ from .keys import shown_positions as shown_positions
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
-    from ...engine.optimisation.reach import Reach
+    from ...engine.optimisation.reach import MatchLimits
     from ...engine.simulation.simulate import Simulation
-    from .surface import Surface
+    from .surface import ObjectSurface
 
 NAMES, REACH, UTILISATION = ("distance", "strain_energy", "strain", "slot"), "reach", "utilisation"
 
@@ -72,7 +72,11 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
 
 
 def write(
-    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, simulation: Simulation, limits: Reach | None
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    surface: ObjectSurface,
+    simulation: Simulation,
+    limits: MatchLimits | None,
 ) -> None:
     """Store a simulation as shape keys and face attributes; leave edit mode, which shows no shape keys.
 
@@ -84,13 +88,13 @@ def write(
     simulation : the result
     limits : what limits the match with the target, or None if unknown
     """
-    from ...engine.simulation.simulate import carried
+    from ...engine.simulation.simulate import move_vertices
 
     if obj.mode == "EDIT":
         bpy.ops.object.mode_set(mode="OBJECT")
     if obj.data.shape_keys is None:
         obj.shape_key_add(name="Basis", from_mix=False)
-    others = [carried(simulation.design, other.pose, simulation.target) for other in simulation.others]
+    others = [move_vertices(simulation.design, other.pose, simulation.target) for other in simulation.others]
     names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
     for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
         _put_key(obj, scene, surface, name, vertices)
@@ -118,7 +122,11 @@ def write(
 
 
 def _put_key(
-    obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, name: str, vertices: Float[np.ndarray, "used 3"]
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    surface: ObjectSurface,
+    name: str,
+    vertices: Float[np.ndarray, "used 3"],
 ) -> None:
     """Set a shape key to the engine's vertices, (used, 3) in metres and world axes; vertices without a quad stay."""
     inverse = np.linalg.inv(surface.to_metres)
@@ -197,7 +205,7 @@ def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
     return list(merged.values())
 
 
-def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface) -> Pose | None:
+def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface) -> Pose | None:
     """Return the pose of a simulation that is sound and up to date; else None.
 
     Parameters

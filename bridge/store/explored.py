@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 
 from ...engine.exploring.space import MEASURES, SIZES
-from ...engine.params import SHOWN, ObjectSettings, changed
+from ...engine.params import SHOWN, ObjectSettings, with_values
 from . import settings
 from .i18n import interface
 
@@ -56,7 +56,7 @@ def use(obj: bpy.types.Object, scene: bpy.types.Scene, values: Mapping[str, Any]
     ------
     FlexMapsError for a value that cannot be set.
     """
-    wanted = changed(
+    wanted = with_values(
         settings.read(obj.flexmaps, ObjectSettings),
         {name: value for name, value in values.items() if name not in SIZES},
     )

@@ -12,14 +12,14 @@ from ...engine.errors import FlexMapsError
 from . import attributes, objects
 
 if TYPE_CHECKING:
-    from .surface import Surface
+    from .surface import ObjectSurface
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # weights of linear red, green and blue (ITU-R BT.709)
 PROTECT = attributes.PREFIX + "protect"
 
 
 def names(obj: bpy.types.Object) -> list[str]:
-    """Return the names that ``of`` can read: vertex groups, then the user's other attributes."""
+    """Return the names that ``read_field`` can read: vertex groups, then the user's other attributes."""
     groups = [group.name for group in obj.vertex_groups]
     usable = [
         a.name for a in obj.data.attributes if a.data_type in _KINDS and a.domain in _DOMAINS and not _own(a.name)
@@ -27,7 +27,7 @@ def names(obj: bpy.types.Object) -> list[str]:
     return [*groups, *(name for name in usable if name not in groups)]
 
 
-def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, " quads"]:
+def read_field(obj: bpy.types.Object, surface: ObjectSurface, name: str) -> Float[np.ndarray, " quads"]:
     """Return a vertex group's weights, a colour's brightness or other numbers as means over the quads, clipped to 0 to 1.
 
     Parameters
@@ -65,7 +65,7 @@ def of(obj: bpy.types.Object, surface: Surface, name: str) -> Float[np.ndarray, 
 
 
 def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
-    """Return the field of that name, as ``of`` does, of an object that was read earlier.
+    """Return the field of that name, as ``read_field`` does, of an object that was read earlier.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def of_uid(uid: int, name: str) -> Float[np.ndarray, " quads"]:
     from . import mesh
 
     obj = objects.find(uid)
-    return of(obj, mesh.read_surface(obj, bpy.context.scene), name)
+    return read_field(obj, mesh.read_surface(obj, bpy.context.scene), name)
 
 
 def protect(obj: bpy.types.Object, quads: Int[np.ndarray, " kept"] | None) -> None:
@@ -116,7 +116,7 @@ def _weights(data: bpy.types.Mesh, index: int) -> Float[np.ndarray, " vertices"]
     return np.array([next((g.weight for g in v.groups if g.group == index), 0.0) for v in data.vertices])
 
 
-def _over_quads(surface: Surface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
+def _over_quads(surface: ObjectSurface, values: np.ndarray, domain: str) -> Float[np.ndarray, " quads"]:
     """Average values of vertices, faces or corners, in Blender's order, over each face, and clip to 0 to 1."""
     sizes = surface.polygons.sizes
     if domain != "FACE":

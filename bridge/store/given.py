@@ -6,14 +6,14 @@ import bpy
 import numpy as np
 
 from ...engine.errors import FlexMapsError
-from ...engine.live.given import Given
+from ...engine.live.given import LiveInput
 from ...engine.params import LayoutParams, LoadParams, MaterialParams, SimulateParams, SpiralParams
 from ...engine.runs.stages import MISSING
 from . import attributes, mesh, settings, supports
 from .objects import changed_by_modifiers
 
 
-def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> Given:
+def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
     """Return everything that the shape of a piece depends on.
 
     Raises
@@ -33,7 +33,7 @@ def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> Given:
         if any(name not in values for name in names):
             raise FlexMapsError(MISSING[missing])
     held, force = supports.loads(obj, surface, settings.read(own.loads, LoadParams))
-    return Given(
+    return LiveInput(
         polygons.vertices,
         polygons.corners,
         polygons.sizes,

@@ -64,7 +64,9 @@ class Guidance:
         return [notice.as_dict() for notice in self.notices]
 
 
-def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State] | None = None) -> Guidance:
+def read_guidance(
+    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState] | None = None
+) -> Guidance:
     """Compute the head for a usable object; ``known`` may hold its ``states`` if they are already computed.
 
     Parameters
@@ -72,14 +74,14 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
     obj, scene : a mesh object and its scene
     known : states of its stages, or None
     """
-    known = states.of(obj, scene) if known is None else known
-    all_notices = notices.of(obj, scene, known)
+    known = states.read_states(obj, scene) if known is None else known
+    all_notices = notices.list_notices(obj, scene, known)
     act = next_button.act(obj, scene, known, all_notices)
     return Guidance(act, _status(obj, scene, known, all_notices), tuple(all_notices))
 
 
 def _status(
-    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State], all_notices: list[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState], all_notices: list[Notice]
 ) -> Status:
     stopped = next((notice for notice in all_notices if notice.kind == STOPS), None)
     if stopped is not None:
@@ -111,7 +113,7 @@ def _status_of_simulated(obj: bpy.types.Object, serious: list[Notice]) -> Status
     return Status(interface("Ready to cut: it fits and holds"), TICK)
 
 
-def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> str:
+def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> str:
     """Describe how far a piece without findings has come."""
     mesh = obj.data
     if known["spirals"].kind == states.DONE:
@@ -133,7 +135,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
     return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
 
 
-def _describe_change(known: dict[str, states.State], old: int) -> str:
+def _describe_change(known: dict[str, states.StageState], old: int) -> str:
     part = next((known[name].part for name in STEPS if known[name].part), None)
     first = next(name for name in STEPS if known[name].kind == states.OLD)
     what = CHANGED.get(part, SETTING) if part else ANEW[first]

@@ -16,25 +16,25 @@ from ...engine.arrays import Float, Int
 from . import attributes
 
 if TYPE_CHECKING:
-    from .surface import Surface
+    from .surface import ObjectSurface
 
 HELD, PULL, WISH = "held", "pull", "wish"
 NAMES = (HELD, PULL, WISH)
 PREFIXED = {name: attributes.PREFIX + name for name in NAMES}
 
 
-def held(surface: Surface) -> Int[np.ndarray, " held"]:
+def held(surface: ObjectSurface) -> Int[np.ndarray, " held"]:
     """Return the quads that are held."""
     return np.flatnonzero(surface.values.get(HELD, np.zeros(0)) > 0.5)
 
 
-def pulls(surface: Surface) -> Float[np.ndarray, "quads 3"] | None:
+def pulls(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"] | None:
     """Return the force on every quad in newtons; None without any."""
     forces = surface.values.get(PULL)
     return None if forces is None or not forces.any() else forces.astype(float)
 
 
-def wishes(surface: Surface) -> Float[np.ndarray, "quads 3"]:
+def wishes(surface: ObjectSurface) -> Float[np.ndarray, "quads 3"]:
     """Return the offset from every quad's centre to its drag target, metres in world axes; 0 where there is none."""
     offsets = surface.values.get(WISH, np.zeros((len(surface.polygons.sizes), 3)))
     return offsets.astype(float) @ surface.to_metres[:3, :3].T

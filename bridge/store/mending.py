@@ -19,7 +19,7 @@ from .i18n import translate
 
 if TYPE_CHECKING:
     from ...engine.surface.checking.check import Finding
-    from .surface import Surface
+    from .surface import ObjectSurface
 
 SHORT = 1e-6  # of the median edge: shorter counts as no length, as in the check
 TOUCHING = 2.0  # merge distance, times SHORT; above 1 so that all edges vanish that the check names
@@ -30,7 +30,7 @@ class _Place:
     """A mesh under repair: its faces, edges and vertices as the check found them, and the findings to repair."""
 
     bm: bmesh.types.BMesh
-    surface: Surface
+    surface: ObjectSurface
     findings: list[Finding]
     edge: float  # median, in the object's own frame
 

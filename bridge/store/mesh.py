@@ -38,13 +38,13 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
-from ...engine.spirals.design import SpiralDesign, fitted, outside
+from ...engine.spirals.design import SpiralDesign, make_fabricable, unfabricable_quads
 from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from . import seen as seeing
 from .objects import changed_by_modifiers, unusable
-from .surface import Surface
+from .surface import ObjectSurface
 
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
@@ -64,7 +64,7 @@ UNSEALED_NOTES = (
 # -- surface ---------------------------------------------------------------------------------------------------------
 
 
-def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
+def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     """Read an object's mesh for the engine.
 
     Raises
@@ -79,7 +79,7 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
         return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
 
 
-def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> Surface:
+def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     """Read an object's mesh in any mode, also while the user paints or sculpts."""
     seen = None if obj.data.is_editmode else seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
@@ -110,7 +110,7 @@ def _surface(
     uid: int,
     matrix: Float[np.ndarray, "4 4"],
     seen: Float[np.ndarray, "vertices 3"] | None = None,
-) -> Surface:
+) -> ObjectSurface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
     positions = np.empty(3 * len(mesh.vertices), np.float32)
@@ -140,10 +140,10 @@ def _surface(
     none = np.zeros(0, dtype=np.int64)
     face_of = np.repeat(np.arange(len(sizes)), sizes)
     spoilt = np.union1d(face_of[unsound.get("width", none)], unsound.get("twist", none))
-    return Surface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
+    return ObjectSurface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
 
 
-def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, mesh: QuadMesh) -> None:
+def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface, mesh: QuadMesh) -> None:
     """Move the object's vertices to those of the engine's mesh; vertices without a quad stay.
 
     Parameters
@@ -177,12 +177,12 @@ def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surfa
 # -- layout, flat patches, design ------------------------------------------------------------------------------------
 
 
-def layout_of(surface: Surface, mesh: QuadMesh) -> PatchLayout:
+def layout_of(surface: ObjectSurface, mesh: QuadMesh) -> PatchLayout:
     """Return the layout that cuts the mesh at the object's seams."""
     return PatchLayout(mesh, surface.seams[surface.edge_of] & ~mesh.border)
 
 
-def flat_of(surface: Surface, mesh: QuadMesh) -> FlatPatches | None:
+def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
     """Return the flat patches as they were last stored, with the cuts of that time; None where there are none.
 
     Raises
@@ -219,7 +219,7 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
     return np.stack([np.bincount(layout.patch_of, area * middle[:, k]) / weight for k in range(2)], axis=1)
 
 
-def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
+def current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:
     """Return the flat patches of the present seams.
 
     Raises
@@ -236,7 +236,7 @@ def current_flat(surface: Surface, mesh: QuadMesh) -> FlatPatches:
 
 
 def design_of(
-    surface: Surface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
+    surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, names: tuple[str, ...] = DESIGN_NAMES
 ) -> SpiralDesign | None:
     """Return the stored spirals; None where there are none.
 
@@ -250,13 +250,13 @@ def design_of(
     return None if values is None else SpiralDesign(flat, params, *values)
 
 
-def last_spirals(surface: Surface) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
+def last_spirals(surface: ObjectSurface) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
     """Return widths in metres and twists in radians from before the patches were cut anew; None where there are none."""
     return _spirals(surface, LAST_NAMES)
 
 
 def _spirals(
-    surface: Surface, names: tuple[str, ...]
+    surface: ObjectSurface, names: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None:
     if any(name not in surface.values for name in names):
         return None
@@ -264,7 +264,9 @@ def _spirals(
     return attributes.on_faces(width[surface.loops]) * 1e-3, np.radians(twist)
 
 
-def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None) -> SpiralDesign:
+def start_of(
+    surface: ObjectSurface, flat: FlatPatches, params: SpiralParams, made: dict[str, Any] | None
+) -> SpiralDesign:
     """Return the spirals to start from, adjusted to settings and patches that changed since they were made.
 
     Parameters
@@ -286,12 +288,12 @@ def start_of(surface: Surface, flat: FlatPatches, params: SpiralParams, made: di
         ours = design is not None and bool(np.isfinite(design.width).all() and np.isfinite(design.twist).all())
     if design is None:
         raise FlexMapsError("There are no spirals yet; press Spirals first")
-    wrong = outside(design)
+    wrong = unfabricable_quads(design)
     if not len(wrong):
         return design
     if not ours:
         raise cannot_be_cut(wrong)
-    return fitted(flat, params, design.width, design.twist, prove=False)
+    return make_fabricable(flat, params, design.width, design.twist, prove=False)
 
 
 def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
@@ -310,7 +312,7 @@ def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
 
 
 def write_flat(
-    obj: bpy.types.Object, surface: Surface, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
+    obj: bpy.types.Object, surface: ObjectSurface, flat: FlatPatches, centres: Float[np.ndarray, "patches 2"]
 ) -> None:
     """Store seams, UV map and face attributes of the flat patches.
 
@@ -335,7 +337,7 @@ def write_flat(
     attributes.put_seams(obj, cut)
 
 
-def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) -> None:
+def write_design(obj: bpy.types.Object, surface: ObjectSurface, design: SpiralDesign) -> None:
     """Store the spirals, and drop a simulation and the stiffness of earlier ones."""
     forget(obj, (*LAST_NAMES, "stiffness"))
     _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
@@ -343,7 +345,7 @@ def write_design(obj: bpy.types.Object, surface: Surface, design: SpiralDesign) 
 
 def write_start(
     obj: bpy.types.Object,
-    surface: Surface,
+    surface: ObjectSurface,
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
 ) -> None:
@@ -360,7 +362,7 @@ def write_start(
 
 
 def _put_spirals(
-    obj: bpy.types.Object, surface: Surface, names: tuple[str, ...], width: np.ndarray, twist: np.ndarray
+    obj: bpy.types.Object, surface: ObjectSurface, names: tuple[str, ...], width: np.ndarray, twist: np.ndarray
 ) -> None:
     corners = np.empty(len(surface.loops))
     corners[surface.loops] = width.ravel() * 1e3

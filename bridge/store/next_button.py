@@ -15,7 +15,7 @@ from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
 from .i18n import interface, translate
 from .notices import KEPT, MADE_SQUARER, Notice
-from .states import DONE, TODO, State, is_current_unnoted
+from .states import DONE, TODO, StageState, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # stages that one press of Make it fit runs
 LAYOUTS = ("flexmaps.cut_there", "flexmaps.choose")  # cures that *Next* presses: they change neither supports nor size
@@ -42,14 +42,14 @@ class Act:
     cure: Cure | None = None
 
 
-def of(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State]) -> str:
+def next_idname(obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState]) -> str:
     """Return the idname of the operator to press next; "" when the sheets are up to date."""
-    action = act(obj, scene, stages, notices.of(obj, scene, stages))
+    action = act(obj, scene, stages, notices.list_notices(obj, scene, stages))
     return "" if action is None or action.idname == "wm.path_open" else action.idname
 
 
 def act(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], all_notices: Sequence[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> Act | None:
     """Return the next action; None where only a person can go on.
 
@@ -88,7 +88,7 @@ def act(
     return _unless_failed(mesh, _next_stage(obj, stages, all_notices), all_notices)
 
 
-def _next_stage(obj: bpy.types.Object, stages: dict[str, State], all_notices: Sequence[Notice]) -> Act:
+def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notices: Sequence[Notice]) -> Act:
     """Return the next stage for a mesh that is ready to be cut."""
     blocks = notes.read(obj.data)
     if stages["layout"].kind != DONE:
@@ -154,7 +154,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
 
 
 def _before_layout(
-    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, State], all_notices: Sequence[Notice]
+    obj: bpy.types.Object, scene: bpy.types.Scene, stages: dict[str, StageState], all_notices: Sequence[Notice]
 ) -> Act | None:
     """Return what a mesh of quads still needs before it is cut; None if it is ready."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3

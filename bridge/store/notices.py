@@ -1,6 +1,6 @@
 """Notices about an object: each has a few words, a sentence, its place, and buttons that cure it.
 
-They are built from the notes alone, quick enough for every redraw. ``of`` returns them in display order: what stops, what
+They are built from the notes alone, quick enough for every redraw. ``list_notices`` returns them in display order: what stops, what
 breaks, what makes the piece worse, then information.
 """
 
@@ -87,7 +87,7 @@ class Notice:
         return {"key": self.key, "text": self.sentence, "words": self.words, "kind": self.kind, **place, "cures": cured}
 
 
-def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.State]) -> list[Notice]:
+def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> list[Notice]:
     """Return all notices of an object, worst first; ``known``: its ``states``."""
     blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
     result = [
@@ -108,7 +108,7 @@ def of(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.St
 def _downgrade_predictions(obj: bpy.types.Object, blocks: dict[str, Any], result: list[Notice]) -> list[Notice]:
     """Downgrade predictions to information once the shape is near its target or flat and nothing breaks."""
     percent = blocks.get("equilibrium", {}).get("rms_percent")
-    near = percent is not None and percent <= remedies.wanted(obj.flexmaps.choose)
+    near = percent is not None and percent <= remedies.wanted_percent(obj.flexmaps.choose)
     flat = "spirals" in blocks and flat_target.passed_over(obj)
     if not (near or flat) or any(one.kind == BREAKS for one in result if one.key.startswith("equilibrium/")):
         return result
@@ -136,7 +136,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
 
 
 def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
-    """Return cures of a failed stage, never the action that failed; ``wanted``: number of quads that the stage asks for."""
+    """Return cures of a failed stage, never the action that failed; ``wanted_percent``: number of quads that the stage asks for."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [
@@ -245,7 +245,7 @@ def _flat(obj: bpy.types.Object) -> list[Notice]:
 def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
-    advised = remedies.of_block({"advice": "", **reach})
+    advised = remedies.read_block({"advice": "", **reach})
     if remedies.CUT not in reach.get("prospects", advised):  # trial searches have shown that no cut helps
         advised.pop(remedies.CUT, None)
     result = []
@@ -289,7 +289,7 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
     covering = {"far-from-target", "no-equilibrium", "knotted", *(("stays-flat",) if _is_far(block) else ())}
     choose = obj.flexmaps.choose
-    if percent is None or percent <= remedies.wanted(choose) or codes & covering:
+    if percent is None or percent <= remedies.wanted_percent(choose) or codes & covering:
         return []
     key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
     others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
@@ -306,7 +306,7 @@ def _other_limit(obj: bpy.types.Object, block: dict[str, Any]) -> list[Notice]:
     if share is None or settings.lasts == "years" or material is None or material.lasting is None:
         return []
     times = STRAIN_MARGIN * share * material.strain_limit / material.lasting.strain
-    sheet = remedies.thinner(given_thickness(obj), times)
+    sheet = remedies.thinner_sheet(given_thickness(obj), times)
     if times <= 1.0:
         sentence = translate("It lasts for years too")
     elif sheet is None:
@@ -346,7 +346,7 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
     if source == "layout" and "choose" not in blocks:
         ways = [cures.choose()]
     elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
-        advised = remedies.of_block({"advice": "", **blocks.get("reach", {})})
+        advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]
     words = interface(one) if len(lines) == 1 else interface(more, len(lines))
     return [*plain, Notice(key, words, "\n".join(lines), WORSE, cures=(*ways, cures.let_go(key)))]

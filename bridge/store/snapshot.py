@@ -17,7 +17,7 @@ from ...engine.runs import job
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import PolygonMesh
 from . import equilibrium, handles, mesh, notes, objects, settings, supports
-from .surface import Surface
+from .surface import ObjectSurface
 
 if TYPE_CHECKING:
     from ...engine.spirals.design import SpiralDesign
@@ -37,7 +37,7 @@ class Snapshot:
     """
 
     name: str
-    surface: Surface
+    surface: ObjectSurface
     settings: ObjectSettings
     held: Int[np.ndarray, " supports"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
@@ -56,7 +56,7 @@ class Snapshot:
         """
         begun = job.begin(self.surface.polygons)
         made = replace(begun, supports=self.held, force=self.force, groups=self.groups, protected=self.protected)
-        made = replace(made, wishes=Wishes.of(made.mesh, handles.wishes(self.surface)))
+        made = replace(made, wishes=Wishes.from_offsets(made.mesh, handles.wishes(self.surface)))
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
@@ -113,7 +113,7 @@ class Stored:
     seams: Bool[np.ndarray, " edges"] | None = None
 
 
-def take(obj: bpy.types.Object, surface: Surface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
+def take(obj: bpy.types.Object, surface: ObjectSurface, used: ObjectSettings, *, loaded: bool = True) -> Snapshot:
     """Read the input of the stages from an object within milliseconds.
 
     Parameters

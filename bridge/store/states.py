@@ -1,7 +1,7 @@
 """The state of every stage of an object; quick enough for every redraw.
 
 A stage is done while all inputs of its result are unchanged. ``stamp`` stores checksums of the inputs, part by part (the
-shape, the seams, a group of settings), beside the notes; ``of`` compares them with the present. A stamp outlives a note
+shape, the seams, a group of settings), beside the notes; ``read_states`` compares them with the present. A stamp outlives a note
 that an earlier stage dropped, which tells a stage that has to run again from one that never ran.
 """
 
@@ -63,7 +63,7 @@ PROGRAM = "An earlier version of FlexMaps made it, which looked at less"
 
 
 @dataclass(frozen=True)
-class State:
+class StageState:
     """State of one stage: ``TODO``, ``DONE`` or ``OLD`` (out of date).
 
     part : the part that changed, "" where an earlier stage changed
@@ -132,21 +132,21 @@ def stamp_unnoted(
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
-def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, State]:
+def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, StageState]:
     """Return the state of every stage; in edit mode, a mesh of more than ``MANY`` edges counts as edit mode found it."""
     blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), Checksums(obj, scene)
-    states: dict[str, State] = {}
+    states: dict[str, StageState] = {}
     for stage, parts in PARTS.items():
         made = stamps.get(stage)
         earlier = [states[name] for name in AFTER.get(stage, ()) if name in states]
         if stage not in blocks:
-            states[stage] = State(TODO if made is None else OLD)
+            states[stage] = StageState(TODO if made is None else OLD)
             continue
         changed = next((part for part in parts if made is not None and made.get(part) != now[part]), None)
         if changed is not None:
-            states[stage] = State(OLD, changed, made is None or changed in made)
+            states[stage] = StageState(OLD, changed, made is None or changed in made)
         else:
-            states[stage] = State(DONE if all(state.kind == DONE for state in earlier) else OLD)
+            states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else OLD)
     return states
 
 

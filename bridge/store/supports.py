@@ -15,14 +15,14 @@ from ...engine.structure import cases
 from . import handles, mesh, objects, settings
 
 if TYPE_CHECKING:
-    from .surface import Surface
+    from .surface import ObjectSurface
 
 CORNERS = 2  # corners in the group that put a quad into it, so that an edge on the ground counts as a support
 GROUP = "FlexMaps supports"
 
 
 def loads(
-    obj: bpy.types.Object, surface: Surface, params: LoadParams
+    obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
     """Return the supported quads and the force on every quad in newtons, (quads, 3); None where there are none.
 
@@ -47,7 +47,9 @@ def loads_of(
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
-def named(obj: bpy.types.Object, surface: Surface, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
+def named(
+    obj: bpy.types.Object, surface: ObjectSurface, params: StructureParams
+) -> dict[str, Int[np.ndarray, " some"]]:
     """Return the quads of the vertex groups that load cases use.
 
     Groups that hold no quad are left out; cases that cannot be read yield {}.
@@ -81,7 +83,7 @@ def is_group(uid: int, name: str) -> bool:
     return objects.find(uid).vertex_groups.get(name) is not None
 
 
-def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
+def supported(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Int[np.ndarray, " supports"] | None:
     """Return the quads held by the group and by single marks; None where none are held.
 
     Parameters
@@ -102,7 +104,7 @@ def supported(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> In
 
 def put(
     obj: bpy.types.Object,
-    surface: Surface,
+    surface: ObjectSurface,
     held: Int[np.ndarray, " supports"] | None,
     force: Float[np.ndarray, "quads 3"] | None,
 ) -> None:
@@ -130,7 +132,7 @@ def put(
     handles.write(obj, handles.PULL, np.where(np.abs(left) > 1e-9 * np.abs(total).max(initial=0.0), left, 0.0))
 
 
-def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supports"] | None) -> bool:
+def write(obj: bpy.types.Object, surface: ObjectSurface, quads: Int[np.ndarray, " supports"] | None) -> bool:
     """Store held quads in a vertex group of the object and choose that group; None chooses no group.
 
     Returns
@@ -157,7 +159,7 @@ def write(obj: bpy.types.Object, surface: Surface, quads: Int[np.ndarray, " supp
     return True
 
 
-def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
+def force(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"] | None:
     """Return the force on every quad, newtons in world axes: the group's force, shared evenly, plus forces on single quads.
 
     Returns
@@ -173,7 +175,7 @@ def force(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[
     return total if total.any() else None
 
 
-def force_of_group(obj: bpy.types.Object, surface: Surface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
+def force_of_group(obj: bpy.types.Object, surface: ObjectSurface, params: LoadParams) -> Float[np.ndarray, "quads 3"]:
     """Return the share of the group's force on every quad; raises as ``force`` does."""
     total, shared = np.array(params.force), np.zeros((len(surface.polygons.sizes), 3))
     if not total.any():
@@ -185,7 +187,7 @@ def force_of_group(obj: bpy.types.Object, surface: Surface, params: LoadParams) 
     return shared
 
 
-def _quads(obj: bpy.types.Object, surface: Surface, name: str, place: str) -> Int[np.ndarray, " quads"]:
+def _quads(obj: bpy.types.Object, surface: ObjectSurface, name: str, place: str) -> Int[np.ndarray, " quads"]:
     """Return the quads with enough corners in a vertex group; ``place`` is the label of the setting that names it."""
     group = obj.vertex_groups.get(name)
     if group is None:

@@ -12,7 +12,7 @@ from ...engine.surface.mesh import PolygonMesh
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ObjectSurface:
     """A copy of an object's mesh when it was read; plain arrays, safe in another thread.
 
     uid : Blender's id of the object for this session, which survives renaming
@@ -50,7 +50,7 @@ class Surface:
         order = np.argsort(blender)
         return order[np.searchsorted(blender, np.unique(engine), sorter=order)]
 
-    def same_as(self, other: Surface) -> bool:
+    def same_as(self, other: ObjectSurface) -> bool:
         """Return whether everything that a stage reads is unchanged."""
         a, b = self.polygons, other.polygons
         pairs = [(a.vertices, b.vertices), (a.corners, b.corners), (a.sizes, b.sizes), (self.seams, other.seams)]

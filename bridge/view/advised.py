@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import QuadMesh
 from ..store import advice, equilibrium, mesh, notes
-from ..store.surface import Surface
+from ..store.surface import ObjectSurface
 from .flat_panels import PanelDrawing
 
 LIKE = 1e-3  # tolerance of vertex positions in edges, for Blender's single precision; not measured
@@ -30,7 +30,7 @@ class Made:
 def write(
     obj: bpy.types.Object,
     scene: bpy.types.Scene,
-    surface: Surface,
+    surface: ObjectSurface,
     made: Made,
     change: tuple[str, float, float],
     figures: dict[str, Any],
@@ -69,7 +69,7 @@ def write(
     return ". ".join([advice.said(brought), *([text] if warning else [])]), advice.helped(brought) and not warning
 
 
-def alike(surface: Surface, mesh: QuadMesh) -> bool:
+def alike(surface: ObjectSurface, mesh: QuadMesh) -> bool:
     """Return whether the object's corners lie where the engine's quads have theirs, one by one.
 
     Parameters

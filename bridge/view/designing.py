@@ -16,7 +16,7 @@ from .legend import Legend
 from .live_shape import LiveShape, middle_edge
 
 if TYPE_CHECKING:
-    from ...engine.optimisation.optimise import Look
+    from ...engine.optimisation.optimise import OptimisationStep
     from ...engine.params import ObjectSettings, SpiralParams
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
@@ -31,7 +31,9 @@ class Designing(LiveShape):
     history : (seconds, RMSE in metres) of this step and all before it
     """
 
-    def __init__(self, look: Look, quads: np.ndarray, params: SpiralParams, history: tuple[tuple[float, float], ...]):
+    def __init__(
+        self, look: OptimisationStep, quads: np.ndarray, params: SpiralParams, history: tuple[tuple[float, float], ...]
+    ):
         super().__init__(look.vertices, quads)
         self.history = history
         self._width, self._twist = look.width, look.twist
@@ -66,7 +68,7 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
 
         began, history = time.perf_counter(), list[tuple[float, float]]()
 
-        def seen(look: Look) -> LiveShape:
+        def seen(look: OptimisationStep) -> LiveShape:
             history.append((time.perf_counter() - began, look.rmse))
             return Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
 

@@ -24,11 +24,11 @@ from .colouring import stiffness_legend, stiffness_share
 from .live_shape import LiveShape, middle_edge
 
 if TYPE_CHECKING:
-    from ...engine.spirals.dab import Ground
+    from ...engine.spirals.dab import PaintSurface
     from ...engine.spirals.design import SpiralDesign
     from ...engine.spirals.painting import Stroke
     from ..store.snapshot import Snapshot
-    from ..store.surface import Surface
+    from ..store.surface import ObjectSurface
 
 TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
 PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
@@ -82,18 +82,18 @@ class Painting(LiveShape):
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class SeenSurface:
     """An object's surface in one shape: vertices in metres and world axes, the ground under the brush, and the picture."""
 
     vertices: Float[np.ndarray, "vertices 3"]
-    ground: Ground
+    ground: PaintSurface
     shape: Painting
 
     @classmethod
-    def of(cls, easel: Easel, vertices: Float[np.ndarray, "vertices 3"]) -> Seen:
-        from ...engine.spirals.dab import Ground
+    def from_easel(cls, easel: Easel, vertices: Float[np.ndarray, "vertices 3"]) -> SeenSurface:
+        from ...engine.spirals.dab import PaintSurface
 
-        return cls(vertices, Ground.of(vertices, easel.quads), Painting(easel, vertices))
+        return cls(vertices, PaintSurface.from_mesh(vertices, easel.quads), Painting(easel, vertices))
 
 
 class Easel:
@@ -129,11 +129,11 @@ class Easel:
         self._readied: SpiralDesign | None = None  # the design for which ``ready`` has run
         self._unit = scene.unit_settings.scale_length
         self.quads = self._surface.polygons.corners.reshape(-1, 4)
-        self._take(Seen.of(self, self._to_world(seeing.shown(obj))))
+        self._take(SeenSurface.from_easel(self, self._to_world(seeing.shown(obj))))
         self._known: dict[object, np.ndarray] = {}
         self._keep(self._now(obj, scene))
 
-    def _taken(self, obj: bpy.types.Object, surface: Surface) -> Snapshot:
+    def _taken(self, obj: bpy.types.Object, surface: ObjectSurface) -> Snapshot:
         from ..store import snapshot
 
         missing = notes.missing(obj.data, "flat")
@@ -153,7 +153,7 @@ class Easel:
 
         This is quick enough for a window, unlike reading the whole object.
         """
-        from ...engine.spirals.design import outside
+        from ...engine.spirals.design import unfabricable_quads
         from ..store import mesh
 
         if obj.session_uid != self.uid or obj.mode != "OBJECT":
@@ -170,7 +170,11 @@ class Easel:
             return False
         old, design = self.design, mesh.design_of(surface, self.design.flat, self.design.params)
         known = self._known.get(now["design"])
-        if design is None or len(surface.spoilt) or (known is None and len(outside(design, design.unlike(old)))):
+        if (
+            design is None
+            or len(surface.spoilt)
+            or (known is None and len(unfabricable_quads(design, design.unlike(old))))
+        ):
             return False
         taken, self._surface = self._taken(obj, surface), surface
         self._hold(replace(design, painted=bool((taken.note or {}).get("painted"))), taken)
@@ -202,12 +206,12 @@ class Easel:
         frame = self._surface.to_metres
         return positions.astype(float) @ frame[:3, :3].T + frame[:3, 3]
 
-    def _picture_at(self, positions: Float[np.ndarray, "vertices 3"]) -> Seen | None:
+    def _picture_at(self, positions: Float[np.ndarray, "vertices 3"]) -> SeenSurface | None:
         """Return the picture with vertices at these positions in the object's frame; None if they have not moved."""
         vertices = self._to_world(positions)
-        return None if np.array_equal(vertices, self.vertices) else Seen.of(self, vertices)
+        return None if np.array_equal(vertices, self.vertices) else SeenSurface.from_easel(self, vertices)
 
-    def _take(self, seen: Seen) -> None:
+    def _take(self, seen: SeenSurface) -> None:
         self.vertices, self.ground, self.shape = seen.vertices, seen.ground, seen.shape
 
     def _now(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, object]:
@@ -236,9 +240,12 @@ class Easel:
         self.shape = shape
 
     def _paint(self, brush: str, weight: np.ndarray, stroke: Stroke) -> None:
-        from ...engine.spirals.painting import painted
+        from ...engine.spirals.painting import paint_spirals
 
-        old, self.design = self.design, painted(self.design, brush, weight, stroke, kept=np.flatnonzero(self.protected))
+        old, self.design = (
+            self.design,
+            paint_spirals(self.design, brush, weight, stroke, kept=np.flatnonzero(self.protected)),
+        )
         self._renew_stiffness(old)
 
     def _renew_stiffness(self, old: SpiralDesign) -> None:
@@ -307,7 +314,7 @@ class Easel:
 # -- the current easel ---------------------------------------------------------------------------------------------------
 
 
-def of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
+def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
     """Return the object's easel, set up anew if the object changed; raise ``FlexMapsError`` where it has no spirals."""
     if not (_easels and _easels[0].renewed(obj, scene)):
         forget()
@@ -352,7 +359,7 @@ def _renew() -> None:
     obj = context.object
     if _easels and obj is not None and obj.session_uid == _easels[0].uid and active(context):
         with suppress(FlexMapsError):
-            of(obj, context.scene)
+            easel_of(obj, context.scene)
 
 
 _busy: list[bool] = []  # not empty during a stroke, in which nothing else can change the object

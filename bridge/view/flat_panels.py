@@ -23,12 +23,12 @@ from .materials import material, wear
 from .meshes import paint, polygons, quads
 
 if TYPE_CHECKING:
-    from ...engine.display.solids import Solid
+    from ...engine.display.solids import PolygonSolid
     from ...engine.fabrication.connectors.connect import Connections
     from ...engine.patches.flattening.flatten import FlatPatches
     from ...engine.spirals.arcs import Curve
     from ...engine.spirals.design import SpiralDesign
-    from ..store.surface import Surface
+    from ..store.surface import ObjectSurface
 
 LOOK = "flexmaps_look"  # key on the panels' object: settings of their connectors
 PLAIN = "plain"  # look of panels without connectors and outlines, which Export redraws
@@ -140,11 +140,11 @@ class PanelDrawing:
     design: SpiralDesign
     look: str
     centres: Float[np.ndarray, "patches 2"]
-    solid: Solid
+    solid: PolygonSolid
     outlines: Sequence[Sequence[Curve]]
 
     @classmethod
-    def of(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
+    def from_design(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
         """Draw with connectors, as on the sheets; with plain ends where the settings allow no connectors."""
         from ...engine.display import solids
         from ...engine.fabrication.connectors import connect
@@ -174,7 +174,7 @@ class PanelDrawing:
         return cls(design, PLAIN, centres, solids.light(design, centres), [])
 
     def write(
-        self, obj: bpy.types.Object, surface: Surface, spirals: dict[str, Any], layout: dict[str, Any] | None
+        self, obj: bpy.types.Object, surface: ObjectSurface, spirals: dict[str, Any], layout: dict[str, Any] | None
     ) -> None:
         """Write the spirals and their note into the object.
 

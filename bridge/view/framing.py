@@ -11,7 +11,7 @@ import bpy
 from ...engine.errors import FlexMapsError
 
 if TYPE_CHECKING:
-    from ..store.surface import Surface
+    from ..store.surface import ObjectSurface
 
 
 def follow(context: bpy.types.Context, obj: bpy.types.Object, factor: float) -> None:
@@ -69,7 +69,7 @@ def _views(context: bpy.types.Context) -> Iterator[tuple[Any, Any]]:
 
 
 def reveal(
-    context: bpy.types.Context, obj: bpy.types.Object, surface: Surface, faces: list[int], edges: list[int]
+    context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, faces: list[int], edges: list[int]
 ) -> None:
     """Select faces and edges, given in the engine's numbers, where the user sees them.
 

@@ -17,7 +17,7 @@ FEW = 64  # single-colour materials on an object at most; not measured
 
 
 @dataclass(frozen=True)
-class Look:
+class SheetAppearance:
     """Appearance of a sheet: colour (sRGB), roughness, and further surface effects.
 
     grain : darker sRGB colour of the grain, or None
@@ -36,15 +36,15 @@ class Look:
 
 
 # material's key in the settings -> appearance; by eye
-LOOKS: dict[str, Look] = {
-    "pom": Look("Delrin", (0.95, 0.95, 0.93), 0.35),
-    "vero": Look("VeroWhite", (0.90, 0.89, 0.85), 0.5),
-    "acrylic": Look("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, glass=0.25),
-    "pla": Look("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
-    "petg": Look("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
-    "birch": Look("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
-    "mdf": Look("MDF", (0.62, 0.47, 0.32), 0.8, sheen=0.2),
-    "custom": Look("plain", (0.80, 0.80, 0.78), 0.5),
+LOOKS: dict[str, SheetAppearance] = {
+    "pom": SheetAppearance("Delrin", (0.95, 0.95, 0.93), 0.35),
+    "vero": SheetAppearance("VeroWhite", (0.90, 0.89, 0.85), 0.5),
+    "acrylic": SheetAppearance("acrylic", (0.86, 0.15, 0.11), 0.32, coat=0.15, glass=0.25),
+    "pla": SheetAppearance("PLA", (0.16, 0.47, 0.60), 0.42, lines=0.4),
+    "petg": SheetAppearance("PETG", (0.20, 0.52, 0.42), 0.22, coat=0.3, lines=0.4),
+    "birch": SheetAppearance("birch plywood", (0.91, 0.82, 0.67), 0.6, grain=(0.80, 0.67, 0.49)),
+    "mdf": SheetAppearance("MDF", (0.62, 0.47, 0.32), 0.8, sheen=0.2),
+    "custom": SheetAppearance("plain", (0.80, 0.80, 0.78), 0.5),
 }
 
 
@@ -169,7 +169,7 @@ def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[floa
     return mapping.outputs["Vector"]
 
 
-def _grain(tree: Any, shader: Any, look: Look) -> None:
+def _grain(tree: Any, shader: Any, look: SheetAppearance) -> None:
     """Add nodes for long fibres along x, in uneven bands."""
     assert look.grain is not None
     fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)

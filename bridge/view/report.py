@@ -31,7 +31,7 @@ class Reported:
     taken : the snapshot of the object
     blocks : the notes of the stages that are up to date
     shape : (V, 3) float32, simulated vertices in the object's own frame; None without an up-to-date simulation
-    values : (F,) arrays of that simulation, or None, by the names of ``Measured``
+    values : (F,) arrays of that simulation, or None, by the names of ``MapValues``
     pose : the hubs' pose of that simulation; None where it is missing
     findings : the notices, each with its cures
     """
@@ -74,12 +74,12 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
-    now = states.of(obj, bpy.context.scene)
+    now = states.read_states(obj, bpy.context.scene)
     blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
     scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
-    findings = guidance.of(obj, bpy.context.scene, now).findings()
+    findings = guidance.read_guidance(obj, bpy.context.scene, now).findings()
     content = Reported(taken, blocks, values={"scan": scan}, findings=findings)
     if "equilibrium" not in blocks:
         return content
@@ -131,7 +131,7 @@ def shown(result: Result, found: Reported) -> Shown | None:
     return Shown(result.design, _measured_values(result, found), found.pose)
 
 
-def _measured_values(result: Result, content: Reported) -> run_plots.Measured:
+def _measured_values(result: Result, content: Reported) -> run_plots.MapValues:
     measured = report_page.measured(result)
     if content.shape is None:
         return replace(measured, scan=content.values.get("scan"))

@@ -18,7 +18,7 @@ from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
 from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
 from ..store.objects import CONVERTIBLE
-from ..store.surface import Surface
+from ..store.surface import ObjectSurface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
 
 
@@ -159,7 +159,7 @@ def put(
 
 
 def _put_flat(
-    result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: Surface, progress: Progress
+    result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface, progress: Progress
 ) -> None:
     """Write seams, flat patches and spirals, and the objects beside the model."""
     assert result.flat is not None

@@ -58,7 +58,7 @@ def follow(context: bpy.types.Context) -> None:
     tab, obj = bpy.context.window_manager.flexmaps_tab, context.object
     if tab.by_hand or objects.unusable(obj) is not None:
         return
-    act = guidance.of(obj, context.scene).act
+    act = guidance.read_guidance(obj, context.scene).act
     if act is not None:
         _show_only(tab, act.section)
 

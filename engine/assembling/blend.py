@@ -37,7 +37,7 @@ class Blend:
     solve: Callable[[np.ndarray], np.ndarray]
 
     @classmethod
-    def of(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> Blend:
+    def between(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> Blend:
         """Return the path between two poses of hubs with joints ``pairs`` that stay closed."""
         count, ones, rows = len(start.centres), np.ones(len(pairs)), np.arange(len(pairs))
         graph = sparse.coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()

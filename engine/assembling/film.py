@@ -27,7 +27,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .blend import Blend, means
 from .flight import flight, lowest
-from .stages import Stage, Stages, find_stages, lying
+from .stages import Stages, UnfinishedPiece, find_stages, lying
 
 # durations of flight and of joining in steps, chosen by eye; the next panel flies during joining
 FLIGHT, CLOSING = 0.6, 0.9
@@ -137,7 +137,7 @@ def film(
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
     panels = panel_mesh(design, detail, tips)
-    shots = shoot(design, pose, table, found, Bodies(panels, Bender.of(design)), progress.part(0.5, 1.0))
+    shots = shoot(design, pose, table, found, Bodies(panels, Bender.from_design(design)), progress.part(0.5, 1.0))
     return Film(shots.tracks, shots.length, shots.stages, shots.stage_times, panels)
 
 
@@ -244,7 +244,7 @@ class _Shooting:
         self.stage_times: list[float] = []
         self.lift = 0.0
 
-    def fly(self, number: int, panel: int, first: Stage) -> None:
+    def fly(self, number: int, panel: int, first: UnfinishedPiece) -> None:
         """Move a flat panel from the table to just outside its place in its first stage."""
         hubs = np.flatnonzero(self.patch == panel)
         there = self._with_stage(first)
@@ -268,17 +268,17 @@ class _Shooting:
                 held = self.reels[p]
                 held.move(number + FLIGHT, held.turns[-1], held.places[-1])
 
-    def join(self, start: float, stages: list[Stage], progress: Progress) -> None:
+    def join(self, start: float, stages: list[UnfinishedPiece], progress: Progress) -> None:
         """Go through the stages of a step at even intervals."""
         long = CLOSING / len(stages)
         for k, stage in enumerate(stages):
             self._go_to_stage(start + k * long, long, stage, progress.part(k / len(stages), (k + 1) / len(stages)))
             self.stage_times.append(start + (k + 1) * long)
 
-    def _go_to_stage(self, begin: float, long: float, stage: Stage, progress: Progress) -> None:
+    def _go_to_stage(self, begin: float, long: float, stage: UnfinishedPiece, progress: Progress) -> None:
         """Move from the present shape to that of a stage."""
         end = self._with_stage(stage)
-        blend = Blend.of(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
+        blend = Blend.between(self.pose, end, self.pairs[self.closed], self.lever[self.closed])
         bending = self._bent_panels(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
@@ -303,7 +303,7 @@ class _Shooting:
         self._remember(end, bending)
         self.pose, self.closed, self.wrench = end, self.closed | stage.closed, wrench
 
-    def _with_stage(self, stage: Stage) -> Pose:
+    def _with_stage(self, stage: UnfinishedPiece) -> Pose:
         """Return the pose of all hubs with those of a stage replaced."""
         out = Pose(self.pose.centres.copy(), self.pose.rotations.copy())
         out.centres[stage.hubs], out.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
@@ -329,7 +329,7 @@ class _Shooting:
         seen = self._relative_to_panels(pose)
         return seen.centres[:, None] + 0.5 * self.edge * np.swapaxes(seen.rotations[:, :, :2], 1, 2)
 
-    def _bent_panels(self, end: Pose, stage: Stage) -> np.ndarray:
+    def _bent_panels(self, end: Pose, stage: UnfinishedPiece) -> np.ndarray:
         """Return the panels of a stage whose shape has changed since they were last recorded."""
         there = np.unique(self.patch[stage.hubs])
         if stage.whole:

@@ -22,7 +22,7 @@ NUMBER = (0.0065, 0.004)  # width and height of a panel's number on paper, metre
 
 
 @dataclass(frozen=True)
-class Look:
+class PatchColours:
     """Colours of patches and seams, "#rrggbb"."""
 
     patches: list[str]
@@ -67,7 +67,7 @@ def model(
     there: tuple[int, ...],
     strong: tuple[int, ...],
     joins: tuple[Join, ...],
-    look: Look,
+    look: PatchColours,
     view: Float[np.ndarray, "3 3"],
 ) -> None:
     """Draw the part ``there`` of the target surface, seen along the camera's axes ``view``; the rest as a pale ghost."""
@@ -188,7 +188,7 @@ def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.stack([right, np.cross(ahead, right), ahead])
 
 
-def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: Look) -> None:
+def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColours) -> None:
     """Draw the flat panel with its seams of this step in their colours and the numbers of their first and last joints."""
     layout, mesh = flat.layout, flat.layout.mesh
     quads = layout.patches[step.panel]

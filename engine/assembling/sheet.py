@@ -28,7 +28,7 @@ from .pictures import (
     PALE,
     WIDTH,
     Box,
-    Look,
+    PatchColours,
     best_view,
     camera,
     line,
@@ -83,7 +83,7 @@ def pages(
 ) -> list[Page]:
     """Return the pages: an overview with the places of panels on sheets, then the steps, the first with pictures."""
     flat = design.flat
-    look = Look(
+    look = PatchColours(
         hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
     )
     progress(0.0, "the order of the steps")
@@ -114,7 +114,7 @@ def _overview(
     sheets: CutSheets,
     figures: Estimates,
     title: str,
-    look: Look,
+    look: PatchColours,
     checked: AssemblyCheck | None,
     progress: Progress,
 ) -> Page:
@@ -189,7 +189,7 @@ def _figures(sheets: CutSheets, figures: Estimates, panels: int) -> list[tuple[s
     return [*found, ("Narrowest", f"slot {sheets.slot_min * 1e3:.2f}, arm {sheets.bridge_min * 1e3:.2f} mm")]
 
 
-def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: Look, progress: Progress) -> None:
+def _thumbnails(page: Page, box: Box, sheets: CutSheets, look: PatchColours, progress: Progress) -> None:
     """Draw all sheets with their panels at a small scale."""
     sizes = sheets.packing.sizes
     scale, columns = max(
@@ -241,7 +241,7 @@ def _simplify(points: np.ndarray, tolerance: float) -> np.ndarray:
     return np.asarray(largest.simplify(tolerance).exterior.coords)[:-1]
 
 
-def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: AssemblyCheck | None) -> None:
+def _seam_list(page: Page, box: Box, flat: FlatPatches, look: PatchColours, checked: AssemblyCheck | None) -> None:
     """List every seam with its panels and joints and the result of its check, in columns."""
     layout, seams = flat.layout, () if checked is None else checked.seams
     numbers = panel_numbers(layout)
@@ -269,7 +269,7 @@ def _seam_list(page: Page, box: Box, flat: FlatPatches, look: Look, checked: Ass
         page.text("... the others are in the steps", (box.x + box.width * (1 - 1 / columns), box.y), 0.0026, INK)
 
 
-def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step: Step, look: Look) -> None:
+def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step: Step, look: PatchColours) -> None:
     """Draw a step: its title, its seams, the joined part and the flat panel."""
     top = box.y + box.height
     page.stroke(line([[box.x, top - 0.001], [box.x + box.width, top - 0.001]]), PALE, 2e-4)
@@ -299,7 +299,9 @@ def _step(page: Page, box: Box, flat: FlatPatches, number: int, count: int, step
     panel(page, Box(box.x + half + 0.003, box.y + 0.003, half - 0.003, height), flat, step, look)
 
 
-def _in_words(order: list[Step], numbers: tuple[int, ...], first: int, look: Look, progress: Progress) -> list[Page]:
+def _in_words(
+    order: list[Step], numbers: tuple[int, ...], first: int, look: PatchColours, progress: Progress
+) -> list[Page]:
     """Return pages with the steps from ``first`` on without pictures, in two columns."""
     found = []
     width = 0.5 * (WIDTH - 2 * MARGIN)

@@ -41,7 +41,7 @@ WEAKER = 10.0 ** -np.arange(1.0, 13.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class UnfinishedPiece:
     """Unfinished piece after some joints, at rest.
 
     step : index of the step of ``joining.steps`` in which its last panel arrives
@@ -74,7 +74,7 @@ class Stages:
     skipped : names of panel and seam of stages without equilibrium
     """
 
-    all: tuple[Stage, ...]
+    all: tuple[UnfinishedPiece, ...]
     skipped: tuple[tuple[str, str], ...]
 
 
@@ -93,9 +93,9 @@ def find_stages(
     FlexMapsError : a spiral is outside the elastic model's range
     """
     model = build_model(of_design(design), material, params.model, slopes=False)
-    search = _Search(design, pose, model, replace(params, restarts=0))
+    search = _Disassembly(design, pose, model, replace(params, restarts=0))
     plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
-    found: list[Stage] = []
+    found: list[UnfinishedPiece] = []
     for done, (number, k) in enumerate(reversed(plan)):
         panel = panel_name(number + 1)
         # the first stages computed have most hubs and take longest
@@ -126,11 +126,11 @@ def at_once(design: SpiralDesign, pose: Pose) -> Stages:
         closed = np.isin(layout.patch_of[sides], patches).all(axis=1)
         whole = all(bodies[later.panel] != body for later in order[number + 1 :])
         seam = seam_name(step.joins[-1].seam) if step.joins else ""
-        found.append(Stage(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
+        found.append(UnfinishedPiece(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
     return Stages(tuple(found), ())
 
 
-class _Search:
+class _Disassembly:
     """State of the piece while it is taken apart."""
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
@@ -144,7 +144,7 @@ class _Search:
         self.before = self.closed.copy()  # joints closed in the equilibrium ``now``
         self.skipped: list[tuple[str, str]] = []
 
-    def stage(self, number: int, k: int, progress: Progress) -> Stage | None:
+    def stage(self, number: int, k: int, progress: Progress) -> UnfinishedPiece | None:
         """Return the stage after the batches up to ``k`` of a step, or None; then open batch ``k``."""
         step, batches_ = self.order[number], self.batches[number]
         body, last = self.bodies[step.panel], k >= len(batches_) - 1
@@ -154,8 +154,8 @@ class _Search:
         counts = [len(joints) for _, joints in batches_]
         share = sum(counts[: k + 1]) / sum(counts) if counts else 1.0
         seam = batches_[k][0] if batches_ else ""
-        here = Stage(number, seam, hubs, closed, share, self.now.part(hubs), np.nan)
-        made: Stage | None
+        here = UnfinishedPiece(number, seam, hubs, closed, share, self.now.part(hubs), np.nan)
+        made: UnfinishedPiece | None
         if last and all(self.bodies[later.panel] != body for later in self.order[number + 1 :]):
             made = self._with_energy(replace(here, pose=self.end.part(hubs), whole=True))
         elif not batches_:
@@ -173,18 +173,18 @@ class _Search:
             self.closed[batches_[k][1]] = False
         return made
 
-    def _with_energy(self, here: Stage) -> Stage:
+    def _with_energy(self, here: UnfinishedPiece) -> UnfinishedPiece:
         """Return the stage with the energy of its pose."""
         part = self._model(here)
         return replace(here, energy=part.energy(part.start(here.pose)))
 
-    def _model(self, here: Stage) -> ElasticModel:
+    def _model(self, here: UnfinishedPiece) -> ElasticModel:
         """Return the elastic model of a stage."""
         return self.model.part(here.hubs, np.flatnonzero(here.closed))
 
-    def _relax(self, here: Stage, panel: int, progress: Progress) -> Stage | None:
+    def _relax(self, here: UnfinishedPiece, panel: int, progress: Progress) -> UnfinishedPiece | None:
         """Return the stage at rest; None without equilibrium."""
-        loads, quiet = Loads.of(len(here.hubs)), progress.quiet()
+        loads, quiet = Loads.for_spirals(len(here.hubs)), progress.quiet()
         found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
         if not found.converged:
             opened = self.before & ~self.closed & np.isin(self.pairs, here.hubs).all(axis=1)

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlexMapsError
-from ..params import Settings, changed
+from ..params import Settings, with_values
 from .bending import spiral_youngs, strip_youngs
 from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 
@@ -120,7 +120,7 @@ def _numbers(value: Any, what: str) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredValue:
     """A value and its standard error, SI."""
 
     value: float
@@ -139,15 +139,15 @@ class Calibration:
     strip, spirals : Young's modulus measured with each, Pa
     youngs, believed : Young's modulus to use, and a text that says where it comes from
     warnings : sentences about contradictions
-    settings : "section.name" -> value for ``params.changed``, only measured settings
+    settings : "section.name" -> value for ``params.with_values``, only measured settings
     """
 
-    kerf: Measured | None
-    clearance: Measured | None
-    thickness: Measured | None
-    strip: Measured | None
-    spirals: Measured | None
-    youngs: Measured | None
+    kerf: MeasuredValue | None
+    clearance: MeasuredValue | None
+    thickness: MeasuredValue | None
+    strip: MeasuredValue | None
+    spirals: MeasuredValue | None
+    youngs: MeasuredValue | None
     density: float | None
     believed: str
     warnings: tuple[str, ...]
@@ -156,7 +156,7 @@ class Calibration:
     def report(self) -> dict[str, Any]:
         """Return the figures in usual units, for JSON."""
 
-        def shown(one: Measured | None, factor: float) -> dict[str, float] | None:
+        def shown(one: MeasuredValue | None, factor: float) -> dict[str, float] | None:
             return (
                 None if one is None else {"value": _figures(one.value * factor), "error": _figures(one.error * factor)}
             )
@@ -231,7 +231,7 @@ def _refuse_wrong(made: Coupons, readings: Readings) -> None:
             )
 
 
-def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
+def _mean(values: Sequence[float], ruler: float = 0.0) -> MeasuredValue:
     """Return mean and standard error of readings, from their scatter or the error of a reading, whichever is larger.
 
     ruler : error of a reading in metres; without it, a share of the value
@@ -240,10 +240,10 @@ def _mean(values: Sequence[float], ruler: float = 0.0) -> Measured:
     middle, count = float(some.mean()), len(some)
     known = ruler or READING * middle
     scatter = float(some.std(ddof=1)) if count > 1 else 0.0
-    return Measured(middle, max(scatter, known) / math.sqrt(count))
+    return MeasuredValue(middle, max(scatter, known) / math.sqrt(count))
 
 
-def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:
+def _kerf(made: Coupons, readings: Readings) -> tuple[MeasuredValue | None, float]:
     """Return the kerf, and the resulting error of a joint's gap in metres."""
     if not readings.kerf_gaps:
         return None, 0.0
@@ -254,13 +254,13 @@ def _kerf(made: Coupons, readings: Readings) -> tuple[Measured | None, float]:
             f"A gap of {gap.value * 1e3:.1f} mm leaves nothing of {made.cells} squares of {made.cell * 1e3:g} mm; "
             "push them to one side and measure what is left between them and the window"
         )
-    kerf = Measured(gap.value / lines, gap.error / lines)
+    kerf = MeasuredValue(gap.value / lines, gap.error / lines)
     return kerf, kerf.error
 
 
 def _clearance(
-    readings: Readings, kerf: Measured | None, wider: float, strays: float, warnings: list[str]
-) -> Measured | None:
+    readings: Readings, kerf: MeasuredValue | None, wider: float, strays: float, warnings: list[str]
+) -> MeasuredValue | None:
     """Return the clearance to use, with warnings if it is within its error."""
     if readings.clearance is None:
         return None
@@ -277,10 +277,10 @@ def _clearance(
             f"The clearance of {max(gap, 0.0) * 1e3:.3f} mm is below the kerf's error of {error * 1e3:.3f} mm: joints may jam; "
             "measure the kerf comb several times, or take the next rung"
         )
-    return Measured(max(gap, 0.0), max(error, 1e-9))
+    return MeasuredValue(max(gap, 0.0), max(error, 1e-9))
 
 
-def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[Measured | None, float | None]:
+def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[MeasuredValue | None, float | None]:
     """Return Young's modulus and density from the strip."""
     width = made.strip_width + wider
     long = made.strip_length + (STRIP_CLAMP + STRIP_END) * made.thickness + wider
@@ -299,7 +299,7 @@ def _strip(made: Coupons, readings: Readings, wider: float) -> tuple[Measured | 
     return _mean(youngs), density
 
 
-def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> Measured | None:
+def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str]) -> MeasuredValue | None:
     """Return Young's modulus from both spirals with all their readings."""
     if not readings.spiral_sags:
         return None
@@ -317,22 +317,22 @@ def _spirals(made: Coupons, readings: Readings, wider: float, warnings: list[str
     return _weighted_mean(found)
 
 
-def _weighted_mean(some: Sequence[Measured]) -> Measured:
+def _weighted_mean(some: Sequence[MeasuredValue]) -> MeasuredValue:
     """Return the mean weighted by inverse variance."""
     weights = np.array([1.0 / one.error**2 for one in some])
     value = float(weights @ np.array([one.value for one in some]) / weights.sum())
-    return Measured(value, float(weights.sum() ** -0.5))
+    return MeasuredValue(value, float(weights.sum() ** -0.5))
 
 
-def _contradict(one: Measured, other: Measured) -> bool:
+def _contradict(one: MeasuredValue, other: MeasuredValue) -> bool:
     """Return whether two values differ by more than their errors."""
     middle = 0.5 * (one.value + other.value)
     return abs(one.value - other.value) > SURE * math.hypot(one.error, other.error) + MODEL * middle
 
 
 def _choose_modulus(
-    strip: Measured | None, spirals: Measured | None, warnings: list[str]
-) -> tuple[Measured | None, str]:
+    strip: MeasuredValue | None, spirals: MeasuredValue | None, warnings: list[str]
+) -> tuple[MeasuredValue | None, str]:
     """Return the modulus from the strip, the spirals or both, and the reason for this choice."""
     if strip is None or spirals is None:
         one = strip or spirals
@@ -376,7 +376,7 @@ def _settings(made: Coupons, found: Calibration, readings: Readings) -> dict[str
     if found.clearance is not None:
         values |= {"connect.connector": readings.kind, "connect.clearance": _figures(1e3 * found.clearance.value)}
     try:
-        changed(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
+        with_values(Settings(), {k: v for k, v in values.items() if not k.startswith("cut.")})
     except FlexMapsError as error:
         raise FlexMapsError(
             f"The measured values are outside the range of the settings: {error}; check the units"

@@ -27,7 +27,7 @@ TOOTH = 3.0  # width of the base of a tooth in heights; the tooth holds an arm's
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class DrawnPiece:
     """A piece, or several that belong together; material on the left of outlines and holes.
 
     shared : lines cut along their middle regardless of the kerf, such as those between squares of the comb
@@ -38,11 +38,11 @@ class Piece:
     shared: tuple[Curve, ...] = ()
     engraved: tuple[Curve, ...] = ()
 
-    def moved(self, shift: Float[np.ndarray, " 2"]) -> Piece:
+    def moved(self, shift: Float[np.ndarray, " 2"]) -> DrawnPiece:
         """Return the piece shifted by metres."""
-        return Piece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
+        return DrawnPiece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
 
-    def cut(self, kerf: float, kerf_holes: float) -> Piece:
+    def cut(self, kerf: float, kerf_holes: float) -> DrawnPiece:
         """Return the piece with the paths of the cutter: outlines and holes offset by half of the kerf."""
         return replace(
             self,
@@ -61,10 +61,10 @@ class Piece:
         return points.min(axis=0), points.max(axis=0)
 
 
-def together(pieces: Iterable[Piece]) -> Piece:
+def together(pieces: Iterable[DrawnPiece]) -> DrawnPiece:
     """Join several pieces."""
     some = list(pieces)
-    return Piece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
+    return DrawnPiece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
 
 
 def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
@@ -84,7 +84,7 @@ def line(*points: tuple[float, float]) -> Curve:
     return Curve(np.array(points), np.zeros(len(points)), closed=False)
 
 
-def comb(made: Coupons, text: str) -> Piece:
+def comb(made: Coupons, text: str) -> DrawnPiece:
     """Return the kerf comb: squares in a window, separated by shared lines.
 
     Pushed to one side, n squares leave a gap of n + 1 kerfs.
@@ -97,13 +97,13 @@ def comb(made: Coupons, text: str) -> Piece:
         f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide
     )
     outline = rectangle(0.0, 0.0, 2.0 * RIM + wide, y + high + RIM + LETTERS)
-    return Piece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
+    return DrawnPiece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
 
 
 # -- the ladders of clearances -----------------------------------------------------------------------------------------
 
 
-def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
+def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
     """Return a rail with a socket for every clearance, the pieces to insert, and their values on both."""
     rungs = [size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
     values = [f"{c * 1e3:g}" for c in made.clearances]
@@ -125,7 +125,7 @@ def ladder(made: Coupons, params: ConnectorParams, kind: str) -> Piece:
         says += words(value, x, LETTERS, middle=True)
     rail.append((0.0, low))
     bulges.append(0.0)
-    parts = [Piece((Curve(np.array(rail), np.array(bulges)),), engraved=tuple(says))]
+    parts = [DrawnPiece((Curve(np.array(rail), np.array(bulges)),), engraved=tuple(says))]
     high = top + 2.0 * max(r.length for r in rungs) + gap
     for x, rung, value in zip(places, rungs, values, strict=True):
         parts += _counterpart(rung, kind, value, x, high, gap)
@@ -142,7 +142,7 @@ def _recess(rung: Size, kind: str) -> Curve:
     return relieved(rounded(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside)
 
 
-def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[Piece]:
+def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
     """Return the pieces to insert into one recess, placed above it: a stem with its value, and the key if it is loose."""
     wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
     foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters are placed above the socket
@@ -163,14 +163,14 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
         [-wide, front.points[0, 1]],
     ]
     bulge = [*front.bulge[:-1].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
-    stem = Piece(
+    stem = DrawnPiece(
         (Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, foot + 1.5 * LETTERS, middle=True)
     )
     if kind != "key":
         return [stem.moved(np.array([x, y]))]
     loose = key(rung).moved(0.5 * math.pi, np.zeros(2))
     below = rung.length + gap
-    return [Piece((loose,)).moved(np.array([x, y])), stem.moved(np.array([x, y + below]))]
+    return [DrawnPiece((loose,)).moved(np.array([x, y])), stem.moved(np.array([x, y + below]))]
 
 
 def _point_up(curve: Curve, x: float, y: float) -> Curve:
@@ -186,7 +186,7 @@ def _point_down(curve: Curve) -> Curve:
 # -- the strip and the spirals -----------------------------------------------------------------------------------------
 
 
-def strip(made: Coupons) -> Piece:
+def strip(made: Coupons) -> DrawnPiece:
     """Return the bending strip: a clamped part, a line at its end, and a hole for a thread with the weight."""
     clamp, end = STRIP_CLAMP * made.thickness, STRIP_END * made.thickness
     b, load = made.strip_width, clamp + made.strip_length
@@ -199,7 +199,7 @@ def strip(made: Coupons) -> Piece:
             clamp + LETTERS, 0.5 * (b - LETTERS), room=made.strip_length - hole - 2.0 * LETTERS,
         ),
     )  # fmt: skip
-    return Piece((rectangle(0.0, 0.0, load + end, b),), (_circle(load, 0.5 * b, 0.5 * hole),), engraved=says)
+    return DrawnPiece((rectangle(0.0, 0.0, load + end, b),), (_circle(load, 0.5 * b, 0.5 * hole),), engraved=says)
 
 
 def _circle(x: float, y: float, radius: float) -> Curve:
@@ -207,7 +207,7 @@ def _circle(x: float, y: float, radius: float) -> Curve:
     return Curve(np.array([[x + radius, y], [x - radius, y]]), np.array([-1.0, -1.0]))
 
 
-def spiral(made: Coupons, one: SpiralCoupon) -> Piece:
+def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
     """Return a spiral in its frame, with a hole between consecutive arms."""
     arms = _arms(one)
     rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
@@ -215,7 +215,7 @@ def spiral(made: Coupons, one: SpiralCoupon) -> Piece:
     centre = np.array([rim, rim + foot])
     holes = tuple(hole.moved(0.0, centre) for hole in _slots(made, one, arms))
     says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True, room=1.8 * rim)
-    return Piece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
+    return DrawnPiece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
 
 
 def _arms(one: SpiralCoupon) -> Arms:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import FlexMapsError
 from ..fabrication.nesting.packing import Packing
-from ..fabrication.panels.toolpath import Runs
+from ..fabrication.panels.toolpath import SheetCuts
 from ..fabrication.writers import dxf, pdf, svg
 from ..files import replacing_many
 from ..own_files import Guard
@@ -18,7 +18,7 @@ from ..params import CutParams, Settings, SheetParams
 from ..progress import SILENT, Progress
 from . import drawing
 from .coupons import FILE, KINDS, Coupons
-from .drawing import Piece
+from .drawing import DrawnPiece
 from .sizes import coupons
 
 WRITERS = {
@@ -40,16 +40,16 @@ class CalibrationSheet:
     """
 
     coupons: Coupons
-    pieces: tuple[Piece, ...]
+    pieces: tuple[DrawnPiece, ...]
     packing: Packing
     params: SheetParams
     cut: CutParams
     count: int = 1
 
-    def runs(self, index: int, progress: Progress = SILENT) -> Runs:
+    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
         """Return the cuts: shared lines unchanged, other curves offset by half of the kerf."""
         made = drawing.together(piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces)
-        return Runs(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
+        return SheetCuts(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
 
 
 def make(settings: Settings) -> CalibrationSheet:
@@ -69,7 +69,7 @@ def make(settings: Settings) -> CalibrationSheet:
     return CalibrationSheet(sizes, placed, packing, replace(settings.sheet, frame=True), settings.cut)
 
 
-def _in_rows(pieces: Sequence[Piece], margin: float, spacing: float) -> tuple[tuple[Piece, ...], np.ndarray]:
+def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tuple[tuple[DrawnPiece, ...], np.ndarray]:
     """Lay the pieces in rows from the top, the first two side by side.
 
     Also return the sheet's width and height, metres.

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..patches.layout import PatchLayout
-from ..simulation.shortfall import curvature_within
+from ..simulation.shortfall import angle_defects
 from ..surface.mesh import QuadMesh
 from ..surface.symmetry import Symmetry, keeping
-from .judge import Idea, Judged, Piece
+from .judge import Idea, JudgedLayout, LayoutProblem
 from .moves import blamed, cuts, weakest, with_images
 
 ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
@@ -19,7 +19,7 @@ JOINED = 6  # seams that are tried against a cut; not measured, it bounds the ti
 TRIED = 24  # largest number of ideas to lay flat: 24 with 1,000 quads take some 10 s
 
 
-def alike(piece: Piece, judged: Judged) -> list[Idea]:
+def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
     """Return layouts with no more panels than a judged one, those with the least curvature within their panels first.
 
     Every change is tried with its images under the symmetries that the layout keeps, and by itself.
@@ -38,7 +38,7 @@ def alike(piece: Piece, judged: Judged) -> list[Idea]:
 
 def _curved(layout: PatchLayout) -> float:
     """Return the curvature within the panels, which seams don't absorb; a panel's distortion grows with its square."""
-    return round(float((np.bincount(layout.patch_of, curvature_within(layout)) ** 2).sum()), 9)
+    return round(float((np.bincount(layout.patch_of, angle_defects(layout)) ** 2).sum()), 9)
 
 
 def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea]:

@@ -12,7 +12,7 @@ from ..materials import Material
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.splitting.split import usable
-from .judge import Judged
+from .judge import JudgedLayout
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
@@ -29,7 +29,7 @@ class Proposal:
     sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts, and where nobody has drawn it
     """
 
-    judged: Judged
+    judged: JudgedLayout
     sheets: int
     cut: float | None
     join: float
@@ -78,7 +78,7 @@ class Proposal:
         }
 
 
-def proposal(judged: Judged, settings: Settings, material: Material) -> Proposal:
+def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Proposal:
     """Make a proposal: add estimates of sheets and times to a judged layout.
 
     Parameters
@@ -134,9 +134,9 @@ class Choice:
         }
 
 
-def front(judged: list[Judged]) -> list[Judged]:
+def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
     """Return the Pareto front of few panels and small distance from the target, fewest panels first."""
-    found: list[Judged] = []
+    found: list[JudgedLayout] = []
     for one in sorted(judged, key=lambda one: (one.laid.panels, one.eased, one.laid.joints)):
         if not found or one.eased < found[-1].eased:
             found.append(one)

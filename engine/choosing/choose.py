@@ -35,12 +35,12 @@ from ..workers import Workers
 from .alike import alike
 from .choice import GIVEN, STRIDE, Choice, front
 from .decide import decided, hopeful
-from .judge import LONG, WHOLE, Idea, Judged, Laid, Piece, judge, lay, optimised, taken_up
+from .judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, judge, lay, optimised, taken_up
 from .lines import along_folds, completed, drawn, planes, unlike
 from .moves import IDEAS, joined, moves
-from .predict import Start
+from .predict import PredictionStart
 from .prospects import WORTH
-from .search import Search, Together, creeping, key
+from .search import LayoutSearch, Together, creeping, key
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)
@@ -68,7 +68,7 @@ FILLED = 2  # layouts between two proposals that are looked for
 
 
 def choose(
-    piece: Piece,
+    piece: LayoutProblem,
     given: FlatPatches,
     params: ChooseParams,
     progress: Progress = SILENT,
@@ -94,7 +94,7 @@ def choose(
     Cancelled : it is stopped before anything was judged
     FlexMapsError : not even the given layout takes a shape
     """
-    search = Search(piece, params, together or Workers(1))
+    search = LayoutSearch(piece, params, together or Workers(1))
     first = Laid(given, GIVEN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
     if reached is not None:
@@ -115,7 +115,7 @@ def choose(
     return decided(search, first, finished)
 
 
-def _cut_there(search: Search, progress: Progress) -> None:
+def _cut_there(search: LayoutSearch, progress: Progress) -> None:
     """Cut the best layout where its shape misses the target, until it is near enough or no cut improves it."""
     for turn in range(TURNS):
         best = next(iter(search.judged), None)
@@ -129,7 +129,7 @@ def _cut_there(search: Search, progress: Progress) -> None:
             return
 
 
-def _sought(search: Search, first: Laid, progress: Progress) -> None:
+def _sought(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     """Lay out, judge and change, fill the gaps between what is found, and prove the best."""
     collected, settled, changed, filled = SHARES_OF_TIME
     _collect(search, first, progress.part(0.0, collected))
@@ -144,7 +144,7 @@ def _sought(search: Search, first: Laid, progress: Progress) -> None:
     _prove(search, progress.part(filled, 1.0))
 
 
-def _begin(search: Search, first: Laid, progress: Progress) -> None:
+def _begin(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     """Judge the given layout: by a short search where others are compared with it by such, else by its prediction.
 
     Where it was searched before, that is what it comes to.
@@ -154,7 +154,7 @@ def _begin(search: Search, first: Laid, progress: Progress) -> None:
         progress(0.0, search.said)
     if not search.params.near and piece.settings.simulate.model != "rod":
         with suppress(FlexMapsError):  # a short search fails too, and is told
-            search.start = Start.from_layout(piece, first.flat, progress.quiet())
+            search.start = PredictionStart.from_layout(piece, first.flat, progress.quiet())
             search.expected = 1.0
     began = time.monotonic()
     if reached is None or search.start is not None:
@@ -163,12 +163,12 @@ def _begin(search: Search, first: Laid, progress: Progress) -> None:
         search.known[key(first)] = search.known.get(key(first)) or reached
         search.learn(reached)
     slowness = (time.monotonic() - began) / search.one
-    search.pace = SLOWER * slowness * LONG * (Work.of(len(piece.mesh.quads), 1.0).limit or 0.0)
+    search.pace = SLOWER * slowness * LONG * (Work.for_spirals(len(piece.mesh.quads), 1.0).limit or 0.0)
     if search.known[key(first)] is not None:
         progress(1.0, search.said)
 
 
-def _collect(search: Search, first: Laid, progress: Progress) -> None:
+def _collect(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     """Lay out what geometry finds, and meanwhile give the given layout a long search.
 
     What that makes of the prediction tells what to expect of the others, whose long searches start from its spirals.
@@ -194,7 +194,7 @@ def _collect(search: Search, first: Laid, progress: Progress) -> None:
     search.waiting = _ranked(search, [one for one in found.values() if search.unknown(one)])
 
 
-def _promising(search: Search, sketches: list[Sketch]) -> list[Sketch]:
+def _promising(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
     """Return as many sketches as may be judged: those first that leave less curvature within panels than all of as few cuts."""
     mesh = search.piece.mesh
     worth = [(int(cut.sum()), taken_up(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
@@ -202,7 +202,7 @@ def _promising(search: Search, sketches: list[Sketch]) -> list[Sketch]:
     return [sketches[k] for k in sorted(ranked[: max(search.left, 0)])]
 
 
-def _merges(search: Search) -> list[LayoutParams]:
+def _merges(search: LayoutSearch) -> list[LayoutParams]:
     """Return the settings under which to merge the surface: the present ones, and variants if the number of panels is fixed."""
     layout = search.piece.settings.layout
     if search.params.goal != "panels":
@@ -211,7 +211,7 @@ def _merges(search: Search) -> list[LayoutParams]:
     return [layout, *shapes, replace(layout, neck_min=NECK * layout.neck_min)]
 
 
-def _limits(search: Search, first: Laid) -> tuple[int, float]:
+def _limits(search: LayoutSearch, first: Laid) -> tuple[int, float]:
     """Return the largest number of panels, and the largest distortion of a quad."""
     params, layout = search.params, search.piece.settings.layout
     panels = params.panels if params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
@@ -222,7 +222,7 @@ def _fits(laid: Laid, panels: int, limit: float) -> bool:
     return laid.panels <= panels and float(laid.flat.energy.max()) <= limit
 
 
-def _ranked(search: Search, found: list[Laid]) -> list[Laid]:
+def _ranked(search: LayoutSearch, found: list[Laid]) -> list[Laid]:
     """Layouts in fronts, those first that no other has both fewer joints and less distortion than, from few to many joints.
 
     Where only the distance counts, those with less distortion come first.
@@ -257,8 +257,8 @@ def _worth(laid: Laid) -> tuple[float, ...]:
 
 
 def _done(
-    piece: Piece, params: ChooseParams, most: float, job: Laid | Idea | LayoutParams
-) -> Judged | list[Laid] | None:
+    piece: LayoutProblem, params: ChooseParams, most: float, job: Laid | Idea | LayoutParams
+) -> JudgedLayout | list[Laid] | None:
     """Run one job in a worker: judge a layout by a long search, lay an idea flat, or merge the surface under some limits."""
     if isinstance(job, Laid):
         return judge(piece, job, LONG)
@@ -277,7 +277,7 @@ def _done(
     return [laid for idea in ideas if (laid := lay(piece, idea, most)) is not None]
 
 
-def _changed(search: Search, first: Laid, progress: Progress) -> bool:
+def _changed(search: LayoutSearch, first: Laid, progress: Progress) -> bool:
     """Change the best layouts where they miss the target; return whether that has improved or may still improve them."""
     before = search.key(search.judged[0])
     ideas: list[Idea] = []
@@ -309,7 +309,7 @@ def _changed(search: Search, first: Laid, progress: Progress) -> bool:
     return bool(sound) and (counted or search.key(search.judged[0]) < before)
 
 
-def _prove(search: Search, progress: Progress) -> None:
+def _prove(search: LayoutSearch, progress: Progress) -> None:
     """Give the best layouts a long search; where none holds the goal, go on with the nearest, and with what may hold it still.
 
     In a piece of many quads one after another, as long as the next is still expected to serve the goal better. Else several at
@@ -328,15 +328,15 @@ def _prove(search: Search, progress: Progress) -> None:
     search.prove([*_undecided(search), *may_hold][:together], progress.part(0.6, 1.0))
 
 
-def _better(search: Search, most: int) -> list[Laid]:
+def _better(search: LayoutSearch, most: int) -> list[Laid]:
     """Return layouts that are expected to serve the goal better than all that were searched for; with a number of panels, the best others."""
-    found: Iterable[Judged] = search.judged
+    found: Iterable[JudgedLayout] = search.judged
     if search.params.goal != "panels":
         found = takewhile(lambda one: one.share < LONG, found)
     return [one.laid for one in found if one.share < LONG and hopeful(search, one)][:most]
 
 
-def _undecided(search: Search) -> list[Laid]:
+def _undecided(search: LayoutSearch) -> list[Laid]:
     """Return the nearest layout of those that had one long search, where another one decides whether it is taken."""
     nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.eased, default=None)
     if nearest is None:
@@ -346,13 +346,13 @@ def _undecided(search: Search) -> list[Laid]:
     return [nearest.laid] if may_hold or WORTH * whole < nearest.eased <= CLOSE * whole else []
 
 
-def _fill_gaps(search: Search, progress: Progress) -> None:
+def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
     """Judge layouts between two proposals of which the next has far more panels: the larger one's panels joined."""
     made = list(islice(_between(search), FILLED))
     search.judge(made, progress, more=True)
 
 
-def _between(search: Search) -> Iterator[Laid]:
+def _between(search: LayoutSearch) -> Iterator[Laid]:
     """Yield layouts that nobody has judged, of more panels than one proposal and far fewer than the next."""
     for few, many in pairwise(front(search.judged)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)

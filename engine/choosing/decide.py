@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from ..surface.checking.finding import counted
 from .choice import GIVEN, Choice, Proposal, proposal, worth_showing
-from .judge import LONG, WHOLE, Judged, Laid
+from .judge import LONG, WHOLE, JudgedLayout, Laid
 from .prospects import WORTH
-from .search import EXPECTED, NEARER, Search, key, short
+from .search import EXPECTED, NEARER, LayoutSearch, key, short
 
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 ENOUGH = 1.05
 
 
-def decided(search: Search, first: Laid, finished: bool) -> Choice:
+def decided(search: LayoutSearch, first: Laid, finished: bool) -> Choice:
     """Return the choice among all judged layouts.
 
     Parameters
@@ -48,7 +48,7 @@ def decided(search: Search, first: Laid, finished: bool) -> Choice:
     )
 
 
-def pick(search: Search, judged: list[Judged], first: Laid) -> Judged:
+def pick(search: LayoutSearch, judged: list[JudgedLayout], first: Laid) -> JudgedLayout:
     """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
     # a prediction may promise too much, so that what was searched for comes first
     best = next((one for one in judged if one.share), judged[0])
@@ -67,7 +67,7 @@ def pick(search: Search, judged: list[Judged], first: Laid) -> Judged:
     return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
 
 
-def hopeful(search: Search, one: Judged) -> bool:
+def hopeful(search: LayoutSearch, one: JudgedLayout) -> bool:
     """Return whether a layout would be taken in place of the given one if a search brought what is expected; true where that was not optimised."""
     given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
     if given is None:
@@ -76,7 +76,7 @@ def hopeful(search: Search, one: Judged) -> bool:
     return pick(search, sorted((given, expected), key=search.key), given.laid) is expected
 
 
-def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool) -> str:
+def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached: bool) -> str:
     """Return a sentence on the best layout, or on why the goal was missed."""
     what = short(best.judged.laid, best.rms)
     if given is not None and given is not best:
@@ -102,7 +102,7 @@ def _note(search: Search, best: Proposal, given: Proposal | None, reached: bool)
     )
 
 
-def _no_nearer(search: Search, best: Judged) -> str:
+def _no_nearer(search: LayoutSearch, best: JudgedLayout) -> str:
     """Return a sentence, with a trailing space, if searches show that more panels come no nearer; else ""."""
     searched = [one for one in search.judged if one.share]
     most = max(searched, key=lambda one: one.laid.panels, default=best)

@@ -10,7 +10,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..mechanics.laplacian import laplacian_difference
 from ..optimisation.optimise import optimise
-from ..optimisation.reach import Reach, reach
+from ..optimisation.reach import MatchLimits, find_limits
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches, flatten, overlapping
 from ..patches.layout import PatchLayout
@@ -18,9 +18,9 @@ from ..patches.merging.dissolve import without_crumbs
 from ..patches.splitting.split import split
 from ..patches.tracing.trace import make_disks
 from ..progress import SILENT, Progress
-from ..simulation.shortfall import curvature_within
+from ..simulation.shortfall import angle_defects
 from ..simulation.simulate import Simulation
-from ..spirals.design import curvature_adjusted, fitted
+from ..spirals.design import curvature_adjusted, make_fabricable
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.symmetry import Symmetry, keeping
@@ -39,7 +39,7 @@ QUADS, LEAST = 1000, 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class LayoutProblem:
     """Data common to all layouts of a surface.
 
     mesh : the target; supports : (k,) int or None; force : (F, 3) newtons or None
@@ -100,15 +100,15 @@ class Laid:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedLayout:
     """Match, strains and making figures of a layout's assembled panels.
 
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
-    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
+    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``find_limits.NAMES``
     advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
     share : of the patience that it was given; 0 where the match is predicted, not searched for
     cut_length : metres of cuts, without connectors; contours : how many closed curves they are; None where nobody has drawn them
-    spirals : widths and twists, as in ``Piece``; flat : the panels as the search has left them, which may move their flat shapes
+    spirals : widths and twists, as in ``LayoutProblem``; flat : the panels as the search has left them, which may move their flat shapes
     """
 
     laid: Laid
@@ -136,7 +136,7 @@ class Judged:
         return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
 
 
-def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
+def lay(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
     """An idea laid flat: what is no disk is opened, crumbs are joined, what is larger than a sheet is cut. None where that
     cannot be, or where it would be no other than one that is not ``even``.
 
@@ -162,12 +162,12 @@ def lay(piece: Piece, idea: Idea, most: float = np.inf, progress: Progress = SIL
 
 def taken_up(layout: PatchLayout) -> float:
     """Return the curvature within the most curved panel, radians."""
-    return float(np.bincount(layout.patch_of, curvature_within(layout)).max())
+    return float(np.bincount(layout.patch_of, angle_defects(layout)).max())
 
 
 def judge(
-    piece: Piece, laid: Laid, share: float = SHORT, progress: Progress = SILENT, thorough: bool | None = None
-) -> Judged | None:
+    piece: LayoutProblem, laid: Laid, share: float = SHORT, progress: Progress = SILENT, thorough: bool | None = None
+) -> JudgedLayout | None:
     """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
 
     thorough : whether several starts are tried where the piece has no spirals, and slots that close minded and counted; by default in
@@ -187,7 +187,7 @@ def judge(
             spirals = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
         else:
             spirals = piece.spirals
-        design = fitted(laid.flat, settings.spiral, *spirals, prove=not quick, progress=progress.quiet())
+        design = make_fabricable(laid.flat, settings.spiral, *spirals, prove=not quick, progress=progress.quiet())
         found = optimise(
             design,
             piece.mesh,
@@ -201,12 +201,12 @@ def judge(
         )
         if not found.after.equilibrium.converged:
             return None
-        return _drawn(judged(laid, found.after, reach(found, remedies=False), share, thorough=thorough), found.after)
+        return _drawn(judged(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after)
     except FlexMapsError:
         return None
 
 
-def optimised(laid: Laid, found: Simulation) -> Judged:
+def optimised(laid: Laid, found: Simulation) -> JudgedLayout:
     """Judge a layout whose spirals are optimised already.
 
     Parameters
@@ -214,16 +214,16 @@ def optimised(laid: Laid, found: Simulation) -> Judged:
     laid : the layout
     found : its spirals at rest
     """
-    return _drawn(judged(laid, found, reach(found, remedies=False), WHOLE, thorough=True), found)
+    return _drawn(judged(laid, found, find_limits(found, remedies=False), WHOLE, thorough=True), found)
 
 
-def _drawn(known: Judged, found: Simulation) -> Judged:
+def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
     """Return a judged layout with its length of cuts and number of contours."""
     curves = [curve for panel in found.design.outlines() for curve in (panel.outer, *panel.holes)]
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
 
-def judged(laid: Laid, found: Simulation, limits: Reach, share: float, *, thorough: bool) -> Judged:
+def judged(laid: Laid, found: Simulation, limits: MatchLimits, share: float, *, thorough: bool) -> JudgedLayout:
     """Judge a layout by its shape at equilibrium, without figures of cutting.
 
     Parameters
@@ -235,7 +235,7 @@ def judged(laid: Laid, found: Simulation, limits: Reach, share: float, *, thorou
     """
     bends = laplacian_difference(found.assembly.pairs, found.equilibrium.pose.centres, found.target.centroids)
     match, measured = found.match, found.slots() if thorough else None
-    return Judged(
+    return JudgedLayout(
         laid,
         match["rms_percent"] / 100.0,
         match["max_percent"] / 100.0,

@@ -150,7 +150,7 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
 
 def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Yield cuts along the edges that are sharper than spirals bend, where there are any."""
-    polygons = PolygonMesh.of(mesh)
+    polygons = PolygonMesh.from_quads(mesh)
     cut = (turns(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
     if cut.any():
         yield "along its folds", cut

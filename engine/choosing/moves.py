@@ -11,9 +11,9 @@ from ..optimisation.reach import NAMES
 from ..patches.layout import PatchLayout, straight_on
 from ..patches.merging.dissolve import bounded
 from ..patches.tracing.trace import middle_line
-from ..simulation.shortfall import curvature_within
+from ..simulation.shortfall import angle_defects
 from ..surface.symmetry import Symmetry, keeping
-from .judge import Idea, Judged, Laid, Piece, lay
+from .judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
 IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
@@ -24,7 +24,7 @@ OTHERWISE = (
 )
 
 
-def moves(piece: Piece, judged: Judged, *, fewer: bool, more: bool) -> Iterator[Idea]:
+def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool) -> Iterator[Idea]:
     """Layouts like a judged one: ``more`` cuts and darts where it is to blame, ``fewer`` cuts where nothing is lost by that.
 
     Every change comes with its images under the symmetries which the layout keeps.
@@ -52,7 +52,7 @@ def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry])
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 
-def blamed(judged: Judged) -> Float[np.ndarray, " quads"]:
+def blamed(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
     """Return (F,) each quad's share in the mismatch, weighted by whether another cut could remove its reason."""
     return weighed(judged.blame, judged.kind)
 
@@ -94,7 +94,7 @@ def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
     """Return vertices inside patches, those with the largest mismatch and the most enclosed curvature first."""
     mesh = layout.mesh
     inside = (layout.cut_degree == 0) & ~mesh.on_border & (mesh.valence > 0)
-    curved = curvature_within(layout)
+    curved = angle_defects(layout)
     weight = blame / max(float(blame.max()), 1e-300) + curved / max(float(curved.max()), 1e-300)
     each = np.bincount(mesh.quads.ravel(), np.repeat(weight, 4), len(mesh.vertices)) / np.maximum(mesh.valence, 1)
     order = np.argsort(np.where(inside, -each, np.inf), kind="stable")[: int(inside.sum())]
@@ -124,7 +124,7 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
                 break
 
 
-def joined(piece: Piece, judged: Judged, most: int) -> Laid | None:
+def joined(piece: LayoutProblem, judged: JudgedLayout, most: int) -> Laid | None:
     """Return a judged layout with seams opened until it has at most so many panels, within the limits; None where those forbid it.
 
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
@@ -144,7 +144,7 @@ def joined(piece: Piece, judged: Judged, most: int) -> Laid | None:
 def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Return the seams, least important first: those with the least mismatch and relieved curvature per length."""
     mesh, opened = layout.mesh, PatchLayout(layout.mesh, np.zeros(len(layout.cut), dtype=bool))
-    curved = curvature_within(opened)
+    curved = angle_defects(opened)
     weight = blame / max(float(blame.sum()), 1e-300) + curved / max(float(curved.sum()), 1e-300)
 
     def loss(edges: np.ndarray) -> float:

@@ -19,26 +19,26 @@ from ..arrays import Float
 from ..errors import FlexMapsError
 from ..mechanics.assembly import Pose, target_pose
 from ..optimisation.bounds import bounded_step
-from ..optimisation.codesign import SEAM, SPAN
+from ..optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
 from ..optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from ..optimisation.design_space import DesignSpace
-from ..optimisation.inverse import Problem
-from ..optimisation.reach import reach
-from ..optimisation.scaling import Bending
+from ..optimisation.inverse import InverseProblem
+from ..optimisation.reach import find_limits
+from ..optimisation.scaling import CurvatureEstimate
 from ..optimisation.search import Task
 from ..optimisation.work import Work
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, curvature_adjusted, fitted
+from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable
 from ..surface import curvature
-from .judge import Judged, Laid, Piece, judged
+from .judge import JudgedLayout, Laid, LayoutProblem, judged
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
 DAMPING = 1e-4  # share of the objective that going from end to end along one coordinate costs
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class PredictionStart:
     """What predictions for all layouts of a piece begin with.
 
     spirals : widths (F, 4) metres and twists (F,) radians of a design that can be cut; space : of its designs
@@ -48,16 +48,21 @@ class Start:
     space: DesignSpace
 
     @classmethod
-    def from_layout(cls, piece: Piece, flat: FlatPatches, progress: Progress = SILENT) -> Start:
+    def from_layout(cls, piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> PredictionStart:
         """Return the spirals of the piece, else those that the curvature asks for, as far as they can be cut in one layout."""
         settings = piece.settings
         wanted = piece.spirals or curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
-        design = fitted(flat, settings.spiral, *wanted, prove=False, progress=progress)
+        design = make_fabricable(flat, settings.spiral, *wanted, prove=False, progress=progress)
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
 
 def predicted(
-    piece: Piece, flat: FlatPatches, start: Start | None = None, progress: Progress = SILENT, *, quick: bool = False
+    piece: LayoutProblem,
+    flat: FlatPatches,
+    start: PredictionStart | None = None,
+    progress: Progress = SILENT,
+    *,
+    quick: bool = False,
 ) -> float:
     """Return the RMS distance from the target that a search of a layout may reach.
 
@@ -77,10 +82,12 @@ def predicted(
     FlexMapsError : quads are too small for spirals
     """
     way = _shrunk if quick else _predicted
-    return way(*_rest(piece, flat, start or Start.from_layout(piece, flat), progress))
+    return way(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress))
 
 
-def foreseen(piece: Piece, start: Start, laid: Laid, progress: Progress = SILENT) -> Judged | None:
+def foreseen(
+    piece: LayoutProblem, start: PredictionStart, laid: Laid, progress: Progress = SILENT
+) -> JudgedLayout | None:
     """Return a layout judged by its prediction, not by a search; None where it takes no shape.
 
     Parameters
@@ -95,21 +102,25 @@ def foreseen(piece: Piece, start: Start, laid: Laid, progress: Progress = SILENT
         if not np.isfinite(rms):
             return None
         rested = _task(piece).rested(design, point)
-        found = judged(laid, rested, reach(rested, remedies=False), 0.0, thorough=False)
+        found = judged(laid, rested, find_limits(rested, remedies=False), 0.0, thorough=False)
     except FlexMapsError:
         return None
     return replace(found, rms=rms, largest=found.largest * rms / max(found.rms, rms))
 
 
-def _rest(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> tuple[SpiralDesign, FlatPoint]:
+def _rest(
+    piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress
+) -> tuple[SpiralDesign, FlatPoint]:
     """Return the design that a prediction begins with, and its equilibrium, from which flat shapes may move."""
     task = _task(piece)
-    design = fitted(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
+    design = make_fabricable(flat, piece.settings.spiral, *start.spirals, prove=False, progress=progress)
     problem = task.problem(design, progress, start.space.including(design))
-    limits = task.params.distortion_limit, SEAM
+    limits = task.params.distortion_limit, MAX_SEAM_MISMATCH
     free, movable = problem.space.free, design.rim is None
-    shapes = FlatRange.of(flat, SPAN, *limits, 0.0, flat, free, border=movable)  # ``renewed`` decides the weight
-    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=shapes)
+    shapes = FlatRange.from_patches(
+        flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
+    )  # ``renewed`` decides the weight
+    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
     return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()
 
@@ -144,7 +155,7 @@ def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:
 
 def _step(point: FlatPoint) -> Float[np.ndarray, " coordinates"]:
     """Return the step that nearly minimises the linear model of the mismatch within the bounds."""
-    damping, bending = DAMPING * point.value / len(point.x), Bending(len(point.x))
+    damping, bending = DAMPING * point.value / len(point.x), CurvatureEstimate(len(point.x))
     bending.refine(point.gauss_newton)
     units = bending.units(point.value, damping)
     return bounded_step(
@@ -158,7 +169,7 @@ def _distance(point: FlatPoint, pose: Pose) -> float:
     return target.unit * target.distance(pose)
 
 
-def _task(piece: Piece) -> Task:
+def _task(piece: LayoutProblem) -> Task:
     settings = piece.settings
     params = replace(settings.optimise, strain_share=0.0, open_slots=False)
     count = len(piece.mesh.quads)
@@ -169,5 +180,5 @@ def _task(piece: Piece) -> Task:
         settings.simulate,
         piece.supports,
         piece.force,
-        Work.of(count, 0.0),
+        Work.for_spirals(count, 0.0),
     )

@@ -18,17 +18,17 @@ from ..errors import FlexMapsError
 from ..mechanics.laplacian import laplacian_difference
 from ..mechanics.loads import LOWEST, standing
 from ..optimisation.optimise import optimise
-from ..optimisation.reach import Reach
-from ..optimisation.remedies import CUT, wanted
+from ..optimisation.reach import MatchLimits
+from ..optimisation.remedies import CUT, wanted_percent
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation
 from ..surface.checking.folds import rounded
 from ..surface.mesh import PolygonMesh, QuadMesh
-from .judge import SHORT, Idea, Piece, judge, lay
+from .judge import SHORT, Idea, LayoutProblem, judge, lay
 from .moves import IDEAS, weighed, with_cuts
-from .predict import Start, predicted
+from .predict import PredictionStart, predicted
 
 BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
 WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; not measured
@@ -37,7 +37,7 @@ MOST_HELD = 0.5  # largest share of held quads: with more, too little of the pie
 
 def prospects(
     found: Simulation,
-    limits: Reach,
+    limits: MatchLimits,
     settings: Settings,
     *,
     supports: Int[np.ndarray, " held"] | None = None,
@@ -58,13 +58,13 @@ def prospects(
     rounds the folds of the target, and is measured from that target.
     """
     now = found.match["rms_percent"]
-    if not found.equilibrium.converged or now <= wanted(settings.choose):
+    if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
-    design, smooth = found.design, found.target.moved(rounded(PolygonMesh.of(found.target)))
-    piece = Piece(found.target, settings, supports, force, spirals=(design.width, design.twist))
+    design, smooth = found.design, found.target.moved(rounded(PolygonMesh.from_quads(found.target)))
+    piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
     if not np.array_equal(smooth.vertices, found.target.vertices):
         ways.append((ROUND, replace(piece, mesh=smooth)))
     promise = _Promise(piece, design.flat)
@@ -85,11 +85,11 @@ def prospects(
 class _Promise:
     """Predicts whether another layout, or other supports, bring a piece nearer; with rods, of which nothing is predicted, everything may."""
 
-    def __init__(self, piece: Piece, flat: FlatPatches) -> None:
-        self.start = None if piece.settings.simulate.model == "rod" else Start.from_layout(piece, flat)
+    def __init__(self, piece: LayoutProblem, flat: FlatPatches) -> None:
+        self.start = None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat)
         self.now = predicted(piece, flat, self.start) if self.start else np.inf
 
-    def gains(self, piece: Piece, flat: FlatPatches) -> bool:
+    def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
         """Return whether it gains enough to be worth a search."""
         return self.start is None or predicted(piece, flat, self.start) <= WORTH * self.now
 
@@ -105,7 +105,7 @@ def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
 
 
 def _held(
-    found: Simulation, piece: Piece, supports: Int[np.ndarray, " held"], promise: _Promise, progress: Progress
+    found: Simulation, piece: LayoutProblem, supports: Int[np.ndarray, " held"], promise: _Promise, progress: Progress
 ) -> float:
     """Percent that a short search with these supports comes near; infinite where none is worth it, or nothing comes to rest."""
     settings = piece.settings
@@ -130,7 +130,7 @@ def _held(
     return better.after.match["rms_percent"] if better.after.equilibrium.converged else np.inf
 
 
-def _cut(piece: Piece, idea: Idea, promise: _Promise, progress: Progress) -> float:
+def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress) -> float:
     """Percent that a short search comes near in another layout; infinite where none is worth it, or it cannot be laid flat."""
     laid = lay(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):

@@ -13,8 +13,8 @@ import numpy as np
 from ..params import ChooseParams
 from ..progress import Progress
 from ..surface.checking.finding import counted
-from .judge import LONG, Judged, Laid, Piece, judge
-from .predict import Start, foreseen
+from .judge import LONG, JudgedLayout, Laid, LayoutProblem, judge
+from .predict import PredictionStart, foreseen
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
@@ -30,18 +30,18 @@ EXPECTED = 0.67
 
 
 @dataclass(eq=False)
-class Search:
+class LayoutSearch:
     """State of the search for layouts."""
 
-    piece: Piece
+    piece: LayoutProblem
     params: ChooseParams
     together: Together
-    start: Start | None = None  # of predictions; None where short searches judge
+    start: PredictionStart | None = None  # of predictions; None where short searches judge
     reference: float = np.inf  # of the given layout after a long search
     expected: float = EXPECTED  # what a long search leaves of what is predicted, or what a short one ends with
     pace: float = 0.0  # seconds that the last long search took
-    known: dict[bytes, Judged | None] = field(default_factory=dict)
-    proved: dict[bytes, Judged] = field(default_factory=dict)
+    known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
+    proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
     waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
 
     @property
@@ -59,12 +59,12 @@ class Search:
         return key(laid) not in self.known
 
     @property
-    def judged(self) -> list[Judged]:
+    def judged(self) -> list[JudgedLayout]:
         """Return the latest judgement of all layouts with an equilibrium, best first."""
         latest = self.known | self.proved
         return sorted((one for one in latest.values() if one is not None), key=self.key)
 
-    def distance(self, one: Judged) -> float:
+    def distance(self, one: JudgedLayout) -> float:
         """The RMS distance that a long search left, or may well leave, with strains that are borne; in the end, what was found."""
         return one.eased if one.share >= LONG else self.expected * one.rms
 
@@ -74,7 +74,7 @@ class Search:
         best = next(iter(self.judged), None)
         return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
 
-    def key(self, one: Judged) -> tuple[float, ...]:
+    def key(self, one: JudgedLayout) -> tuple[float, ...]:
         """Return the sort key of a layout for the present goal; smaller is better."""
         rms, laid = self.distance(one), one.laid
         work = (float(laid.joints), float(laid.panels), rms)
@@ -84,7 +84,7 @@ class Search:
         limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + NEARER) * self.reference
         return (0.0, *work) if rms <= limit else (1.0, rms, *work)
 
-    def holds(self, one: Judged) -> bool:
+    def holds(self, one: JudgedLayout) -> bool:
         """Return whether a layout meets the goal."""
         return self.key(one)[0] == 0.0
 
@@ -104,7 +104,7 @@ class Search:
         found = self.together(way, fresh, progress, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
-    def expect(self, searched: Iterable[Judged]) -> None:
+    def expect(self, searched: Iterable[JudgedLayout]) -> None:
         """Update the expected ratio of long searches to predictions: the worst of several."""
         shares = [
             one.eased / before.rms
@@ -114,7 +114,7 @@ class Search:
         if shares:
             self.expected = max(shares)
 
-    def learn(self, given: Judged) -> None:
+    def learn(self, given: JudgedLayout) -> None:
         """Use the outcome of a search of the initial layout: long searches of other layouts start from its spirals."""
         self.reference = given.rms
         self.expect([given])
@@ -138,7 +138,7 @@ class Search:
                 self.known[key(one)] = None
 
 
-def _proved(tried: tuple[Piece, Laid]) -> Judged | None:
+def _proved(tried: tuple[LayoutProblem, Laid]) -> JudgedLayout | None:
     return judge(*tried, LONG)
 
 

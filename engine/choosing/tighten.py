@@ -19,9 +19,9 @@ from ..patches.merging.merge import merge
 from ..progress import SILENT, Progress
 from ..surface.curvature import is_flat
 from ..threads import one_thread
-from .judge import Idea, Piece, lay
+from .judge import Idea, LayoutProblem, lay
 from .lines import along_folds
-from .predict import Start, predicted
+from .predict import PredictionStart, predicted
 
 SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again
 NEARER = (
@@ -34,7 +34,7 @@ SEARCHED = 0.85
 
 @one_thread
 def tightened(
-    piece: Piece, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
     """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
 
@@ -56,7 +56,7 @@ def tightened(
         return flat
     progress(0.0, "Predicting the match")
     try:
-        start = Start.from_layout(piece, flat, progress.quiet())
+        start = PredictionStart.from_layout(piece, flat, progress.quiet())
     except FlexMapsError:  # quads are too small for spirals; the next stage reports it
         return flat
     left = _expected(piece, flat, start, progress)
@@ -79,7 +79,7 @@ def tightened(
     return best
 
 
-def _candidates(piece: Piece, begun: PatchLayout, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
+def _candidates(piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
     """Yield the surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
     for name, cut in along_folds(piece.mesh):
         laid = lay(piece, Idea(cut, name), progress=progress.quiet())
@@ -100,7 +100,7 @@ def _panels(flat: FlatPatches) -> int:
     return len(flat.layout.patches)
 
 
-def _expected(piece: Piece, flat: FlatPatches, start: Start, progress: Progress) -> float:
+def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
     try:
         return SEARCHED * predicted(piece, flat, start, progress.quiet(), quick=True)

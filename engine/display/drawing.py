@@ -20,7 +20,7 @@ SEAM = 0.5  # pixels: filled shapes grow by half of this, to close hairlines bet
 
 
 @dataclass(frozen=True, eq=False)
-class Shapes:
+class FilledShapes:
     """Convex filled shapes, drawn in their order.
 
     points : pixels
@@ -74,7 +74,7 @@ class Text:
     turned: bool = False
 
 
-Item = Shapes | Line | Strokes | Dots | Text
+Item = FilledShapes | Line | Strokes | Dots | Text
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ def svg(drawing: Drawing) -> str:
 
 def _svg(item: Item) -> list[str]:
     """Return the SVG elements of an item."""
-    if isinstance(item, Shapes):
+    if isinstance(item, FilledShapes):
         return _shapes(item)
     if isinstance(item, Strokes):
         if not len(item.ends):
@@ -136,7 +136,7 @@ def _svg(item: Item) -> list[str]:
     ]
 
 
-def _shapes(item: Shapes) -> list[str]:
+def _shapes(item: FilledShapes) -> list[str]:
     """Return the SVG paths of shapes; consecutive shapes of equal colour share a path."""
     names = hexes(item.fills)
     veil = f' opacity="{item.opacity:g}"' if item.opacity < 1.0 else ""
@@ -231,7 +231,7 @@ def legend_bar(
     share = np.linspace(1.0, 0.0, SHADES + 1)
     edges = y + height * np.linspace(0.0, 1.0, SHADES + 1)
     boxes = np.array([[[x, a], [x + width, a], [x + width, b], [x, b]] for a, b in pairwise(edges)])
-    items: list[Item] = [Shapes(boxes, on_scale(share[1:], 0.0, 1.0, scale))]
+    items: list[Item] = [FilledShapes(boxes, on_scale(share[1:], 0.0, 1.0, scale))]
     if unit:
         items.append(Text((x - 4, y - 10), unit, 12))
     if high <= low:
@@ -258,5 +258,5 @@ def entries(
     for k, (colour, text) in enumerate(rows):
         x, y = at[0] + wide * (k % columns), at[1] + 20 * (k // columns)
         box = np.array([[[x, y], [x + 12, y], [x + 12, y + 12], [x, y + 12]]])
-        items += [Shapes(box, rgb(colour)[None]), Text((x + 18, y + 10.5), text, 11.5)]
+        items += [FilledShapes(box, rgb(colour)[None]), Text((x + 18, y + 10.5), text, 11.5)]
     return items

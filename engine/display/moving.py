@@ -10,11 +10,11 @@ from ..arrays import Bool, Float, Int
 from ..spirals.caps import stumps
 from ..spirals.contours import ends, hubs
 from ..spirals.design import SpiralDesign
-from ..spirals.slots import slot_needed
+from ..spirals.slots import min_slot_width
 from ..spirals.solid import with_solid
 from ..spirals.spiral import opposite_sides
 from . import arrange
-from .solids import ArmVertices, Solid, arm_edges, light, rim_points
+from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
 
 
 class MovingPanels:
@@ -25,7 +25,7 @@ class MovingPanels:
     """
 
     design: SpiralDesign
-    solid: Solid
+    solid: PolygonSolid
 
     def __init__(self, design: SpiralDesign):
         self.centres: Float[np.ndarray, "patches 2"] = arrange.side_by_side(design.flat)
@@ -52,7 +52,9 @@ class MovingPanels:
         arms = design.arms.of(quads)
         fillet, absent = design.params.fillet, design.absent[quads]
         root = with_solid(hubs(arms, fillet), arms, fillet, design.solid[quads])
-        begin = np.where(absent, stumps(root), ends(design.flat.layout, design.arms, slot_needed(design.params))[quads])
+        begin = np.where(
+            absent, stumps(root), ends(design.flat.layout, design.arms, min_slot_width(design.params))[quads]
+        )
         points = arm_edges(arms, root, begin, where.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]
         vertices, strip = self.solid.vertices.copy(), self.solid.strip

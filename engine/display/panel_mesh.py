@@ -178,7 +178,7 @@ def panel_mesh(
         design, arm, t, line, sides, rim_quad.ravel(), rim.reshape(-1, 3), heads,
         used, index[corners], sizes, quad_of, vertex_quad[used], section[used],
     )  # fmt: skip
-    return _with_rim(made, RimMesh.of(design))
+    return _with_rim(made, RimMesh.from_design(design))
 
 
 def _with_rim(made: PanelMesh, strip: RimMesh | None) -> PanelMesh:

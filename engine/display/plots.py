@@ -15,8 +15,8 @@ from .drawing import (
     INK,
     Dots,
     Drawing,
+    FilledShapes,
     Line,
-    Shapes,
     Strokes,
     Text,
     decades,
@@ -152,7 +152,7 @@ def sparkline(values: Sequence[float], size: float) -> Drawing:
     points = axes.at(np.arange(len(found)), found)
     base = points * [1.0, 0.0] + [0.0, size - margin]
     below = np.stack([points[:-1], points[1:], base[1:], base[:-1]], axis=1)
-    drawing.add(Shapes(below, np.tile(rgb(BRIGHT), (len(below), 1)), 0.18))
+    drawing.add(FilledShapes(below, np.tile(rgb(BRIGHT), (len(below), 1)), 0.18))
     drawing.add(Line(points, BRIGHT, 3.0), Dots(points[1:-1], 1.5, BRIGHT), Dots(points[-1:], 4.5, BRIGHT))
     return drawing
 
@@ -186,7 +186,7 @@ def histogram(
     for count, a, b in zip(counts.tolist(), edges[:-1], edges[1:]):
         if count:
             boxes.append(axes.at(np.array([a + gap, b - gap, b - gap, a + gap]), np.array([0, 0, count, count])))
-    drawing.add(Shapes(np.array(boxes), np.tile(rgb(CURVE), (len(boxes), 1))))
+    drawing.add(FilledShapes(np.array(boxes), np.tile(rgb(CURVE), (len(boxes), 1))))
     for value, text in marks:
         x = float(axes.at(np.array(value), np.array(0.0))[0])
         y = axes.top - 4
@@ -213,7 +213,7 @@ def bars(rows: Sequence[tuple[str, float]], title: str, unit: str, width: float 
         y = 44.0 + 24 * k
         long = (width - left - right) * value / largest
         box = np.array([[[left, y], [left + long, y], [left + long, y + 14], [left, y + 14]]])
-        drawing.add(Shapes(box, rgb(CURVE)[None]))
+        drawing.add(FilledShapes(box, rgb(CURVE)[None]))
         drawing.add(Text((left - 8, y + 11.5), name, 12, anchor="end"))
         drawing.add(Text((left + long + 6, y + 11.5), f"{value:.3g} {unit}", 11.5))
     return drawing
@@ -235,7 +235,9 @@ class Colouring:
     rows: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, title: str, values: np.ndarray, unit: str, scale: np.ndarray, low: float, high: float) -> Colouring:
+    def from_values(
+        cls, title: str, values: np.ndarray, unit: str, scale: np.ndarray, low: float, high: float
+    ) -> Colouring:
         """Colour values by a scale."""
         return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
 
@@ -261,7 +263,7 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width
     spare = 0.5 * (room - factor * (high[0] - low[0]))
     placed = (points - low) * factor + np.array([16 + spare, 44 + 0.5 * (height - factor * (high[1] - low[1]))])
     order = np.lexsort(colouring.fills.T)  # group equal colours; none covers another
-    drawing.add(Shapes(placed[order], colouring.fills[order]))
+    drawing.add(FilledShapes(placed[order], colouring.fills[order]))
     return _finish(drawing, placed, sides, colouring)
 
 
@@ -298,7 +300,7 @@ def shape_map(
     shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)
     # draw far quads first, and the lines of a quad before quads that cover it
     for chunk in np.array_split(order, min(len(order), 24)):
-        drawing.add(Shapes(placed[chunk], shades[chunk]))
+        drawing.add(FilledShapes(placed[chunk], shades[chunk]))
         drawing.add(_outlines(placed[chunk], sides[chunk]))
     return _finish(drawing, placed[:0], sides[:0], colouring)
 
@@ -322,14 +324,14 @@ def thumbnail(
     """
     large = shape_map(vertices, quads, sides, Colouring("", patch_fills(patch)))
     body = [item for item in large.items if not isinstance(item, Text)]
-    shown = np.concatenate([item.points.reshape(-1, 2) for item in body if isinstance(item, Shapes)])
+    shown = np.concatenate([item.points.reshape(-1, 2) for item in body if isinstance(item, FilledShapes)])
     low, high = shown.min(axis=0), shown.max(axis=0)
     factor = 0.94 * size / max(float((high - low).max()), 1e-30)
     shift = 0.5 * (size - factor * (high + low))
     drawing = Drawing("", size, size)
     for item in body:
-        if isinstance(item, Shapes):
-            drawing.add(Shapes(item.points * factor + shift, item.fills))
+        if isinstance(item, FilledShapes):
+            drawing.add(FilledShapes(item.points * factor + shift, item.fills))
         elif isinstance(item, Strokes):
             drawing.add(Strokes(item.ends * factor + shift, item.colour, item.width))
     return drawing

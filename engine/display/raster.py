@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..arrays import Float
-from .drawing import PAPER, SEAM, Dots, Drawing, Item, Line, Shapes, Strokes, Text, rgb
+from .drawing import PAPER, SEAM, Dots, Drawing, FilledShapes, Item, Line, Strokes, Text, rgb
 
 SCALE = 2  # pixels of the picture per pixel of the drawing, so that letters of 11 pixels stay readable enlarged
 FINE = 2  # subpixels per pixel in both directions, for soft edges
@@ -48,7 +48,7 @@ def _opaque(colour: str) -> Float[np.ndarray, " 4"]:
 
 def _polygons(item: Item, letters: Glyphs) -> Iterable[tuple[np.ndarray, np.ndarray]]:
     """Return convex polygons (n, 2), in pixels of the drawing, with their premultiplied colours (4,)."""
-    if isinstance(item, Shapes):
+    if isinstance(item, FilledShapes):
         middle = item.points.mean(axis=1, keepdims=True)
         apart = item.points - middle
         distance = np.linalg.norm(apart, axis=2, keepdims=True)

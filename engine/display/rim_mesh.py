@@ -49,7 +49,7 @@ class RimMesh:
     walls: Int[np.ndarray, "walls 2"]
 
     @classmethod
-    def of(cls, design: SpiralDesign) -> RimMesh | None:
+    def from_design(cls, design: SpiralDesign) -> RimMesh | None:
         """Build the rim of a design; None if it has no rim."""
         rim = design.rim
         if rim is None:

@@ -11,7 +11,7 @@ import numpy as np
 from .. import colours
 from ..arrays import Bool, Float, Int
 from ..optimisation import reach
-from ..optimisation.reach import Reach
+from ..optimisation.reach import MatchLimits
 from ..patches.flattening.flatten import FlatPatches
 from ..scanning.compare import Comparison
 from ..simulation.simulate import Simulation
@@ -32,7 +32,7 @@ LEAST_SLOT = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MapValues:
     """Values per quad for maps; None if the stage has not run.
 
     mesh : target; corners : metres, flat patches side by side; sides : their outlines
@@ -62,16 +62,16 @@ class Measured:
     utilisation: Float[np.ndarray, " quads"] | None = None
 
     @classmethod
-    def of(
+    def from_results(
         cls,
         mesh: QuadMesh,
         flat: FlatPatches | None = None,
         design: SpiralDesign | None = None,
         simulation: Simulation | None = None,
-        limits: Reach | None = None,
+        limits: MatchLimits | None = None,
         scan: Comparison | None = None,
         structure: Structure | None = None,
-    ) -> Measured:
+    ) -> MapValues:
         """Gather the values from the results of the stages.
 
         Parameters
@@ -109,7 +109,7 @@ class Measured:
         return cls(mesh, **values)
 
 
-def drawings(measured: Measured, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
+def drawings(measured: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
     """Return all plots for which there are values, by name.
 
     Parameters
@@ -124,7 +124,7 @@ def drawings(measured: Measured, described: Mapping[str, Any], distortion: float
     return layout | spirals | _choices(described) | _history(described) | match | _scan(measured, described) | loaded
 
 
-def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
+def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
     """Maps of the surface, the patches and their distortion."""
     count = len(m.mesh.quads)
     sides = np.zeros((count, 4), bool) if m.sides is None else m.sides
@@ -133,7 +133,9 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
         return {"surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, np.ones((count, 4), bool), plain)}
     fills = plots.patch_fills(m.patch)
     high = max(distortion, float(m.distortion.max()))
-    bent = Colouring.of("Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high)
+    bent = Colouring.from_values(
+        "Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high
+    )
     return {
         "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and panels", fills)),
         "patches": plots.flat_map(m.corners, sides, Colouring("Flat patches", fills)),
@@ -141,7 +143,7 @@ def _layout(m: Measured, distortion: float) -> dict[str, Drawing]:
     }
 
 
-def _spirals(m: Measured) -> dict[str, Drawing]:
+def _spirals(m: MapValues) -> dict[str, Drawing]:
     """Maps of the spirals' width, twist and anisotropy."""
     if m.width is None or m.anisotropy is None or m.twist is None or m.corners is None or m.sides is None:
         return {}
@@ -154,7 +156,7 @@ def _spirals(m: Measured) -> dict[str, Drawing]:
         low, high = float(values.min()), float(values.max())
         if name == "anisotropy":
             low, high = 0.0, max(high, LEAST_ANISOTROPY)
-        made = Colouring.of(title, values, unit, colours.MUCH, low, high)
+        made = Colouring.from_values(title, values, unit, colours.MUCH, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
 
@@ -183,7 +185,7 @@ def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:
     }
 
 
-def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
     """Plots of distance, strain, slots and limits of the simulated shape."""
     if m.distance is None or m.corners is None or m.sides is None:
         return {}
@@ -195,20 +197,23 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
         m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
     )
     high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
-    far = Colouring.of("Distance to the target", m.distance, "mm", colours.BAD, 0.0, high)
+    far = Colouring.from_values("Distance to the target", m.distance, "mm", colours.BAD, 0.0, high)
     if m.shape is not None:
         found["shape"] = plots.shape_map(
-            m.shape, m.mesh.quads, m.sides, Colouring.of("Simulated shape", m.distance, "mm", colours.BAD, 0.0, high)
+            m.shape,
+            m.mesh.quads,
+            m.sides,
+            Colouring.from_values("Simulated shape", m.distance, "mm", colours.BAD, 0.0, high),
         )
     found["distance"] = plots.flat_map(m.corners, m.sides, far)
     if m.strain is not None:
         share = 100.0 * m.strain
         high = max(100.0, float(share.max()))
-        loaded = Colouring.of("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
+        loaded = Colouring.from_values("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
         found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
     if m.slot is not None:
         low, high = min(0.0, float(m.slot.min())), max(LEAST_SLOT, float(np.median(m.slot)))
-        room = Colouring.of("Slots in the simulated shape", m.slot, "mm", colours.BAD[::-1], low, high)
+        room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.BAD[::-1], low, high)
         found["slots"] = plots.flat_map(m.corners, m.sides, room)
     if m.kind is not None:
         looks = [colours.LIMITS[name] for name in reach.NAMES]
@@ -220,20 +225,20 @@ def _match(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
     return found
 
 
-def _scan(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+def _scan(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
     """Map of the distance of the built piece's scan, grey where the scan does not show the piece."""
     if m.scan is None or not (m.scan >= 0).any():
         return {}
     block = described.get("scan", {})
     high = max(float(m.scan.max()), colours.LEAST_DISTANCE)
     title = "Distance of the scan" + (f", RMS {block['rms_mm']:.3g} mm" if "rms_mm" in block else "")
-    far = Colouring.of(title, np.maximum(m.scan, 0.0), "mm", colours.BAD, 0.0, high)
+    far = Colouring.from_values(title, np.maximum(m.scan, 0.0), "mm", colours.BAD, 0.0, high)
     far = replace(far, fills=np.where((m.scan < 0)[:, None], colours.UNSEEN, far.fills))
     shape = m.mesh.vertices if m.shape is None else m.shape
     return {"scan": plots.shape_map(shape, m.mesh.quads, np.zeros((len(m.mesh.quads), 4), bool), far)}
 
 
-def _loads(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
+def _loads(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
     """Plots of the loads."""
     block = described.get("structure")
     if not block:
@@ -243,6 +248,6 @@ def _loads(m: Measured, described: Mapping[str, Any]) -> dict[str, Drawing]:
         share = 100.0 * m.utilisation
         high = max(100.0, float(share.max()))
         title = "Utilisation: the most that arms carry under any load"
-        used = Colouring.of(title, share, "% of limit", colours.BAD, 0.0, high)
+        used = Colouring.from_values(title, share, "% of limit", colours.BAD, 0.0, high)
         found["utilisation"] = plots.shape_map(m.shape, m.mesh.quads, m.sides, used)
     return found

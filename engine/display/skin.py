@@ -27,7 +27,7 @@ DETAIL, COARSE, MANY = Detail(4, 45.0, 0), Detail(3, 60.0, 0), 600
 
 
 @dataclass(frozen=True, eq=False)
-class Strip:
+class RimStrip:
     """The rim of a piece: plates whose points follow a hub, sorted by quad. Lengths in metres, from the hub's centre.
 
     quad : of every point; flat : position in the panel
@@ -43,7 +43,7 @@ class Strip:
     walls: Int[np.ndarray, "walls 2"]
 
     @classmethod
-    def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> Strip:
+    def of_rim(cls, rim: RimMesh, design: SpiralDesign, pose: Pose | None, arms: BentArms | None) -> RimStrip:
         """Build the plates of a rim; with a pose, also their offsets in it."""
         order = np.argsort(rim.quad, kind="stable")
         new = np.empty(len(order), dtype=np.int64)
@@ -82,10 +82,10 @@ class Skin:
     way: Float[np.ndarray, "sections 3"]
     turn: Float[np.ndarray, "sections 3"]
     full: Float[np.ndarray, "arms 6"]
-    strip: Strip | None = None
+    strip: RimStrip | None = None
 
     @classmethod
-    def of(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
+    def from_design(cls, design: SpiralDesign, pose: Pose | None, progress: Progress = SILENT) -> Skin:
         """Build the panels of a design.
 
         Parameters
@@ -111,8 +111,8 @@ class Skin:
             arm, np.clip(1.0 - panels.t / hub, 0.0, 1.0), flat[:, 0, :2], flat[:, 1, :2], spokes.reshape(-1, 2), axis,
             partner, nothing, nothing, np.zeros((len(axis), 6)),
         )  # fmt: skip
-        arms = None if pose is None else Bender.of(design).bent(pose, progress=progress.part(0.3, 1.0))
-        strip = None if panels.strip is None else Strip.of_rim(panels.strip, design, pose, arms)
+        arms = None if pose is None else Bender.from_design(design).bent(pose, progress=progress.part(0.3, 1.0))
+        strip = None if panels.strip is None else RimStrip.of_rim(panels.strip, design, pose, arms)
         if pose is None or arms is None:
             return replace(skin, strip=strip)
         place, turn = arms.at(arm, panels.t, panels.line)

@@ -14,7 +14,7 @@ from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
 from ..spirals.caps import Cap
-from ..spirals.contours import Hubs
+from ..spirals.contours import SlotRoots
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import LEFT, RIGHT, Arms, edge, opposite_sides
 from .rim_mesh import RimMesh
@@ -40,7 +40,7 @@ class ArmVertices:
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class PolygonSolid:
     """A polygon mesh.
 
     vertices : metres
@@ -68,7 +68,7 @@ def light(
     tips: Sequence[Tip | Cap] = (),
     most: int = 100_000,
     wound: float | None = None,
-) -> Solid:
+) -> PolygonSolid:
     """Like ``solid``, but large designs get only the upper side and coarser steps, so that a window stays responsive.
 
     Parameters
@@ -84,7 +84,7 @@ def light(
     steps = max(min(steps, most // (4 * count)), 5)
     flat = _edges(design, centres, steps, tips)
     index = np.arange(8 * count * steps).reshape(count, 4, 2, steps)
-    heads = _Heads.of(design, centres, tips, index)
+    heads = _Heads.from_tips(design, centres, tips, index)
     level = np.concatenate([flat.reshape(-1, 2), heads.points])
     points = np.column_stack([level, np.full(len(level), design.params.thickness)])
     left, right = index[:, :, 0], index[:, :, 1]
@@ -94,7 +94,7 @@ def light(
     sizes = np.repeat([4, 8, 3], [len(loops), count, len(heads.triangles)])
     quad_of = np.concatenate([np.concatenate([loops[:, 0], plates[:, 0]]) // (8 * steps), heads.arm // 4])
     where = ArmVertices(index[None], index.size + np.arange(len(heads.points))[None], heads.point_arm)
-    made = Solid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, arms=where)
+    made = PolygonSolid(points, corners, sizes, quad_of, _seams(design, heads.arm, len(sizes)), flat=True, arms=where)
     return _with_rim(made, design, centres)
 
 
@@ -104,7 +104,7 @@ def solid(
     tips: Sequence[Tip | Cap] = (),
     degrees_per_step: float = DEGREES,
     wound: float | None = None,
-) -> Solid:
+) -> PolygonSolid:
     """Build all panels as closed bodies from z = 0 up to the sheet's thickness; every edge has exactly two faces.
 
     For printing, ``engine/fabrication/writers/solids.py`` follows the true outlines.
@@ -122,7 +122,7 @@ def solid(
     steps = min(_steps(design, degrees_per_step, wound), max(MOST // (16 * len(design.width)), 5))
     flat = _edges(design, centres, steps, tips)
     index = np.arange(flat.size // 2).reshape(flat.shape[:-1])
-    heads = _Heads.of(design, centres, tips, index)
+    heads = _Heads.from_tips(design, centres, tips, index)
     level = np.concatenate([flat.reshape(-1, 2), heads.points])
     bottom = np.column_stack([level, np.zeros(len(level))])
     top, up = bottom + np.array([0.0, 0.0, design.params.thickness]), len(bottom)
@@ -144,13 +144,13 @@ def solid(
     points = np.concatenate([bottom, top])[used]
     edges, own = np.stack([same[index], same[index] + up]), np.arange(index.size, up)
     where = ArmVertices(np.where(used[edges], number[edges], -1), number[np.stack([own, own + up])], heads.point_arm)
-    made = Solid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), arms=where)
+    made = PolygonSolid(points, number[corners], sizes, quad_of, _seams(design, arm, len(sizes)), arms=where)
     return _with_rim(made, design, centres)
 
 
-def _with_rim(made: Solid, design: SpiralDesign, centres: np.ndarray) -> Solid:
+def _with_rim(made: PolygonSolid, design: SpiralDesign, centres: np.ndarray) -> PolygonSolid:
     """Add the plates of a rim, if there is one."""
-    strip = RimMesh.of(design)
+    strip = RimMesh.from_design(design)
     if strip is None:
         return made
     count = len(made.vertices)
@@ -203,7 +203,9 @@ class _Heads:
     point_arm: np.ndarray
 
     @classmethod
-    def of(cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray) -> _Heads:
+    def from_tips(
+        cls, design: SpiralDesign, centres: np.ndarray, tips: Sequence[Tip | Cap], index: np.ndarray
+    ) -> _Heads:
         """Triangulate the ends; ``index`` numbers the arms' vertices."""
         import shapely
 
@@ -248,7 +250,7 @@ def _edges(design: SpiralDesign, centres: np.ndarray, steps: int, tips: Sequence
     )
 
 
-def arm_edges(arms: Arms, root: Hubs, begin: Float[np.ndarray, "quads 4"], steps: int) -> np.ndarray:
+def arm_edges(arms: Arms, root: SlotRoots, begin: Float[np.ndarray, "quads 4"], steps: int) -> np.ndarray:
     """Left and right edge of every arm from parameter ``begin`` to its root, in its patch's frame.
 
     Parameters

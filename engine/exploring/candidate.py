@@ -12,12 +12,12 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..choosing import choose
 from ..choosing.choice import proposal
-from ..choosing.judge import Judged, Laid, Piece, judge
+from ..choosing.judge import JudgedLayout, Laid, LayoutProblem, judge
 from ..display import plots
 from ..display.drawing import svg
 from ..errors import FlexMapsError
 from ..materials import Material
-from ..params import Settings, changed
+from ..params import Settings, with_values
 from ..runs import job
 from ..runs.result import Result
 from ..surface.mesh import PolygonMesh, QuadMesh
@@ -30,7 +30,7 @@ PICTURE_WIDTH = 220.0  # pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartSurface:
     """Surface that candidates begin with; cut : mask of the edges where it is cut, unless the layout is varied."""
 
     mesh: QuadMesh
@@ -38,7 +38,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Base:
+class ExplorationInput:
     """Inputs that all candidates share.
 
     starts : surfaces by the requested number of quads; by 0 if that number is not varied
@@ -46,7 +46,7 @@ class Base:
     effort : share of the optimiser's patience that a candidate gets
     """
 
-    starts: Mapping[int, Start]
+    starts: Mapping[int, StartSurface]
     settings: Settings
     supports: Int[np.ndarray, " held"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
@@ -72,14 +72,14 @@ class Candidate:
         return {**self.values, **self.measures, "advice": self.advice, "fault": self.fault}
 
 
-def evaluate(base: Base, values: Values) -> Candidate:
+def evaluate(base: ExplorationInput, values: Values) -> Candidate:
     """Make and measure the candidate with these values; a FlexMapsError goes into ``Candidate.fault``, other errors propagate."""
     try:
-        settings = changed(base.settings, {name: value for name, value in values.items() if name not in SIZES})
+        settings = with_values(base.settings, {name: value for name, value in values.items() if name not in SIZES})
         start = base.starts[values.get("quads", 0)]
         mesh = _scale_mesh(start.mesh, values)
         laid = _lay_out(base, start, mesh, settings, values)
-        piece = Piece(mesh, settings, base.supports, base.force)
+        piece = LayoutProblem(mesh, settings, base.supports, base.force)
         judged = judge(piece, laid, base.effort, thorough=True)
         if judged is None:
             return Candidate(values, fault="No equilibrium of its panels was found")
@@ -100,9 +100,9 @@ def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
     return mesh
 
 
-def _lay_out(base: Base, start: Start, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
+def _lay_out(base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
     """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
-    result = Result(PolygonMesh.of(mesh), [], mesh, supports=base.supports, force=base.force)
+    result = Result(PolygonMesh.from_quads(mesh), [], mesh, supports=base.supports, force=base.force)
     if any(name.startswith("layout.") for name in values):
         result = job.go_on(result, settings, ("trace", "merge", "split"))
     else:
@@ -110,12 +110,12 @@ def _lay_out(base: Base, start: Start, mesh: QuadMesh, settings: Settings, value
     flat = result.flat
     assert flat is not None
     if any(name.startswith("choose.") for name in values):
-        piece = Piece(mesh, settings, base.supports, base.force)
+        piece = LayoutProblem(mesh, settings, base.supports, base.force)
         flat = choose.choose(piece, flat, settings.choose, together=Workers(1)).best.flat
     return Laid(flat, "", 1)
 
 
-def _measure(judged: Judged, settings: Settings, material: Material) -> dict[str, float]:
+def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
     """Return the measures of a candidate, rounded to four digits; those that are not finite are left out."""
     made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
@@ -142,7 +142,7 @@ def _draw(laid: Laid) -> str:
     return svg(plots.thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE_WIDTH))
 
 
-def lost(values: Values, error: Exception) -> Candidate:
+def failed_candidate(values: Values, error: Exception) -> Candidate:
     """Return the candidate for values at which the program failed, or its process ended."""
     what = (
         str(error) if isinstance(error, FlexMapsError) else f"A fault of the program, {type(error).__name__}: {error}"

@@ -22,7 +22,7 @@ from ..arrays import Float
 from ..errors import Cancelled, FlexMapsError
 from ..progress import SILENT, Progress
 from ..workers import Lost, as_done
-from .candidate import Base, Candidate, evaluate, lost
+from .candidate import Candidate, ExplorationInput, evaluate, failed_candidate
 from .space import Space, Values
 
 # The first two were measured on four test functions of two to five variables, mean of six seeds, 60 and 200 candidates: batches of 6
@@ -115,7 +115,7 @@ class Exploration:
 
 
 @dataclass
-class _Search:
+class _RunningExploration:
     """State of a running exploration.
 
     count : largest number of candidates; known : candidates by ``key``; asked : keys that were requested, in order
@@ -149,7 +149,7 @@ class _Search:
             error = future.exception()
             if isinstance(error, Cancelled):
                 raise error
-            one = future.result() if error is None else lost(missing[number], _as_exception(error))
+            one = future.result() if error is None else failed_candidate(missing[number], _as_exception(error))
             self.known[key(missing[number])] = one
             if not isinstance(
                 error, Lost
@@ -168,7 +168,7 @@ def key(values: Values) -> tuple[Any, ...]:
 
 
 def explore(
-    base: Base,
+    base: ExplorationInput,
     space: Space,
     count: int,
     executor: Executor,
@@ -177,7 +177,7 @@ def explore(
     known: Iterable[Candidate] = (),
     found: OnCandidate = lambda one: None,
     seed: int = 0,
-    task: Callable[[Base, Values], Candidate] = evaluate,
+    task: Callable[[ExplorationInput, Values], Candidate] = evaluate,
 ) -> Exploration:
     """Try up to ``count`` candidates; after a cancel return those tried so far.
 
@@ -199,7 +199,7 @@ def explore(
     """
     if count < 1:
         raise FlexMapsError("At least one candidate has to be tried")
-    search = _Search(
+    search = _RunningExploration(
         space, count, executor, partial(task, base), progress, found, {key(one.values): one for one in known}
     )
     try:
@@ -228,7 +228,7 @@ def _sobol_points(space: Space, count: int, seed: int) -> Iterator[Values]:
     return map(space.values, points)
 
 
-def _improve(search: _Search, seed: int) -> None:
+def _improve(search: _RunningExploration, seed: int) -> None:
     """Try batches of differential evolution until all candidates are spent, or batches bring nothing new."""
     barren = turn = 0
     while search.left and barren < MAX_IDLE_BATCHES:
@@ -237,7 +237,7 @@ def _improve(search: _Search, seed: int) -> None:
         turn += 1
 
 
-def _next_generation(search: _Search, weight: float, seed: int) -> list[Values]:
+def _next_generation(search: _RunningExploration, weight: float, seed: int) -> list[Values]:
     """Return the values of the next generation, bred from the best candidates by one weight; scipy's objective is not evaluated."""
     from scipy.optimize import differential_evolution
 

@@ -15,7 +15,7 @@ from ..display.drawing import GREY, INK, Dots, Drawing, Text, svg, ticks
 from ..display.plots import ACCENT, CURVE, Axes
 from ..errors import FlexMapsError
 from ..own_files import Guard
-from .candidate import Base, Candidate
+from .candidate import Candidate, ExplorationInput
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
 
@@ -38,7 +38,7 @@ class Folder:
     FlexMapsError : the folder cannot be used, or holds the exploration of another piece or of other variables
     """
 
-    def __init__(self, path: str | Path, base: Base, space: Space, guard: Guard | None = None):
+    def __init__(self, path: str | Path, base: ExplorationInput, space: Space, guard: Guard | None = None):
         self.path, self.guard = Path(path), guard
         if guard is not None:
             refuse(self.path, guard)
@@ -143,7 +143,7 @@ def _axis_range(values: np.ndarray) -> tuple[float, float]:
     return low - free, high + free
 
 
-def _fingerprint(base: Base) -> str:
+def _fingerprint(base: ExplorationInput) -> str:
     """Return a hash that identifies the piece, its settings and the effort."""
     told = hashlib.sha256(repr([getattr(base.settings, name) for name in SECTIONS] + [base.effort]).encode())
     arrays = [base.supports, base.force]

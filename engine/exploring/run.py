@@ -14,13 +14,13 @@ from ..progress import SILENT, Progress
 from ..runs.result import Result
 from ..runs.stages import needed
 from ..workers import Workers
-from .candidate import EFFORT, Base, Start
+from .candidate import EFFORT, ExplorationInput, StartSurface
 from .explore import Exploration, explore
 from .folder import Folder
 from .space import Space
 
 
-def explored(
+def explore_piece(
     results: Mapping[int, Result],
     settings: Settings,
     question: Space,
@@ -55,8 +55,8 @@ def explored(
     first = next(iter(results.values()))
     if question.quads != (0,) and (first.supports is not None or first.force is not None):
         raise FlexMapsError("Supports and forces are set on the present quads; vary edge or height instead of quads")
-    starts = {count: Start(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
-    base = Base(starts, settings, first.supports, first.force, effort)
+    starts = {count: StartSurface(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
+    base = ExplorationInput(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:
         kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))
         executor = stack.enter_context(Cluster(scheduler) if scheduler else Workers(cores))

@@ -12,7 +12,7 @@ from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
-from ..spirals.touching import touching
+from ..spirals.touching import find_contacts
 from ..surface.checking.finding import counted
 from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits
@@ -68,7 +68,7 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
             raise FlexMapsError(
                 f"Panel {panel.number}: {remedy}", faces=design.flat.layout.patches[panel.patch]
             ) from error
-    where = touching(paths, progress.part(0.5, 1.0))
+    where = find_contacts(paths, progress.part(0.5, 1.0))
     if len(where):
         raise FlexMapsError(
             f"{counted(len(where), 'place', 'places')} cannot be cut: {remedy}", faces=nearest_quads(design.flat, where)

@@ -15,7 +15,7 @@ from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign, nearest_quads
 from ..spirals.spiral import centre_line
-from ..spirals.touching import touching
+from ..spirals.touching import find_contacts
 from ..surface.checking.finding import counted
 from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
@@ -26,7 +26,7 @@ from .nesting.packing import Packing, fill, used_length
 from .panels.kerf import cut_paths
 from .panels.labels import Labels, SmallLabel, key_label, make_labels, marked
 from .panels.panel import Panel
-from .panels.toolpath import WAY, Runs, plan
+from .panels.toolpath import WAY, SheetCuts, plan
 from .standing.base import Base
 
 _HUB = 3.0  # prefer a holding tab at a hub to one at a plain end only if it is this many times farther from other tabs
@@ -61,7 +61,7 @@ class CutSheets:
     cut: CutParams
     connections: Connections
     base: Base | None = None
-    _runs: dict[int, Runs] = field(default_factory=dict, init=False, repr=False)
+    _runs: dict[int, SheetCuts] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def count(self) -> int:
@@ -85,7 +85,7 @@ class CutSheets:
         """
         return [_with_cutter_path(p, self.cut) for p in progress.each(self.on_sheet(index), WAY)]
 
-    def runs(self, index: int, progress: Progress = SILENT) -> Runs:
+    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
         """Return the cuts of one sheet in their order, with lead-ins and holding tabs.
 
         Parameters
@@ -134,7 +134,7 @@ def make_sheets(
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
-    where = touching(drawn, progress.part(0.3, 0.5))
+    where = find_contacts(drawn, progress.part(0.3, 0.5))
     if len(where):
         raise FlexMapsError(
             f"The spirals of {counted(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",

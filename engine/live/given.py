@@ -15,7 +15,7 @@ from ..params import LayoutParams, SimulateParams, SpiralParams
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class LiveInput:
     """Input of a live piece.
 
     vertices, corners, sizes : as in ``PolygonMesh``, metres
@@ -45,7 +45,7 @@ class Given:
     supports: Int[np.ndarray, " held"] | None = None
     force: Float[np.ndarray, "quads 3"] | None = None
 
-    def changes(self, since: Given | None) -> dict[str, Any]:
+    def changes(self, since: LiveInput | None) -> dict[str, Any]:
         """Return the fields that differ from an earlier input, by name; all fields if ``since`` is None."""
         own = {one.name: getattr(self, one.name) for one in fields(self)}
         return own if since is None else {k: v for k, v in own.items() if not same(v, getattr(since, k))}

@@ -14,10 +14,10 @@ from ..arrays import Float, Int
 from ..errors import FlexMapsError
 from ..mechanics.assembly import Pose
 from ..mechanics.equilibrium import Equilibrium, settling
-from ..simulation.simulate import carried
+from ..simulation.simulate import move_vertices
 from ..threads import one_thread
-from .given import Given
-from .rig import Rig
+from .given import LiveInput
+from .rig import LiveState
 
 # residual at which a live piece counts as at rest; larger values save steps and are less exact: brush strokes on domes of 400
 # to 2,400 spirals end within 1e-4 mm, one step earlier than with a tolerance of 1e-10
@@ -32,7 +32,7 @@ STORED_POSES = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class LiveShape:
     """Present shape of a live piece.
 
     vertices : vertices of the target, moved with the hubs, metres; None before the first shape
@@ -64,7 +64,7 @@ class Shape:
 class RigPose:
     """A rig and a pose of its hubs."""
 
-    rig: Rig
+    rig: LiveState
     pose: Pose
 
     @property
@@ -83,11 +83,13 @@ class LivePiece:
     """Piece that follows changes: call ``change`` at any time, and ``advance`` until the shape rests."""
 
     def __init__(self) -> None:
-        self._given: Given | None = None
+        self._given: LiveInput | None = None
         self._now: RigPose | None = None
         self._rest: RigPose | None = None  # last equilibrium
         self._work: Generator[None, None, None] | None = None  # remaining work
-        self._rest_poses: OrderedDict[bytes, Pose] = OrderedDict()  # poses at rest by ``Given.mark``, the latest last
+        self._rest_poses: OrderedDict[bytes, Pose] = (
+            OrderedDict()
+        )  # poses at rest by ``LiveInput.mark``, the latest last
         self._refusal = ""  # why the last change makes no valid piece
         self._problem = ""  # why no equilibrium was found
         self._snapped = 0.0
@@ -98,13 +100,15 @@ class LivePiece:
 
         Parameters
         ----------
-        changes : changed fields of ``Given``
+        changes : changed fields of ``LiveInput``
         start : pose at rest of a new piece
         """
-        self._given = Given(**changes) if self._given is None else replace(self._given, **changes)
+        self._given = LiveInput(**changes) if self._given is None else replace(self._given, **changes)
         stored, old = self._rest_poses.get(self._given.mark), self._now
         try:
-            rig, pose = Rig.of(self._given, None if old is None else old.rig, start if old is None else old.pose)
+            rig, pose = LiveState.from_input(
+                self._given, None if old is None else old.rig, start if old is None else old.pose
+            )
         except FlexMapsError as error:
             self._refusal = str(error)
             return
@@ -116,7 +120,7 @@ class LivePiece:
         self._work = self._solve(stored is not None)
 
     @one_thread
-    def advance(self) -> Shape:
+    def advance(self) -> LiveShape:
         """Compute some steps towards rest and return the shape after them."""
         began = time.perf_counter()
         try:
@@ -177,7 +181,7 @@ class LivePiece:
         moved = float(np.linalg.norm(now.aligned.centres - before.aligned.centres, axis=1).max())
         if moved < JUMP * now.rig.unit:
             return 0.0
-        undone = RigPose(before.rig, Rig.of(before.rig.given, now.rig, now.pose)[1])
+        undone = RigPose(before.rig, LiveState.from_input(before.rig.given, now.rig, now.pose)[1])
         steps, equilibrium = undone.settling(), None
         for _ in range(RETURN_STEPS):
             try:
@@ -192,13 +196,13 @@ class LivePiece:
         away = np.linalg.norm(returned.centres - before.aligned.centres, axis=1).max()
         return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
 
-    def _shape(self) -> Shape:
+    def _shape(self) -> LiveShape:
         """Return the present shape."""
         problem = self._refusal or self._problem
         if self._now is None:
-            return Shape(None, None, resting=True, problem=problem)
+            return LiveShape(None, None, resting=True, problem=problem)
         rig, pose, resting = self._now.rig, self._now.aligned, self._work is None
         apart = np.linalg.norm(pose.centres - rig.mesh.centroids, axis=1)
-        vertices = carried(rig.design, pose, rig.mesh)
+        vertices = move_vertices(rig.design, pose, rig.mesh)
         ends = resting, resting and not problem, problem, self._snapped
-        return Shape(vertices, pose.centres, rig.mesh.quads, apart, *ends)
+        return LiveShape(vertices, pose.centres, rig.mesh.quads, apart, *ends)

@@ -2,7 +2,7 @@
 
 A change rebuilds the patches with changed seams or vertices, and the joints with changed spirals or rest geometry. If there
 are many changed joints, two slow and less important parts stay approximate at first: the second order of the strains and the
-weights of the spirals. ``Rig.refined`` computes them when the piece has come to rest.
+weights of the spirals. ``LiveState.refined`` computes them when the piece has come to rest.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ..simulation.simulate import build_model
 from ..spirals.design import SpiralDesign
 from ..surface.checking import check
 from ..surface.mesh import PolygonMesh, QuadMesh
-from .given import Given, same
+from .given import LiveInput, same
 
 # joints whose second order of strains is computed in one step: 15 ms of a usual core; larger values make live shapes jerky
 BATCH = 500
@@ -36,7 +36,7 @@ ROUNDING = (1e-4, 0.02)
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class LiveState:
     """All data that solving for the equilibrium of a piece needs.
 
     given : the input
@@ -48,7 +48,7 @@ class Rig:
     guessed : whether ``area`` is an estimate
     """
 
-    given: Given
+    given: LiveInput
     mesh: QuadMesh
     flat: FlatPatches
     assembly: Assembly
@@ -61,7 +61,9 @@ class Rig:
     guessed: bool = False
 
     @classmethod
-    def of(cls, given: Given, old: Rig | None = None, start: Pose | None = None) -> tuple[Rig, Pose]:
+    def from_input(
+        cls, given: LiveInput, old: LiveState | None = None, start: Pose | None = None
+    ) -> tuple[LiveState, Pose]:
         """Build the rig and a pose to start from.
 
         Parameters
@@ -99,7 +101,7 @@ class Rig:
         """Whether some parts are approximate."""
         return self.guessed or bool(self.rough.any())
 
-    def refined(self) -> Generator[None, None, Rig]:
+    def refined(self) -> Generator[None, None, LiveState]:
         """Compute all approximate parts in small steps; return the exact rig."""
         given, model = self.given, self.model
         if isinstance(model, ArmModel):
@@ -129,7 +131,7 @@ class Rig:
         return self.loads.laid(pose, self.assembly.pairs, self.aim)
 
 
-def _mesh(given: Given, old: Rig | None) -> QuadMesh:
+def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
     """Return the checked mesh; it shares the old mesh's topology if faces are unchanged."""
     alike = old is not None and same(given.corners, old.given.corners) and same(given.sizes, old.given.sizes)
     if alike and old is not None and same(given.vertices, old.given.vertices):
@@ -140,7 +142,7 @@ def _mesh(given: Given, old: Rig | None) -> QuadMesh:
     return mesh
 
 
-def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
+def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
     """Return the stored flat patches; flatten those again whose seams or vertices have changed since."""
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
     if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
@@ -158,7 +160,9 @@ def _flat(given: Given, mesh: QuadMesh, old: Rig | None) -> FlatPatches:
     return flatten(layout, given.layout, previous=stored, moved=moved)
 
 
-def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
+def _model(
+    assembly: Assembly, given: LiveInput, old: LiveState | None
+) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
     """Return the elastic model, and a mask of the joints whose second order of strains comes from an earlier design."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
@@ -180,7 +184,7 @@ def _model(assembly: Assembly, given: Given, old: Rig | None) -> tuple[ElasticMo
     return _replace_joints(old.model, part, assembly, some, material), rough
 
 
-def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: Given) -> Bool[np.ndarray, " joints"]:
+def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: LiveInput) -> Bool[np.ndarray, " joints"]:
     """Return a mask of the joints whose elastic behaviour has changed."""
     for name in ("thickness", "clockwise", "cut", "grain"):
         if getattr(assembly, name) != getattr(old, name):
@@ -209,7 +213,9 @@ def _replace_joints(
     return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
 
 
-def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
+def _area(
+    design: SpiralDesign, given: LiveInput, old: LiveState | None
+) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
     """Return the areas of the spirals and whether they are estimates from the arms' lengths, because measuring is slow.
 
     The areas are None without gravity.
@@ -232,14 +238,14 @@ def _area(design: SpiralDesign, given: Given, old: Rig | None) -> tuple[Float[np
     return stretch * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
 
 
-def _loads(given: Given, area: Float[np.ndarray, " quads"] | None) -> Loads:
+def _loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> Loads:
     """Return supports and forces, weight included."""
     mass = None if area is None else area * given.spiral.thickness * given.material.density
     clamped = given.simulate.clamped
-    return Loads.of(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
+    return Loads.for_spirals(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
 
 
-def _adapt_pose(pose: Pose, flat: FlatPatches, old: Rig | None) -> Pose:
+def _adapt_pose(pose: Pose, flat: FlatPatches, old: LiveState | None) -> Pose:
     """Adapt a pose of the old rig's hubs to the new flat frames, which may have turned."""
     if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
         return pose

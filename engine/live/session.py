@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..mechanics.assembly import Pose
-from .piece import LivePiece, Shape
+from .piece import LivePiece, LiveShape
 
 _pieces: dict[str, LivePiece] = {}  # the pieces of this process
 
 
 @dataclass(frozen=True, eq=False)
-class Call:
+class LiveRequest:
     """Request to a live piece.
 
     name : of the piece
@@ -27,7 +27,7 @@ class Call:
     start: Pose | None = None
 
 
-def step(call: Call) -> Shape | None:
+def step(call: LiveRequest) -> LiveShape | None:
     """Apply the changes and compute some steps; None if this process does not have the piece, so that ``whole`` is needed."""
     if call.whole:
         _pieces.clear()  # keep one piece only, to save memory

@@ -46,7 +46,7 @@ class Pose:
             return replace(moved, nodes=self.nodes)
         there = self.whole
         nodes = Pose(there.centres[n:], there.rotations[n:]).moved(step[n:])
-        return replace(moved, nodes=Nodes.of(moved, self.nodes.hub, nodes))
+        return replace(moved, nodes=Nodes.from_poses(moved, self.nodes.hub, nodes))
 
     @cached_property
     def whole(self) -> Pose:
@@ -91,7 +91,7 @@ class Nodes:
     rotations: Float[np.ndarray, "nodes 3 3"]
 
     @classmethod
-    def of(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
+    def from_poses(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
         """Express nodes that stand at ``there`` in space relative to their hubs."""
         back = np.swapaxes(pose.rotations[hub], 1, 2)
         return cls(hub, np.einsum("nij,nj->ni", back, there.centres - pose.centres[hub]), back @ there.rotations)
@@ -119,7 +119,7 @@ def nearest_rotation(covariance: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 @dataclass(frozen=True)
-class Cut:
+class CutSettings:
     """Settings of how arms are cut.
 
     blend : share of t over which an arm that hardly turns is blended; fillet : metres
@@ -155,7 +155,7 @@ class Assembly:
     twist: Float[np.ndarray, " spirals"]
     thickness: float
     clockwise: bool = False
-    cut: Cut | None = None
+    cut: CutSettings | None = None
     grain: float = 0.0
     rim: RimJoints | None = None
     nodes: int = 0
@@ -331,8 +331,8 @@ def of_design(design: SpiralDesign) -> Assembly:
         raise FlexMapsError("No quad is joined to another quad, so nothing can bend; join some quads", faces=every)
     lever, axes = rest_joints(mesh, corners)
     p = design.params
-    cut, sides = Cut(p.blend, p.fillet), mesh.edge_sides[inner]
-    rim = None if design.rim is None else RimJoints.of(design.rim, corners.mean(axis=1))
+    cut, sides = CutSettings(p.blend, p.fillet), mesh.edge_sides[inner]
+    rim = None if design.rim is None else RimJoints.from_rim(design.rim, corners.mean(axis=1))
     return Assembly(pairs, sides, lever, axes, design.width, design.twist, p.thickness, p.clockwise, cut, p.grain, rim)
 
 

@@ -25,7 +25,9 @@ class Beyond:
     worst: float
 
     @classmethod
-    def of(cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray) -> list[Beyond]:
+    def outside_range(
+        cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray
+    ) -> list[Beyond]:
         """List with one entry if any value (N,), each of a spiral (N,) int, lies outside the range; else empty."""
         apart = np.maximum(low * (1.0 - SLACK) - value, value - high * (1.0 + SLACK))
         outside = apart > 0.0

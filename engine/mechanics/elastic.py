@@ -31,7 +31,7 @@ class Expansion:
     convex: Float[np.ndarray, "joints 12 12"]
 
 
-class State(Protocol):
+class ElasticState(Protocol):
     """A configuration: the hubs' pose and the model's own history. Never changed in place."""
 
     @property

@@ -34,7 +34,7 @@ class Loads:
     force: Float[np.ndarray, "spirals 3"]
 
     @classmethod
-    def of(
+    def for_spirals(
         cls,
         size: int,
         *,

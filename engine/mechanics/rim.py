@@ -41,7 +41,7 @@ class Beams:
     bore: Float[np.ndarray, "n pieces"]
 
     @classmethod
-    def of(
+    def from_points(
         cls,
         place: np.ndarray,
         way: np.ndarray,
@@ -81,7 +81,7 @@ class RimJoints:
     width: float
 
     @classmethod
-    def of(cls, rim: Rim, centre: Float[np.ndarray, "quads 2"]) -> RimJoints:
+    def from_rim(cls, rim: Rim, centre: Float[np.ndarray, "quads 2"]) -> RimJoints:
         """Build the joints of a rim.
 
         Parameters
@@ -143,7 +143,7 @@ def _necks(rim: Rim) -> Beams:
     place = (rim.middle + rim.depth * rim.out)[:, None] - rim.depth * share * rim.out[:, None]
     way = np.broadcast_to(-rim.out[:, None], place.shape)
     length = np.full(place.shape, rim.depth / NECK_PIECES)
-    return Beams.of(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
+    return Beams.from_points(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
 
 
 def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> Beams:
@@ -161,7 +161,7 @@ def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"])
     bore = 2.0 * np.sqrt(np.maximum(0.25 * rim.hole**2 - apart**2, 0.0)) * (rim.holes[first] > 0)[:, None, None]
     flat = (-1, PIECES)
     parts = place.reshape(flat), way.reshape(flat), np.repeat(middle, 2), length.reshape(flat)
-    return Beams.of(*parts, np.full(1, rim.width), bore.reshape(flat))
+    return Beams.from_points(*parts, np.full(1, rim.width), bore.reshape(flat))
 
 
 def _to_space(numbers: np.ndarray) -> Float[np.ndarray, "*n 3"]:

@@ -42,7 +42,7 @@ MIN_CLEARANCE = 5e-4  # clearance, in units of the coordinates, that a restored 
 
 
 @dataclass(frozen=True, eq=False)
-class Rooms:
+class LinearClearances:
     """Clearances of the gaps near a design, linearised, each scaled so that its gradient has unit length.
 
     room : clearances, in units of the coordinates; slope : (rows, coordinates) their derivatives
@@ -52,7 +52,7 @@ class Rooms:
     slope: csr_array
 
     @classmethod
-    def of(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> Rooms:
+    def from_clearances(cls, value: Float[np.ndarray, " rows"], slope: csr_array) -> LinearClearances:
         """Normalise clearances and their derivatives, given in any unit; leave out gaps that no coordinate changes."""
         length = _lengths(slope)
         kept = length > 0.0
@@ -61,16 +61,16 @@ class Rooms:
         return cls(value / length, _scale_rows(slope, 1.0 / length))
 
     @classmethod
-    def none(cls, size: int) -> Rooms:
+    def none(cls, size: int) -> LinearClearances:
         """Return no clearances, for ``size`` coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
-    def scaled(self, units: Float[np.ndarray, " coordinates"]) -> Rooms:
+    def scaled(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
         """Return the derivatives by coordinates in these units; rows then no longer have unit length."""
-        return Rooms(self.room, _scale_columns(self.slope, units))
+        return LinearClearances(self.room, _scale_columns(self.slope, units))
 
-    def of_rows(self, rows: np.ndarray) -> Rooms:
-        return Rooms(self.room[rows], self.slope[rows])
+    def of_rows(self, rows: np.ndarray) -> LinearClearances:
+        return LinearClearances(self.room[rows], self.slope[rows])
 
     def part(self, free: Bool[np.ndarray, " coordinates"]) -> csr_array:
         """Return ``slope`` with zeros for coordinates that are not free."""
@@ -93,7 +93,7 @@ def _scale_rows(rows: csr_array, factor: np.ndarray) -> csr_array:
     return csr_array((data, rows.indices, rows.indptr), shape=rows.shape)
 
 
-def lowest(terms: Terms) -> Terms:
+def narrowest_per_pair(terms: Terms) -> Terms:
     """Keep the narrowest gap of every two arms, out of the several places where it is measured."""
     order = np.lexsort((terms.value, *terms.arms.T))
     arms = terms.arms[order]
@@ -148,7 +148,7 @@ def bounded_step(
     x: Float[np.ndarray, " coordinates"],
     gradient: Float[np.ndarray, " coordinates"],
     product: Product,
-    rooms: Rooms,
+    rooms: LinearClearances,
     most: int,
     units: Float[np.ndarray, " coordinates"] | None = None,
 ) -> Float[np.ndarray, " coordinates"]:
@@ -221,7 +221,9 @@ def _search_direction(
     return way
 
 
-def _project(step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: Rooms) -> Float[np.ndarray, " coordinates"]:
+def _project(
+    step: np.ndarray, low: np.ndarray, high: np.ndarray, rooms: LinearClearances
+) -> Float[np.ndarray, " coordinates"]:
     """Bring a step back into the box, and open the gaps that it closes."""
     step = np.clip(step, low, high)
     for _ in range(MAX_RESTORATIONS):
@@ -264,8 +266,8 @@ def conjugate_gradients(
 
 
 @dataclass(frozen=True, eq=False)
-class Within:
-    """Clearances of a problem, as ``restored`` needs them.
+class ClearanceProblem:
+    """Clearances of a problem, as ``restore_clearances`` needs them.
 
     rooms(x, mask) : clearances, by the first ``own`` coordinates, of closed and nearly closed gaps at the arms of the masked spirals
     shut(x, mask) : mask of the spirals with an arm in a closed gap, out of the gaps at the arms of the masked spirals
@@ -274,15 +276,15 @@ class Within:
     A mask of None stands for all spirals.
     """
 
-    rooms: Callable[[np.ndarray, np.ndarray | None], Rooms]
+    rooms: Callable[[np.ndarray, np.ndarray | None], LinearClearances]
     shut: Callable[[np.ndarray, np.ndarray | None], Bool[np.ndarray, " spirals"]]
     spread: Callable[[np.ndarray], np.ndarray]
     spirals: int
     own: int
 
 
-def restored(
-    x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: Within
+def restore_clearances(
+    x: Float[np.ndarray, " coordinates"], inner: Float[np.ndarray, " coordinates"], within: ClearanceProblem
 ) -> Float[np.ndarray, " coordinates"]:
     """Return the coordinates of a design near ``x`` that can be cut; ``inner`` are the coordinates of a design that can be cut."""
     x, own, quads = x.copy(), within.own, None

@@ -19,24 +19,26 @@ from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, fitted
+from ..spirals.design import SpiralDesign, make_fabricable
 from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
-from .inverse import Point, Problem
-from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace
+from .inverse import DesignPoint, InverseProblem
+from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, Trace
 
-SPAN = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
-SEAM = 0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
+MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
+MAX_SEAM_MISMATCH = (
+    0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
+)
 MOVING = "Flat shapes"  # shown with the progress
 # Largest number of rounds with renewed weights and multipliers, and the share of the mismatch that a round must bring for another one
 MAX_RENEWALS, MIN_FALL = 4, 0.05
 
 
-def refine(
-    problem: Problem,
-    start: Point,
+def refine_flat_shapes(
+    problem: InverseProblem,
+    start: DesignPoint,
     design: SpiralDesign,
     params: OptimiseParams,
-    method: Callable[..., Point],
+    method: Callable[..., DesignPoint],
     trace: Trace,
     accepted: Accepted,
     progress: Progress = SILENT,
@@ -62,10 +64,10 @@ def refine(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
     weight, first = WEIGHT * start.mismatch.value, first or design.flat
-    limits, free = (params.distortion_limit, SEAM), problem.space.free
+    limits, free = (params.distortion_limit, MAX_SEAM_MISMATCH), problem.space.free
     # a rim is made for the border's flat shape, so the border must not move
-    flat = FlatRange.of(design.flat, SPAN, *limits, weight, first, free, border=design.rim is None)
-    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(Problem)}, flat=flat)
+    flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
+    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
     here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
     for k in range(MAX_RENEWALS):
         steps = len(trace.rows)
@@ -76,34 +78,34 @@ def refine(
         if len(trace.rows) == steps or problem.work.over:
             return found
         fall, here = here.mismatch.value - found.mismatch.value, found.renewed()
-        if fall < MIN_FALL * here.mismatch.value or here.mismatch.value < GOAL:
+        if fall < MIN_FALL * here.mismatch.value or here.mismatch.value < EXACT_MISMATCH:
             break
     return here
 
 
-def between(start: Point, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
-    """Return the point a share of the way from the start of ``refine`` to its result ``found``."""
+def between(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
+    """Return the point a share of the way from the start of ``refine_flat_shapes`` to its result ``found``."""
     here = found.problem.at(_with_flat_coordinates(start, found.problem.flat.flat), start.equilibrium.pose, progress)
     x = found.problem.within(here.x + share * (found.x - here.x), here)
     return found.problem.at(x, start.equilibrium.pose, progress, INNER_ITERATIONS)
 
 
-def _with_flat_coordinates(start: Point, flat: FlatPatches) -> Float[np.ndarray, " _"]:
+def _with_flat_coordinates(start: DesignPoint, flat: FlatPatches) -> Float[np.ndarray, " _"]:
     """Return the coordinates of a point, followed by those of flat vertices that have not moved."""
     return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
-def designed(point: Point, design: SpiralDesign) -> SpiralDesign | None:
+def designed(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
     """Return the design of a point; None where patches overlap themselves. ``design`` : the one that the search began with.
 
     The design can be cut, except where arms have come too near each other because the flat shapes have moved.
     """
     flat, (width, twist) = moved_flat(point, design), point.spirals
     free = point.problem.space.free
-    return None if flat is None else fitted(flat, design.params, width, twist, prove=False, free=free)
+    return None if flat is None else make_fabricable(flat, design.params, width, twist, prove=False, free=free)
 
 
-def moved_flat(point: Point, design: SpiralDesign) -> FlatPatches | None:
+def moved_flat(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
     """Return the flat shapes of a point, or the design's where the search does not move them.
 
     None where a patch overlaps itself, which no bound of the search prevents.

@@ -35,7 +35,7 @@ class FlatLimits:
     seam: Float[np.ndarray, " cuts"]
 
     @classmethod
-    def of(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
+    def relaxed_to(cls, flat: FlatPatches, energy: float, seam: float) -> FlatLimits:
         """Return these limits, or the present values where those already violate them."""
         return cls(
             flat.layout,
@@ -74,7 +74,7 @@ class FlatCost:
     points: Complex[np.ndarray, " points"]
 
     @classmethod
-    def of(cls, limits: FlatLimits, points: Float[np.ndarray, "points 2"]) -> FlatCost:
+    def from_points(cls, limits: FlatLimits, points: Float[np.ndarray, "points 2"]) -> FlatCost:
         """Return the cost of points (P, 2) metres."""
         return cls(limits, points[:, 0] + 1j * points[:, 1])
 

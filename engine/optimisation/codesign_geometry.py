@@ -22,7 +22,7 @@ from ..patches.layout import PatchLayout
 STEP = 3e-5  # of the central differences, in radii and radians; smaller ones suffer from rounding, larger ones from truncation
 
 
-def by_geometry(
+def joint_derivatives(
     model: ArmModel, pose: Pose, measure: Callable[[ArmModel, Pose], np.ndarray]
 ) -> Float[np.ndarray, "joints r 2 3"]:
     """Return the derivatives of r quantities of every joint by the rest geometry of its sides, at a fixed pose.
@@ -68,7 +68,7 @@ def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
     own, nodes = (
         Pose(placed.centres[part], placed.rotations[part]) for part in (np.s_[: alone.spirals], np.s_[alone.spirals :])
     )
-    return alone, replace(own, nodes=Nodes.of(own, hubs, nodes))
+    return alone, replace(own, nodes=Nodes.from_poses(own, hubs, nodes))
 
 
 def _perturb(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
@@ -83,7 +83,7 @@ def _perturb(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembl
     return assembly.reshaped(assembly.lever, axes)
 
 
-def geometry_by_points(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:
+def geometry_jacobian(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:
     """Return the derivatives of the joints' rest geometry by the flat vertices.
 
     Parameters
@@ -93,7 +93,7 @@ def geometry_by_points(layout: PatchLayout, points: np.ndarray, rim: RimJoints |
 
     Returns
     -------
-    Derivatives (6 m, 2 P); rows in the order joint, side, last axis of ``by_geometry``, columns in the order vertex, x, y. The
+    Derivatives (6 m, 2 P); rows in the order joint, side, last axis of ``joint_derivatives``, columns in the order vertex, x, y. The
     rim does not move, so the rows of its side are 0.
     """
     mesh = layout.mesh

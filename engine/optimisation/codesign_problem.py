@@ -22,13 +22,13 @@ from ..mechanics.stance import Stance
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
-from ..spirals.room import Room
-from .bounds import Rooms, lowest
+from ..spirals.room import ClearanceModel
+from .bounds import LinearClearances, narrowest_per_pair
 from .codesign_cost import FlatCost, FlatLimits
-from .codesign_geometry import by_geometry, geometry_by_points
+from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
-from .inverse import Point, Problem
-from .open_slots import Closing, Opening
+from .inverse import DesignPoint, InverseProblem
+from .open_slots import NarrowSlots, SlotRequirement
 from .terms import Rows
 from .work import GEOMETRY, VARIED
 
@@ -53,7 +53,7 @@ class FlatRange:
     weight: float
 
     @classmethod
-    def of(
+    def from_patches(
         cls,
         flat: FlatPatches,
         span: float,
@@ -71,7 +71,7 @@ class FlatRange:
         ----------
         flat : the patches
         span : largest shift of a vertex along x or y, as a share of the shortest mean edge of its quads
-        energy, seam : as in ``FlatLimits.of``
+        energy, seam : as in ``FlatLimits.between``
         weight : of the barriers in the objective
         first : the patches before any run moved them; limits that they already violate are relaxed to their values
         free : mask of the quads that may move; a vertex moves if all of its quads may. All by default
@@ -86,7 +86,7 @@ class FlatRange:
             mesh, corner = flat.layout.mesh, flat.layout.flat_corners
             quad, side = np.nonzero(mesh.border[mesh.quad_edges])
             nearest[corner[quad, side]] = nearest[corner[quad, NEXT[side]]] = 0.0
-        return cls(flat, span * nearest, FlatLimits.of(first, energy, seam), weight)
+        return cls(flat, span * nearest, FlatLimits.relaxed_to(first, energy, seam), weight)
 
     def points(self, x: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """Return the points (P, 2), metres, of coordinates (P, 2)."""
@@ -98,7 +98,7 @@ class FlatRange:
 
     def cost(self, x: np.ndarray) -> FlatCost:
         """Return the barriers' cost at coordinates (P, 2)."""
-        return FlatCost.of(self.limits, self.points(x))
+        return FlatCost.from_points(self.limits, self.points(x))
 
     def within(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, "points 2"]:
         """Return x (P, 2) if it keeps the limits, else a point between it and ``inner``, which keeps them.
@@ -139,23 +139,23 @@ class FlatBarriers:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FlatProblem(Problem):
-    """``Problem`` with the flat vertices as further unknowns, within ``flat``."""
+class FlatProblem(InverseProblem):
+    """``InverseProblem`` with the flat vertices as further unknowns, within ``flat``."""
 
     flat: FlatRange
 
-    def rooms(self, x: np.ndarray) -> Rooms:
+    def rooms(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:
-            return Rooms.none(len(x))
-        terms = lowest(self._room(x).terms(*self.space.design(x), flat=True, least=True))
+            return LinearClearances.none(len(x))
+        terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), flat=True, least=True))
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
         by_spirals = terms.by_design @ self.by_coordinates(x[: self.own])
-        return Rooms.of(terms.value, csr_array(hstack([by_spirals, by_points])))
+        return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))
 
-    def _room(self, x: np.ndarray) -> Room:
+    def _room(self, x: np.ndarray) -> ClearanceModel:
         return super()._room(x).moved(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
 
-    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
+    def within(self, x: np.ndarray, inner: DesignPoint) -> Float[np.ndarray, " coordinates"]:
         return super().within(self.inside(x, inner.x), inner)
 
     def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
@@ -181,7 +181,7 @@ class FlatProblem(Problem):
         iterations: int | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """Return the point at these coordinates of spirals and flat vertices; arguments as in ``Problem.at``."""
+        """Return the point at these coordinates of spirals and flat vertices; arguments as in ``InverseProblem.at``."""
         n = self.own
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
@@ -207,8 +207,8 @@ class FlatProblem(Problem):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FlatPoint(Point):
-    """``Point`` with flat vertices.
+class FlatPoint(DesignPoint):
+    """``DesignPoint`` with flat vertices.
 
     assembly, stance : with the moved flat shapes; progress : raises Cancelled while derivatives by the geometry are computed
     """
@@ -267,15 +267,15 @@ class FlatPoint(Point):
             return np.concatenate(found, axis=1)
 
         self.problem.work.add(GEOMETRY, self.assembly.size)
-        found = by_geometry(self.model, self.equilibrium.pose, measure)
+        found = joint_derivatives(self.model, self.equilibrium.pose, measure)
         return found.reshape(*found.shape[:2], 6)
 
     @property
-    def _opening(self) -> Opening | None:
+    def _opening(self) -> SlotRequirement | None:
         known, flat = self.problem.opening, self.problem.flat
         return None if known is None else known.moved(replace(flat.flat, points=flat.points(self.flat_x)))
 
-    def _slots_by_x(self, closing: Closing) -> csr_array:
+    def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
         by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
         by_points = closing.by_flat(self._by_geometry[:, -12:], self._by_points)
         return csr_array(hstack([by_spirals, by_points @ self._per_coordinate]))
@@ -284,7 +284,7 @@ class FlatPoint(Point):
     def _by_points(self) -> csr_array:
         """Derivatives (6 m, 2 P) of the rest geometry by the flat vertices."""
         flat = self.problem.flat
-        return geometry_by_points(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
+        return geometry_jacobian(flat.flat.layout, flat.points(self.flat_x), self.assembly.rim)
 
     @property
     def _joint_pairs(self) -> Int[np.ndarray, "joints 2"]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Float
-from .bounds import Rooms, bounded_step
+from .bounds import LinearClearances, bounded_step
 from .costs import Cost
-from .inverse import Point
+from .inverse import DesignPoint
 from .terms import Term, turning
 
 MAX_PARTS = 6  # largest number of parts, and expansions, of a step
@@ -50,7 +50,7 @@ class CompositeModel:
     watch : raises Cancelled
     """
 
-    point: Point
+    point: DesignPoint
     damping: float
     following: float
     most: int
@@ -94,7 +94,7 @@ class CompositeModel:
 
         pulls = [turning(self.following, here.moves), *(term.gradient for term in here.terms)]
         gradient = sum((cost.gradient for cost in here.costs), point.back(pulls)) + self.damping * here.step
-        left = Rooms(rooms.room + rooms.slope @ here.step, rooms.slope)
+        left = LinearClearances(rooms.room + rooms.slope @ here.step, rooms.slope)
         change = bounded_step(at, gradient, product, left, self.most, self.units)
         change = problem.inside(np.clip(at + change, 0.0, 1.0), at) - at
         moves, share = point.moves(change), 1.0

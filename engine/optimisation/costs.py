@@ -28,7 +28,7 @@ class Cost(Protocol):
         """Return the product of the Hessian, or of a positive semidefinite part of it, with a change of the coordinates."""
 
 
-def differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
+def joint_differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
     """Return the matrix (2 m, size) from coordinates to the differences across every joint.
 
     The first m rows give the difference in width of the two arms, the others the difference in twist of their spirals, both in
@@ -46,7 +46,7 @@ def differences(assembly: Assembly, space: DesignSpace, size: int) -> csr_array:
 class Roughness:
     """Penalty on differences between joined spirals: half the sum of their squares, as a mean over the joints.
 
-    apart : ``differences``; weight : in the objective; x : the coordinates; free : 0 for coordinates that must not change, else 1
+    apart : ``joint_differences``; weight : in the objective; x : the coordinates; free : 0 for coordinates that must not change, else 1
     """
 
     apart: csr_array

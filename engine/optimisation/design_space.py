@@ -19,7 +19,7 @@ from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
 from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign, width_range
-from ..spirals.known import SCALE_RANGE, twist_limit
+from ..spirals.known import SCALE_RANGE, table_twist_limit
 from ..spirals.slots import twist_bound
 from ..spirals.spiral import alike
 
@@ -45,7 +45,7 @@ class FixedSpirals:
     twist: Float[np.ndarray, " kept"]
 
     @classmethod
-    def of(cls, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> FixedSpirals:
+    def from_design(cls, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> FixedSpirals:
         """Return these spirals with their widths and twists in a design."""
         return cls(quads, design.width[quads], design.twist[quads])
 
@@ -68,7 +68,7 @@ class DesignSpace:
     kept: FixedSpirals | None = None
 
     @classmethod
-    def of(
+    def from_design(
         cls,
         design: SpiralDesign,
         assembly: Assembly,
@@ -93,10 +93,10 @@ class DesignSpace:
         shortest = np.full(len(low), np.inf)
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)
         ratio = np.maximum(np.where(np.isfinite(shortest), shortest, 1.0) / widths, SCALE_RANGE[0])
-        bound = np.minimum(bound, 0.999 * twist_limit(ratio))
+        bound = np.minimum(bound, 0.999 * table_twist_limit(ratio))
         bound[:, constraints.straight] = np.minimum(bound[:, constraints.straight], STRAIGHT_TWIST)
         kept = np.union1d(constraints.kept, np.flatnonzero(design.solid)).astype(np.int64)
-        same = FixedSpirals.of(design, kept) if len(kept) else None
+        same = FixedSpirals.from_design(design, kept) if len(kept) else None
         return cls(low, high, bound, np.ones(len(low)), design.params.twist_min, groups, same)
 
     @property
@@ -128,7 +128,7 @@ class DesignSpace:
     def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
         """Fix these spirals, beside those already fixed, at the values of a design."""
         kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
-        return replace(self, kept=FixedSpirals.of(design, kept.astype(np.int64)) if len(kept) else None)
+        return replace(self, kept=FixedSpirals.from_design(design, kept.astype(np.int64)) if len(kept) else None)
 
     def _limit_twist(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"], where: np.ndarray

@@ -9,10 +9,10 @@ from ..mechanics.arms.strain_changes import largest
 from ..mechanics.equilibrium import solve
 from ..params import SimulateParams
 from ..simulation.simulate import Simulation
-from .remedies import Eased
+from .remedies import StrainForecast
 
 
-def eased(simulation: Simulation) -> Eased | None:
+def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     """Return a function from a factor on the size, and a thickness in metres, to the largest strain over the material's limit.
 
     A larger piece keeps the rotations of its hubs, and their distances grow with the size: arms bend by the same angles over greater
@@ -26,7 +26,7 @@ def eased(simulation: Simulation) -> Eased | None:
 
     def strain(times: float, thickness: float) -> float:
         changed = replace(given, lever=times * given.lever, thickness=thickness)
-        model = ArmModel.of(changed, material, curving=old.curving_at_joint is not None, slopes=False)
+        model = ArmModel.from_assembly(changed, material, curving=old.curving_at_joint is not None, slopes=False)
         there = replace(pose, centres=times * pose.centres)
         if thickness != given.thickness:
             there = solve(model, there, simulation.loads, SimulateParams(restarts=0)).pose

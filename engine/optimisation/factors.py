@@ -43,7 +43,7 @@ class Factors:
         self.kept.append(factor)
         return factor
 
-    def of(self, owner: object, blocks: Callable[[], np.ndarray]) -> NewtonSystem:
+    def system_of(self, owner: object, blocks: Callable[[], np.ndarray]) -> NewtonSystem:
         """Return the system with the factor of an owner.
 
         Parameters

@@ -22,7 +22,7 @@ from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Pose
 from ..mechanics.elastic import summed
 from ..mechanics.newton_system import NewtonSystem
-from .terms import Change, Term
+from .terms import ScalarChange, Term
 
 # Eigenvalue, relative to the convex part, from which on a shape is stable enough; the second where steps were refused as unstable. Larger
 # ones make short searches of stable pieces worse (two by 10 and 16 %), smaller ones leave shapes some hundredths of the size off the real piece's
@@ -38,7 +38,7 @@ DIFFERENCE_TURN = 3e-3  # size of the central differences: largest rotation, rad
 
 
 @dataclass(frozen=True, eq=False)
-class Firmness:
+class StabilityRequirement:
     """Required stability of equilibria.
 
     weight : of the barrier in the objective; enough : eigenvalue of a stable shape; modes : number of softest modes that count
@@ -49,7 +49,7 @@ class Firmness:
     modes: int = MODES
 
     @classmethod
-    def from_mismatch(cls, mismatch: float, *, strong: bool = False) -> Firmness:
+    def from_mismatch(cls, mismatch: float, *, strong: bool = False) -> StabilityRequirement:
         """Return the requirement for a stage that starts with this mismatch; strong : steps were refused as unstable before."""
         return cls(WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(WEIGHT * mismatch)
 
@@ -77,7 +77,9 @@ class SoftModes:
     steps: Float[np.ndarray, " k"]
 
     @classmethod
-    def from_equilibrium(cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: Firmness) -> SoftModes:
+    def from_equilibrium(
+        cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: StabilityRequirement
+    ) -> SoftModes:
         """Return the modes with eigenvalues below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
         here = model.expand(model.start(pose))
         count = min(asked.modes, max(len(system.free) - 2, 1))
@@ -155,7 +157,7 @@ class StabilityBarrier(Term):
     changes : computes the derivatives of ``rises`` by the hubs (k, n, 6), and by the coordinates at fixed hubs (k, coordinates)
     """
 
-    asked: Firmness
+    asked: StabilityRequirement
     rises: Float[np.ndarray, " k"]
     changes: Callable[[], tuple[np.ndarray, np.ndarray]]
 
@@ -184,10 +186,10 @@ class StabilityBarrier(Term):
         return self.asked.merit(self.rises)
 
     @property
-    def gradient(self) -> Change:
+    def gradient(self) -> ScalarChange:
         return self._back(self._rows[0])
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
         by_hubs, by_own = self._slopes
         return self._back(np.einsum("kni,ni->k", by_hubs, moves) + by_own @ change)
 
@@ -197,7 +199,9 @@ class StabilityBarrier(Term):
         # the logarithm is defined up to ``enough`` only
         return StabilityBarrier(self.asked, np.minimum(rises, self.asked.enough), lambda: (by_hubs, by_own))
 
-    def _back(self, rows: Float[np.ndarray, " k"]) -> Change:
+    def _back(self, rows: Float[np.ndarray, " k"]) -> ScalarChange:
         """Return the weighted transposed product with the logarithms' derivatives."""
         by_hubs, by_own = self._slopes
-        return Change(self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own)
+        return ScalarChange(
+            self.asked.weight * np.einsum("k,kni->ni", rows, by_hubs), self.asked.weight * rows @ by_own
+        )

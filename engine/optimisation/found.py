@@ -13,10 +13,10 @@ from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..progress import Progress
 from ..simulation.simulate import Simulation
-from ..spirals.design import SpiralDesign, proved
-from .inverse import Point
+from ..spirals.design import SpiralDesign, resolve_contacts
+from .inverse import DesignPoint
 from .optimisers import STOPPED
-from .search import Held, Search
+from .search import Search, StageResult
 from .terms import LOOSE
 
 # Factor on the twist of a spiral whose slots close in space, largest number of such reductions, and factor by which the mismatch, or a
@@ -32,18 +32,18 @@ MIN_TWIST = 0.1  # radians, twist below which a spiral becomes straight
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SimulatedResult:
     """Simulated result of a search.
 
     point : of the search from which the design was made; farthest : largest allowed RMS distance from the target, as in ``Search``
     """
 
     simulation: Simulation
-    point: Point
+    point: DesignPoint
     farthest: float
 
     def merit(self, strictness: float) -> float:
-        """Return ``Point.merit`` of the simulated shape; infinite without an equilibrium, or too far from the target."""
+        """Return ``DesignPoint.merit`` of the simulated shape; infinite without an equilibrium, or too far from the target."""
         target, pose = self.point.problem.target, self.simulation.equilibrium.pose
         if not self.simulation.equilibrium.converged or target.distance(pose) > self.farthest:
             return np.inf
@@ -52,7 +52,7 @@ class Found:
         largest = None if strains is None else float(strains.max()) * self.simulation.material.strain_limit
         return self.point.merit(strictness, mismatch, largest)
 
-    def bears(self, other: Found) -> bool:
+    def bears(self, other: SimulatedResult) -> bool:
         """Return whether mismatch and strains have grown by at most ``MAX_GROWTH`` since ``other``, the result before slots were opened."""
         if self.merit(LOOSE) == np.inf:
             return False
@@ -60,7 +60,7 @@ class Found:
         values = [target.compare(one.simulation.equilibrium.pose.centres).value for one in (self, other)]
         return bool(values[0] <= MAX_GROWTH * values[1] and not self.strained_by(other).any())
 
-    def strained_by(self, other: Found) -> Bool[np.ndarray, " spirals"]:
+    def strained_by(self, other: SimulatedResult) -> Bool[np.ndarray, " spirals"]:
         """Return a mask of overstrained spirals: beyond the limit, or ``MAX_GROWTH`` times the other result's worst if that is beyond it."""
         before, strain = other.simulation.strain, self.simulation.strain
         if before is None or strain is None:
@@ -69,7 +69,7 @@ class Found:
         return strain > (STRAINED if worst <= STRAINED else MAX_GROWTH * worst)
 
 
-def opened(search: Search, found: Found, progress: Progress) -> Found:
+def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
     """Reduce twists of a proved result until no slot closes in space; return ``found`` if that opens none or costs too much.
 
     Where spirals with less twist, or their neighbours, would be overstrained, a few further steps of the search take these twists as upper
@@ -81,7 +81,7 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
         best = _open_slots(search, found, progress)
         if best is found:
             return found
-        design = proved(best.simulation.design, progress, free=found.point.problem.space.free)
+        design = resolve_contacts(best.simulation.design, progress, free=found.point.problem.space.free)
         best = best if design is best.simulation.design else _with_design(search, best, design, progress)
     except Cancelled:
         search.trace.ended = STOPPED
@@ -91,8 +91,8 @@ def opened(search: Search, found: Found, progress: Progress) -> Found:
     return best if best.bears(found) and _count_closed(best) < _count_closed(found) else found
 
 
-def _open_slots(search: Search, found: Found, progress: Progress) -> Found:
-    """Return the result with the fewest closed slots, by less twist and by further searches, that ``Found.bears`` accepts."""
+def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
+    """Return the result with the fewest closed slots, by less twist and by further searches, that ``SimulatedResult.bears`` accepts."""
     best = here = _unwind(search, found, found, progress, bearable=True)
     for _ in range(MAX_SEARCHES):
         eased = _ease_strains(search, here, found, progress) if _count_closed(best) else None
@@ -105,11 +105,13 @@ def _open_slots(search: Search, found: Found, progress: Progress) -> Found:
     return best
 
 
-def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, bearable: bool) -> Found:
+def _unwind(
+    search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress, *, bearable: bool
+) -> SimulatedResult:
     """Reduce twists step by step; return the result with the fewest closed slots, ``found`` if none has fewer.
 
     before : result of the search; spirals that are kept in its problem do not change
-    bearable : overstrained spirals and their neighbours keep their twists, and ``Found.bears`` must accept the result
+    bearable : overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.bears`` must accept the result
     """
     free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
     least, best, idle = _count_closed(found), found, 0
@@ -129,7 +131,9 @@ def _unwind(search: Search, found: Found, before: Found, progress: Progress, *, 
     return best
 
 
-def _ease_strains(search: Search, found: Found, before: Found, progress: Progress) -> Found | None:
+def _ease_strains(
+    search: Search, found: SimulatedResult, before: SimulatedResult, progress: Progress
+) -> SimulatedResult | None:
     """Open closed slots by less twist, then take a few steps of the search with these twists as upper limits.
 
     Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate, so spirals
@@ -151,19 +155,19 @@ def _ease_strains(search: Search, found: Found, before: Found, progress: Progres
     if not point.equilibrium.converged:
         return None
     work.share = SEARCH_SHARE + (work.done / work.limit if work.limit else 0.0)
-    start = Held(design, _with_measured_slots(point, slots).pressed(), found.farthest)
+    start = StageResult(design, _with_measured_slots(point, slots).pressed(), found.farthest)
     held = search.polished(start, progress)
     if held.point is start.point:
         return None
     try:
-        design = proved(held.design, progress, free=space.free)
+        design = resolve_contacts(held.design, progress, free=space.free)
     except FlexMapsError:
         return None
     pose = held.point.equilibrium.pose
-    return Found(search.task.simulated(design, pose, progress), held.point, found.farthest)
+    return SimulatedResult(search.task.simulated(design, pose, progress), held.point, found.farthest)
 
 
-def _with_measured_slots(point: Point, slots: SpaceSlots) -> Point:
+def _with_measured_slots(point: DesignPoint, slots: SpaceSlots) -> DesignPoint:
     """Return the point in a problem whose estimates of slots agree with the exact ``slots`` of this state."""
     opening, model = point.problem.opening, point.model
     if opening is None or not isinstance(model, ArmModel):
@@ -183,12 +187,12 @@ def reduce_twist(
     return np.where(culprits, less, design.twist) if culprits.any() else design.twist
 
 
-def _with_design(search: Search, found: Found, design: SpiralDesign, progress: Progress) -> Found:
+def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, progress: Progress) -> SimulatedResult:
     """Return a result with another design, simulated from the present pose."""
     return replace(found, simulation=search.task.simulated(design, found.simulation.equilibrium.pose, progress))
 
 
-def _count_closed(found: Found) -> float:
+def _count_closed(found: SimulatedResult) -> float:
     """Return the number of slots closed in space; infinite without an equilibrium."""
     slots = found.simulation.slots()
     return np.inf if slots is None else float(len(slots.closed))

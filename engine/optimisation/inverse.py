@@ -22,30 +22,30 @@ from ..mechanics.newton_system import NewtonSystem
 from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
-from ..spirals.room import Room
-from .bounds import Rooms, Within, lowest, restored
-from .costs import Cost, Roughness, differences
+from ..spirals.room import ClearanceModel
+from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, restore_clearances
+from .costs import Cost, Roughness, joint_differences
 from .design_space import DesignSpace
 from .factors import Factors
-from .firmness import Firmness, SoftModes, StabilityBarrier
+from .firmness import SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
-from .open_slots import Closing, Narrow, Opening
-from .terms import WEIGHT, Apart, Bearing, Change, Excess, Rows, Term, rows_in_runs, total, turning
+from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
+from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
 # Smallest stability margin of an equilibrium, as a share of its stiffness (see ``Equilibrium.spare``). Below it, changes of 0.01 mm, as
 # proving a design makes them, let a piece snap into another shape. Most surfaces end at 0.3 to 0.8
-MARGIN = 0.01
+MIN_STABILITY = 0.01
 NEARLY = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class InverseProblem:
     """An inverse problem: find spirals in ``space`` whose equilibrium under ``loads`` matches ``target``.
 
     build : makes the elastic model of an assembly; smoothness : weight of differences between joined spirals
     opening : required width of slots in space; None lets slots close; bearing : limit of the arms' strains; None for no limit
-    firmness : required stability of equilibria; None requires ``MARGIN`` only; simulate : settings of equilibria
+    firmness : required stability of equilibria; None requires ``MIN_STABILITY`` only; simulate : settings of equilibria
     work : counter of the work for all points; room : clearances of a design; None does not check whether designs can be cut
     stance : poses of the supports; None holds them where the search for an equilibrium starts
     shared, sums : caches, see ``factors`` and ``joint_sum``
@@ -58,12 +58,12 @@ class Problem:
     build: Callable[[Assembly, Progress], ElasticModel]
     simulate: SimulateParams
     smoothness: float = 0.0
-    bearing: Bearing | None = None
-    opening: Opening | None = None
+    bearing: StrainLimit | None = None
+    opening: SlotRequirement | None = None
     work: Work = field(default_factory=Work)
     shared: list[Factors] = field(default_factory=list)
-    room: Room | None = None
-    firmness: Firmness | None = None
+    room: ClearanceModel | None = None
+    firmness: StabilityRequirement | None = None
     sums: list[JointSum] = field(default_factory=list)
     stance: Stance | None = None
 
@@ -94,14 +94,14 @@ class Problem:
             return ()
         free = np.ones(len(x))  # the entries of flat vertices, at the end, have no effect
         free[: self.own] = self._repeat(self.space.free.astype(float))[: self.own]
-        return (Roughness(differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
+        return (Roughness(joint_differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
 
-    def rooms(self, x: np.ndarray) -> Rooms:
+    def rooms(self, x: np.ndarray) -> LinearClearances:
         """Return the linearised clearances at coordinates x."""
         if self.room is None:
-            return Rooms.none(len(x))
-        terms = lowest(self.room.terms(*self.space.design(x), least=True))
-        return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x))
+            return LinearClearances.none(len(x))
+        terms = narrowest_per_pair(self.room.terms(*self.space.design(x), least=True))
+        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x))
 
     def by_coordinates(self, x: np.ndarray) -> csr_array:
         """Return the derivatives (5 n, coordinates) of all widths (4 n), then of all twists (n), by the coordinates."""
@@ -112,27 +112,27 @@ class Problem:
         data = np.concatenate([slopes[:, :4].ravel(), slopes[:, 4].ravel()])
         return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
 
-    def within(self, x: np.ndarray, inner: Point) -> Float[np.ndarray, " coordinates"]:
+    def within(self, x: np.ndarray, inner: DesignPoint) -> Float[np.ndarray, " coordinates"]:
         """Return the coordinates of a design near x that can be cut; the design of ``inner`` can be cut."""
         if self.room is None:
             return x
         self.work.add(ROOMS, self.assembly.size)
-        within = Within(self._nearly_closed, self._closed_spirals, self._repeat, self.assembly.size, self.own)
-        return restored(x, inner.x, within)
+        within = ClearanceProblem(self._nearly_closed, self._closed_spirals, self._repeat, self.assembly.size, self.own)
+        return restore_clearances(x, inner.x, within)
 
     def inside(self, x: np.ndarray, inner: np.ndarray) -> Float[np.ndarray, " coordinates"]:
         """Return coordinates between ``inner`` and x, as near x as the limits of flat shapes allow; ``inner`` keeps these."""
         return x
 
-    def _room(self, x: np.ndarray) -> Room:
+    def _room(self, x: np.ndarray) -> ClearanceModel:
         """Return the clearances of designs in the flat shapes at coordinates x."""
         assert self.room is not None
         return self.room
 
-    def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> Rooms:
+    def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
-        terms = lowest(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
-        return Rooms.of(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
+        terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
+        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
@@ -149,11 +149,11 @@ class Problem:
         progress: Progress = SILENT,
         iterations: int | None = None,
         step: Float[np.ndarray, "spirals 6"] | None = None,
-    ) -> Point:
+    ) -> DesignPoint:
         """Return the point at coordinates x; its equilibrium is sought from the pose ``start`` plus ``step``, at most ``iterations``."""
         model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
         found, factors = self.rest(model, self.stance, start, progress, iterations, step)
-        return Point(self, x, model, found, self.target.compare(found.pose.centres), factors)
+        return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factors)
 
     def rest(
         self,
@@ -169,7 +169,7 @@ class Problem:
             start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
         factor = factors.free()
-        margins = (MARGIN,) if self.firmness is None else (MARGIN, self.firmness.enough)
+        margins = (MIN_STABILITY,) if self.firmness is None else (MIN_STABILITY, self.firmness.enough)
         found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step, margins)
         factor.owner = found if found.converged else None
         self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
@@ -177,10 +177,10 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class DesignPoint:
     """One design with its equilibrium; derivatives are defined at converged equilibria only."""
 
-    problem: Problem
+    problem: InverseProblem
     x: np.ndarray
     model: ElasticModel
     equilibrium: Equilibrium
@@ -201,9 +201,9 @@ class Point:
     @cached_property
     def terms(self) -> tuple[Term, ...]:
         """Terms of the objective that depend on the equilibrium."""
-        found: list[Term] = [Apart(self.mismatch)]
+        found: list[Term] = [MismatchTerm(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
-            found.append(Excess(self.problem.bearing, self.strains.values, self._strain_rows))
+            found.append(StrainTerm(self.problem.bearing, self.strains.values, self._strain_rows))
         return (*found, *(one for one in (self._narrow, self.barrier) if one is not None))
 
     @cached_property
@@ -212,12 +212,12 @@ class Point:
         return sum(term.value for term in self.terms) + sum(cost.value for cost in self.costs)
 
     def merit(self, strictness: float, found: Mismatch | None = None, strain: float | None = None) -> float:
-        """Return the objective that compares designs of different problems; smaller is better (see ``Bearing.merit``).
+        """Return the objective that compares designs of different problems; smaller is better (see ``StrainLimit.merit``).
 
         found, strain : mismatch and largest strain of the same design, simulated; the point's own by default
         """
         # barriers of the flat shapes guide a search and say nothing about its result
-        costs = Problem.costs(self.problem, self.x)
+        costs = InverseProblem.costs(self.problem, self.x)
         value = (found or self.mismatch).value + sum(cost.value for cost in costs)
         value += 0.0 if self._closing is None else self._closing.value
         value *= 1.0 if self.barrier is None else self.barrier.merit
@@ -226,22 +226,22 @@ class Point:
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
 
-    def weighed(self, mismatch: float) -> Point:
+    def weighed(self, mismatch: float) -> DesignPoint:
         """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
 
         In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
         bearing = self.problem.bearing
         bearing = None if bearing is None else replace(bearing, weight=WEIGHT * mismatch)
-        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=Firmness(0.0)))
+        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
     def firmed(self, *, strong: bool) -> Self:
         """Return this point in a stage that starts here; strong : the stage keeps a greater distance from snapping."""
-        firmness = Firmness.from_mismatch(self.mismatch.value, strong=strong)
+        firmness = StabilityRequirement.from_mismatch(self.mismatch.value, strong=strong)
         return replace(self, problem=replace(self.problem, firmness=firmness))
 
     def pressed(self) -> Self:
-        """Return this point with the multipliers of the strain limits updated, see ``Bearing.pressed``."""
+        """Return this point with the multipliers of the strain limits updated, see ``StrainLimit.pressed``."""
         bearing = self.problem.bearing
         if self.strains is None or bearing is None:
             return self
@@ -258,7 +258,7 @@ class Point:
         return self.problem.space.design(self.x)
 
     @cached_property
-    def rooms(self) -> Rooms:
+    def rooms(self) -> LinearClearances:
         """Linearised clearances of the design."""
         return self.problem.rooms(self.x)
 
@@ -276,7 +276,7 @@ class Point:
         """Strains of the arms; None where they do not count."""
         if self.problem.bearing is None or not isinstance(self.model, ArmModel):
             return None
-        return Strains.of(self.model.assembly, self._changes, self.problem.bearing.material)
+        return Strains.from_changes(self.model.assembly, self._changes, self.problem.bearing.material)
 
     @cached_property
     def _modes(self) -> SoftModes | None:
@@ -302,7 +302,7 @@ class Point:
         return modes.by_hubs(self.model, pose), modes.by_spirals(self.model, pose, self._slopes)
 
     @cached_property
-    def _closing(self) -> Closing | None:
+    def _closing(self) -> NarrowSlots | None:
         if self._opening is None or not isinstance(self.model, ArmModel):
             return None
         self.problem.work.add(OPENING, self.problem.assembly.size)
@@ -310,14 +310,14 @@ class Point:
         return found if len(found.found.values) else None
 
     @property
-    def _opening(self) -> Opening | None:
+    def _opening(self) -> SlotRequirement | None:
         return self.problem.opening
 
     @cached_property
-    def _narrow(self) -> Narrow | None:
-        return None if self._closing is None else Narrow(self._closing, self._slots_by_x)
+    def _narrow(self) -> SlotPenalty | None:
+        return None if self._closing is None else SlotPenalty(self._closing, self._slots_by_x)
 
-    def _slots_by_x(self, closing: Closing) -> csr_array:
+    def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
         """Return the derivatives (K, coordinates) of the slots' widths by the coordinates at fixed hubs."""
         return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
@@ -393,7 +393,7 @@ class Point:
         parts = [turning(turn_damping, moves), *(term.product(moves, change) for term in terms)]
         return sum((cost.product(change) for cost in costs), self.back(parts))
 
-    def back(self, parts: list[Change]) -> Float[np.ndarray, " coordinates"]:
+    def back(self, parts: list[ScalarChange]) -> Float[np.ndarray, " coordinates"]:
         """Return the gradient by the coordinates of a sum of parts that depend on hubs and coordinates."""
         hubs, own = total(parts, self.problem.assembly.whole.size, len(self.x))
         return self.adjoint(hubs) + own

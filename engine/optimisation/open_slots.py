@@ -23,9 +23,9 @@ from ..patches.flattening.flatten import FlatPatches
 from ..spirals.blends import ANGLE, MATE_LEAN, MATE_WIDTH, MATE_WIND, NUMBERS, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..spirals.design import SpiralDesign
 from ..spirals.lines import COUNT
-from ..spirals.shapes import Shapes
-from ..spirals.slots import slot_needed
-from .terms import Change, Rows, Term
+from ..spirals.shapes import ArmGeometry
+from ..spirals.slots import min_slot_width
+from .terms import Rows, ScalarChange, Term
 
 # Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a
 # sphere of 150 spirals ended at 1.03 times the error, and the worst of its closed slots, all between different spirals, overlapped
@@ -40,7 +40,7 @@ LOOK_AHEAD = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Opening:
+class SlotRequirement:
     """Required widths of a design's slots in space, and how they are estimated.
 
     shapes : geometry of the arms in the flat quads; slots : estimates widths from the motions of the arms' tips
@@ -48,24 +48,24 @@ class Opening:
     excess : metres by which the estimate of the slot with this outer arm is too large; None if not measured
     """
 
-    shapes: Shapes
+    shapes: ArmGeometry
     slots: Slots
     width: float
     params: SpiralParams
     excess: Float[np.ndarray, " arms"] | None = None
 
     @classmethod
-    def of(cls, design: SpiralDesign) -> Opening:
+    def from_design(cls, design: SpiralDesign) -> SlotRequirement:
         """Return the requirement for a design, without corrections."""
         p = design.params
         slots = Slots(p.blend, p.fillet, p.thickness, p.clockwise)
-        return cls(Shapes.of(design.flat, p), slots, WIDTH_SHARE * slot_needed(p), p)
+        return cls(ArmGeometry.from_flat(design.flat, p), slots, WIDTH_SHARE * min_slot_width(p), p)
 
-    def moved(self, flat: FlatPatches) -> Opening:
+    def moved(self, flat: FlatPatches) -> SlotRequirement:
         """Return the requirement for other flat shapes of the same patches."""
-        return replace(self, shapes=Shapes.of(flat, self.params))
+        return replace(self, shapes=ArmGeometry.from_flat(flat, self.params))
 
-    def at(self, model: ArmModel, pose: Pose) -> Closing:
+    def at(self, model: ArmModel, pose: Pose) -> NarrowSlots:
         """Return the narrow slots of a model in a pose."""
         motions = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
         whole, known = model.assembly, np.zeros((len(self.shapes.mate), 6))
@@ -74,9 +74,9 @@ class Opening:
         found = self._estimated(model, known)
         joint = np.full(len(known), -1)
         joint[arm[own]] = np.flatnonzero(own)
-        return Closing(self, found, joint[found.arms], model, pose)
+        return NarrowSlots(self, found, joint[found.arms], model, pose)
 
-    def with_excess(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> Opening:
+    def with_excess(self, model: ArmModel, pose: Pose, slots: SpaceSlots) -> SlotRequirement:
         """Return a copy whose estimates are corrected by the exact ``slots`` in this state."""
         exact = slots.width[: len(self.shapes.mate)]
         found, least = replace(self, excess=None).at(model, pose).found, np.full(len(exact), np.inf)
@@ -115,7 +115,7 @@ class Opening:
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
+class NarrowSlots:
     """The K places where slots are narrow, and their penalty.
 
     The penalty is a third of the cube of the missing share of the required width, as a mean over all slots; beyond a closed slot it
@@ -125,7 +125,7 @@ class Closing:
     joint : (K, 2) int, 2 e + side of the joint e at the tip of both arms, -1 at the border
     """
 
-    opening: Opening
+    opening: SlotRequirement
     found: SlotWidths
     joint: Int[np.ndarray, "k 2"]
     model: ArmModel
@@ -140,7 +140,7 @@ class Closing:
         """Motions of the tips with their derivatives, which are expensive and needed for accepted steps only."""
         known = self.model
         parts = (known.compliance.values, known.compliance_by, known.at_joint)
-        return TipMotions.of(known.assembly, *parts, self.pose)
+        return TipMotions.from_assembly(known.assembly, *parts, self.pose)
 
     @property
     def missing(self) -> Float[np.ndarray, " k"]:
@@ -231,15 +231,15 @@ class Closing:
 
 
 @dataclass(frozen=True, eq=False)
-class Narrow(Term):
+class SlotPenalty(Term):
     """Penalty on narrow slots, as a term of the objective.
 
     slopes : computes the derivatives (K, coordinates) of the widths by the coordinates at fixed hubs
     widths : (K,) metres after a step; None for those of ``closing``
     """
 
-    closing: Closing
-    slopes: Callable[[Closing], csr_array]
+    closing: NarrowSlots
+    slopes: Callable[[NarrowSlots], csr_array]
     widths: Float[np.ndarray, " k"] | None = None
 
     @cached_property
@@ -261,10 +261,10 @@ class Narrow(Term):
         return self.closing.cost(self.missing)
 
     @property
-    def gradient(self) -> Change:
+    def gradient(self) -> ScalarChange:
         return self._back(self.closing.slope(self.missing))
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
         weight, rows = self._curved
         return rows.backward(weight * rows.forward(moves, change))
 
@@ -273,16 +273,16 @@ class Narrow(Term):
         """Second derivatives of the penalty by the widths, where they are not 0, and the Jacobian of these widths."""
         return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Narrow:
-        ahead = Narrow(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> SlotPenalty:
+        ahead = SlotPenalty(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))
         ahead.__dict__.update(by_x=self.by_x, _transposed=self._transposed)  # derivatives are constant along a step
         return ahead
 
     def _forward(self, moves: np.ndarray, change: np.ndarray) -> Float[np.ndarray, " k"]:
         return self.closing.by_pose @ moves.ravel() + self.by_x @ change
 
-    def _back(self, weight: Float[np.ndarray, " k"]) -> Change:
-        return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
+    def _back(self, weight: Float[np.ndarray, " k"]) -> ScalarChange:
+        return ScalarChange((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
     @cached_property
     def _transposed(self) -> tuple[csr_array, csr_array]:

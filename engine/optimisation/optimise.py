@@ -14,19 +14,19 @@ from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
-from ..simulation.other_rests import other_rests
-from ..simulation.rests import snapping
-from ..simulation.simulate import Simulation, carried
+from ..simulation.other_rests import find_other_rests
+from ..simulation.rests import snapping_spirals
+from ..simulation.simulate import Simulation, move_vertices
 from ..spirals.constraints import FREE, Constraints
-from ..spirals.design import SpiralDesign, curvature_adjusted, fitted, proved
+from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable, resolve_contacts
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
-from .found import Found, opened
-from .inverse import Point, Problem
+from .found import SimulatedResult, open_closed_slots
+from .inverse import DesignPoint, InverseProblem
 from .optimisers import STOPPED, Trace
-from .search import FARTHER, NEAR, Held, Search, Task
+from .search import FARTHER, NEAR, Search, StageResult, Task
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
 from .work import FIT, Work
@@ -52,7 +52,7 @@ RESULT_TOL = 0.02  # relative difference of merits up to which two designs count
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class OptimisationStep:
     """Snapshot of an optimisation after a step, for display.
 
     vertices : (V, 3) metres, the target's vertices moved with the hubs; width : (F, 4) metres; twist : (F,) radians
@@ -81,7 +81,7 @@ class Optimisation:
     trace: Trace
     method: str
     start: str
-    point: Point
+    point: DesignPoint
     ended: str
 
     @property
@@ -105,7 +105,7 @@ class Optimisation:
         """Reason for the end, as a sentence."""
         stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
         return ENDS[
-            "snapping" if stuck and len(snapping(self.after.equilibrium, self.after.softest)[0]) else self.ended
+            "snapping" if stuck and len(snapping_spirals(self.after.equilibrium, self.after.softest)[0]) else self.ended
         ]
 
     @property
@@ -173,14 +173,14 @@ def optimise(
     target, material, supports, force : as in ``simulate``; params, physics : settings of the search, and of its equilibria
     prove : mend outlines that touch, and simulate the result; False saves a fifth of a short search, and serves comparisons
     constraints : spirals that must be kept, straight or as wide as possible; wishes : further target places of some spirals
-    progress : shows a ``Look`` after every step; after a cancel the best design so far is returned
+    progress : shows a ``OptimisationStep`` after every step; after a cancel the best design so far is returned
 
     Raises
     ------
     FlexMapsError : no start has an equilibrium, or the arguments do not fit each other; Cancelled : there is no design yet
     """
     _check(design, target, constraints, wishes)
-    work = Work.of(len(design.width), params.patience)
+    work = Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
     points = starts(problem, design, target, params, progress.part(0.0, 0.1))
@@ -194,11 +194,11 @@ def optimise(
     before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
     trace, latest = Trace(), (start, design)
 
-    def accepted(point: Point) -> None:
+    def accepted(point: DesignPoint) -> None:
         nonlocal latest
         latest = point, search.held[-1].design if search.held else design
-        vertices = carried(design, problem.target.laid(point.equilibrium.pose), target)
-        progress.show(Look(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
+        vertices = move_vertices(design, problem.target.laid(point.equilibrium.pose), target)
+        progress.show(OptimisationStep(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
 
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
@@ -207,14 +207,14 @@ def optimise(
         found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = STOPPED, _best_so_far(search, *latest)
-    found = _better(found, Found(before, given, search.farthest), trace)
+    found = _better(found, SimulatedResult(before, given, search.farthest), trace)
     after = found.simulation
     if prove and trace.ended != STOPPED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
 
 
-def _better(found: Found | None, given: Found, trace: Trace) -> Found:
+def _better(found: SimulatedResult | None, given: SimulatedResult, trace: Trace) -> SimulatedResult:
     """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
     strictness = LOOSE if trace.ended == STOPPED else LENIENT
     if found is None or not found.merit(strictness) < given.merit(strictness):
@@ -227,7 +227,7 @@ def _with_other_rests(simulation: Simulation, physics: SimulateParams, progress:
     """Return a simulation with the other shapes in which the piece may rest; without them where the user cancels."""
     unseen = replace(progress, shown=None)  # the view of an optimisation expects designs, and would get poses
     try:
-        return other_rests(simulation, physics, unseen)
+        return find_other_rests(simulation, physics, unseen)
     except Cancelled:
         return simulation
 
@@ -244,12 +244,12 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
         wishes.check(len(design.width))
 
 
-def _distance_limit(given: Point | None, problem: Problem) -> float:
+def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
     """Return the largest allowed RMS distance of a result from the target, in distances of neighbours; infinite without a given design."""
     return np.inf if given is None else max(FARTHER * given.distance, NEAR) + problem.target.reach
 
 
-def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
+def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
     """Return the names of one or two starts to search from, out of those within the allowed distance.
 
     The first has the smallest objective among the starts that match nearly as well as the best. A second one follows if it differs and
@@ -267,28 +267,34 @@ def _best_starts(points: dict[str, Point], farthest: float) -> list[str]:
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
 
 
-def _prove_best(search: Search, progress: Progress) -> Found | None:
+def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
     """Return the best design after proving it, which mends outlines that touch; None if no design can be cut."""
-    found: list[Found] = []
+    found: list[SimulatedResult] = []
     strictness = _strictness(search)
     for held in _drop_similar(search.held, strictness)[:MAX_PROOFS]:
         progress(0.3, "Proving that it can be cut")
         pose = held.point.equilibrium.pose
         try:
-            design = proved(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
+            design = resolve_contacts(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
         except FlexMapsError:
             continue
-        found.append(Found(search.task.simulated(design, pose, progress.part(0.7, 0.9)), held.point, search.farthest))
+        found.append(
+            SimulatedResult(search.task.simulated(design, pose, progress.part(0.7, 0.9)), held.point, search.farthest)
+        )
         if found[-1].merit(strictness) <= (1.0 + RESULT_TOL) * held.merit(strictness):
             break
     best = min(found, key=lambda one: one.merit(strictness), default=None)
-    return None if best is None else opened(search, best, progress.at(0.9, OPENING_SLOTS))
+    return None if best is None else open_closed_slots(search, best, progress.at(0.9, OPENING_SLOTS))
 
 
-def _best_unproved(search: Search) -> Found | None:
+def _best_unproved(search: Search) -> SimulatedResult | None:
     """Return the best design of the search without a proof; None if the best has no equilibrium near the target."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
-    return Found(search.task.rested(best.design, best.point), best.point, search.farthest) if best.sound else None
+    return (
+        SimulatedResult(search.task.rested(best.design, best.point), best.point, search.farthest)
+        if best.sound
+        else None
+    )
 
 
 def _strictness(search: Search) -> float:
@@ -296,33 +302,35 @@ def _strictness(search: Search) -> float:
     return LENIENT if search.trace.ended == "time" else STRICT
 
 
-def _drop_similar(held: list[Held], strictness: float) -> list[Held]:
+def _drop_similar(held: list[StageResult], strictness: float) -> list[StageResult]:
     """Sort designs, the best first, and drop those with nearly the merit of a better one: they would fail the same proof."""
-    unlike: list[Held] = []
+    unlike: list[StageResult] = []
     for one in sorted(held, key=lambda one: one.merit(strictness)):
         if not unlike or one.merit(strictness) > (1.0 + RESULT_TOL) * unlike[-1].merit(strictness):
             unlike.append(one)
     return unlike
 
 
-def _best_so_far(search: Search, point: Point, design: SpiralDesign) -> Found:
+def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> SimulatedResult:
     """Return the better of the latest design and the best stored one, with as little computation as possible after a cancel.
 
     Known equilibria are used again, and the latest point is not made a design if a stored design is as good.
     """
-    task, found = search.task, list[Found]()
+    task, found = search.task, list[SimulatedResult]()
     if search.held and search.best.value < np.inf:
-        found.append(Found(task.rested(search.best.design, search.best.point), search.best.point, search.farthest))
+        found.append(
+            SimulatedResult(task.rested(search.best.design, search.best.point), search.best.point, search.farthest)
+        )
     if not found or found[0].merit(LOOSE) > (1.0 + RESULT_TOL) * point.merit(LOOSE):
         latest = codesign.designed(point, design)
         if latest is not None:
-            found.append(Found(task.rested(latest, point), point, search.farthest))
+            found.append(SimulatedResult(task.rested(latest, point), point, search.farthest))
     return min(found, key=lambda one: one.merit(LOOSE))
 
 
 def starts(
-    problem: Problem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
-) -> dict[str, Point]:
+    problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
+) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
@@ -337,7 +345,7 @@ def starts(
     if params.restart and not design.painted:
         places["curvature"] = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
         places["uniform"] = space.filled(0.5, 0.5)
-    points: dict[str, Point] = {}
+    points: dict[str, DesignPoint] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
@@ -359,17 +367,17 @@ def starts(
 
 
 def _make_fabricable(
-    problem: Problem, design: SpiralDesign, x: np.ndarray, progress: Progress
-) -> tuple[Problem, Float[np.ndarray, " coordinates"]]:
+    problem: InverseProblem, design: SpiralDesign, x: np.ndarray, progress: Progress
+) -> tuple[InverseProblem, Float[np.ndarray, " coordinates"]]:
     """Return the problem with a space that contains the nearest design that can be cut, and that design's coordinates."""
     problem.work.add(FIT, problem.assembly.size)
     wanted, free = problem.space.design(x), problem.space.free
-    made = fitted(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
+    made = make_fabricable(design.flat, design.params, *wanted, prove=False, free=free, progress=progress)
     space = problem.space.including(made)
     return replace(problem, space=space), space.coordinates(made.width, made.twist)
 
 
-def _load_in_parts(problem: Problem, x: np.ndarray, pose: Pose, progress: Progress) -> Point:
+def _load_in_parts(problem: InverseProblem, x: np.ndarray, pose: Pose, progress: Progress) -> DesignPoint:
     """Return the point at coordinates x, its loads applied in parts."""
     shares = LOAD_SHARES if problem.loads.force.any() else LOAD_SHARES[-1:]
     for share in shares:

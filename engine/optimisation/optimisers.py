@@ -19,15 +19,15 @@ from ..threads import one_thread
 from . import inverse
 from .codesign_problem import FlatPoint
 from .composite import CompositeModel
-from .inverse import Point, Problem
-from .scaling import Bending
+from .inverse import DesignPoint, InverseProblem
+from .scaling import CurvatureEstimate
 
 # Radians, largest rotation of a hub between an equilibrium and the predicted start of the next; predictions are shortened to it, and
 # refused beyond four times as much
 MAX_TURN = 0.3
 EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
 STOPPED = "stopped"  # ``Trace.ended`` of a cancelled search
-GOAL = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
+EXACT_MISMATCH = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
 # 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
@@ -51,30 +51,30 @@ class Trace:
     rejected: int = 0
     unstable: int = 0
     ended: str = "converged"
-    bending: dict[int, Bending] = field(default_factory=dict)
+    bending: dict[int, CurvatureEstimate] = field(default_factory=dict)
     damping: dict[int, float] = field(default_factory=dict)
 
-    def note(self, point: Point) -> None:
+    def note(self, point: DesignPoint) -> None:
         """Add an accepted point to ``rows``."""
         self.rows.append((time.perf_counter() - self.began, point.value, point.mismatch.rmse))
 
-    def bending_of(self, size: int) -> Bending:
+    def bending_of(self, size: int) -> CurvatureEstimate:
         """Return the curvature estimate for this number of coordinates."""
-        return self.bending.setdefault(size, Bending(size))
+        return self.bending.setdefault(size, CurvatureEstimate(size))
 
 
-Accepted = Callable[[Point], None]
+Accepted = Callable[[DesignPoint], None]
 
 
 @one_thread
 def gauss_newton(
-    problem: Problem,
-    start: Point,
+    problem: InverseProblem,
+    start: DesignPoint,
     params: OptimiseParams,
     trace: Trace,
     accepted: Accepted,
     progress: Progress = SILENT,
-) -> Point:
+) -> DesignPoint:
     """Take damped Gauss-Newton steps in the box, each solved by conjugate gradients on the equilibrium's Cholesky factor.
 
     The next equilibrium is sought from the pose that the tangent predicts; if none is found, rotations are damped more.
@@ -82,7 +82,7 @@ def gauss_newton(
     search = _GaussNewtonProblem(params, trace, accepted, progress, start, trace.bending_of(len(start.x)))
     trace.ended = TIME if problem.work.over else ITERATIONS
     if params.iterations and not problem.work.over:
-        goal = GOAL if params.stop else -np.inf
+        goal = EXACT_MISMATCH if params.stop else -np.inf
         rule = Damped(params.iterations, params.stop, goal, damping=trace.damping.get(len(start.x)))
         trace.ended = minimise(search, start, rule).ended
         if rule.damping is not None:
@@ -101,7 +101,7 @@ class _Proposal:
 
 @dataclass(eq=False)
 class _GaussNewtonProblem:
-    """The objective as a function of points, for ``newton.minimise`` (a ``newton.Problem``).
+    """The objective as a function of points, for ``newton.minimise`` (a ``newton.InverseProblem``).
 
     note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
     step_number : number of accepted steps
@@ -111,35 +111,35 @@ class _GaussNewtonProblem:
     trace: Trace
     note: Accepted
     progress: Progress
-    best: Point
-    bending: Bending
+    best: DesignPoint
+    bending: CurvatureEstimate
     step_number: int = 0
 
     @property
     def over(self) -> bool:
         return self.best.problem.work.over
 
-    def within(self, point: Point) -> Progress:
+    def within(self, point: DesignPoint) -> Progress:
         """Return the progress at the present step, which shows the point's RMSE."""
         done, rmse = self.step_number / self.params.iterations, 1e3 * point.mismatch.rmse
         return self.progress.at(done, f"Step {self.step_number}, RMSE {rmse:.4g} mm")
 
-    def watch(self, point: Point, history: list[Iteration]) -> None:
+    def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
         pass  # the progress of every equilibrium already raises Cancelled
 
-    def expand(self, point: Point) -> Local:
+    def expand(self, point: DesignPoint) -> Local:
         within, point = self.within(point), point.reweighted() if isinstance(point, FlatPoint) else point
         point.prepare(within)
         within(0.0)
         self.bending.refine(point.gauss_newton)
         return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
-    def energy(self, point: Point) -> float:
+    def energy(self, point: DesignPoint) -> float:
         return point.value
 
     def proposed(self, here: Local, damping: float, following: float) -> _Proposal | None:
         """Return a step that nearly minimises the damped model; None after the time limit."""
-        point: Point = here.own
+        point: DesignPoint = here.own
         within = self.within(point)
 
         units = self.bending.units(point.value, damping)
@@ -153,7 +153,7 @@ class _GaussNewtonProblem:
         moves = point.moves(step)
         return _Proposal(step, moves, point.value - model.after(step, moves).value)
 
-    def tried(self, here: Local, proposal: _Proposal) -> Point | None:
+    def tried(self, here: Local, proposal: _Proposal) -> DesignPoint | None:
         return _take_step(here.own, proposal.step, proposal.moves, self.trace, self.within(here.own))
 
     def gentle(self, here: Local, proposal: _Proposal) -> float:
@@ -163,7 +163,7 @@ class _GaussNewtonProblem:
     def rejected(self) -> None:
         self.trace.rejected += 1
 
-    def accepted(self, point: Point) -> None:
+    def accepted(self, point: DesignPoint) -> None:
         self.step_number += 1
         if point.value < self.best.value:
             self.best = point
@@ -171,7 +171,9 @@ class _GaussNewtonProblem:
             self.note(point)
 
 
-def _take_step(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress) -> Point | None:
+def _take_step(
+    here: DesignPoint, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
+) -> DesignPoint | None:
     """Return the point after a step; None if there is no sufficiently stable equilibrium near the pose that the tangent predicts."""
     trace.evaluations += 1
     turn = np.linalg.norm(moves[:, 3:], axis=1).max()
@@ -181,20 +183,20 @@ def _take_step(here: Point, step: np.ndarray, moves: np.ndarray, trace: Trace, p
     moves = moves * min(1.0, MAX_TURN / max(turn, 1e-300))
     x, pose = np.clip(here.x + step, 0.0, 1.0), here.equilibrium.pose
     trial = here.problem.at(x, pose, progress, PREDICTED_ITERATIONS, moves)
-    spare = min(here.equilibrium.spare, inverse.MARGIN)
+    spare = min(here.equilibrium.spare, inverse.MIN_STABILITY)
     lost = not trial.equilibrium.converged or trial.equilibrium.spare < spare
-    if lost or (jumped(here, trial, moves) and not _is_better(trial, here)):
+    if lost or (has_jumped(here, trial, moves) and not _is_better(trial, here)):
         trace.unstable += 1
         return None
     return trial
 
 
-def _is_better(there: Point, here: Point) -> bool:
+def _is_better(there: DesignPoint, here: DesignPoint) -> bool:
     """Return whether a point beyond a snap is worth taking: lower in the objective and nearer to the target."""
     return there.value < here.value and there.distance < here.distance
 
 
-def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> bool:
+def has_jumped(here: DesignPoint, there: DesignPoint, moves: Float[np.ndarray, "spirals 6"]) -> bool:
     """Return whether the equilibrium ``there`` lies beyond a snap, away from the pose that the increments ``moves`` predict.
 
     The error of the linear prediction is a fraction of the predicted shift; another equilibrium is at least about a spiral's width away.
@@ -210,13 +212,13 @@ def jumped(here: Point, there: Point, moves: Float[np.ndarray, "spirals 6"]) -> 
 
 @one_thread
 def lbfgs(
-    problem: Problem,
-    start: Point,
+    problem: InverseProblem,
+    start: DesignPoint,
     params: OptimiseParams,
     trace: Trace,
     accepted: Accepted,
     progress: Progress = SILENT,
-) -> Point:
+) -> DesignPoint:
     """Run L-BFGS-B with an equilibrium at every evaluation, as in the publication; kept as the baseline.
 
     Without an equilibrium, and beyond the limits of flat shapes, the objective is replaced by ten times the start's.

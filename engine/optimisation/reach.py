@@ -13,13 +13,13 @@ from ..materials import STRAINED
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
-from ..simulation.rests import snapping
-from ..simulation.shortfall import Shortfall
+from ..simulation.rests import snapping_spirals
+from ..simulation.shortfall import FarBody
 from ..simulation.simulate import Simulation
 from ..surface.checking.finding import counted
-from .eased import eased
+from .eased import forecast_strain
 from .optimise import Optimisation
-from .remedies import CUT, FINER, LARGER, THINNER, Amounts, amounts
+from .remedies import CUT, FINER, LARGER, THINNER, Amounts, remedy_amounts
 
 # mismatch in Laplacian coordinates, in distances of neighbours, up to which a spiral counts as matched
 MATCHED_BELOW = 0.01
@@ -43,11 +43,11 @@ NAMES = tuple(name for name, _, _ in KINDS)
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class MatchLimits:
     """Why each spiral misses the target.
 
     kind : (F,) reason of every spiral, index into ``NAMES``; share : (kinds,) of the squared mismatch, by reason; advice : a sentence
-    remedies : the remedies in the advice that a button offers, and their amounts, see ``remedies.amounts``
+    remedies : the remedies in the advice that a button offers, and their amounts, see ``remedies.remedy_amounts``
     prospects : RMS distance from the target, in percent of the size, that a cut or supports would reach, see ``choosing.prospects``;
         None before they are computed
     """
@@ -59,7 +59,7 @@ class Reach:
     prospects: Mapping[str, float] | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return the ``reach`` block of report.json."""
+        """Return the ``find_limits`` block of report.json."""
         counts = np.bincount(self.kind, minlength=len(NAMES))
         return {
             "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),
@@ -70,7 +70,7 @@ class Reach:
         }
 
 
-def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> Reach:
+def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> MatchLimits:
     """Return the reason why each spiral of a design misses the target: the first that applies, in the order of ``KINDS``.
 
     Parameters
@@ -99,7 +99,7 @@ def reach(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedie
     within(0.0)
     share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
     advice = _advice(kind, share, simulation.shortfalls) + _strain_advice(simulation)
-    return Reach(kind, share, advice, _remedies(share, simulation) if remedies else {})
+    return MatchLimits(kind, share, advice, _remedies(share, simulation) if remedies else {})
 
 
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
@@ -138,11 +138,11 @@ def _find_stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray,
 def _find_unstable(simulation: Simulation, progress: Progress) -> Bool[np.ndarray, " quads"]:
     """Return a mask (F,) of the spirals that move in a mode which hardly costs energy."""
     unstable = np.zeros(simulation.assembly.size, dtype=bool)
-    unstable[snapping(simulation.equilibrium, lambda: simulation.softest(progress))[0]] = True
+    unstable[snapping_spirals(simulation.equilibrium, lambda: simulation.softest(progress))[0]] = True
     return unstable
 
 
-def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) -> str:
+def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[FarBody]) -> str:
     """Return the advice: on bodies that miss their target as a whole first, then on the worst kind of spiral."""
     worst = shortfalls[0] if shortfalls else None
     if worst is None:
@@ -152,7 +152,7 @@ def _advice(kind: np.ndarray, share: np.ndarray, shortfalls: list[Shortfall]) ->
     return f"{worst.wrong} {_worst_kind_sentence(kind, share)}{worst.help}"
 
 
-def _stays_flat(shortfalls: list[Shortfall], quads: int) -> bool:
+def _stays_flat(shortfalls: list[FarBody], quads: int) -> bool:
     """Return whether the worst body stays flat and is most of the piece: better spirals would not help then."""
     return bool(shortfalls) and shortfalls[0].flat and len(shortfalls[0].quads) > MAJORITY * quads
 
@@ -200,8 +200,8 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
     if strained:
         advised = [name for name in advised if name != FINER]
-    ease = eased(simulation) if strained else None
-    return amounts(
+    ease = forecast_strain(simulation) if strained else None
+    return remedy_amounts(
         dict.fromkeys(advised),
         strain=None if strain is None else strain / STRAINED,
         soft=kind == "softest",

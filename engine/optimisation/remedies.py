@@ -16,7 +16,7 @@ CUT, LARGER, THINNER, FINER = "cut", "larger", "thinner", "finer"
 REMEDIES = (CUT, LARGER, THINNER, FINER)
 Amounts = dict[str, float | None]
 # from a factor on the size and a thickness, metres, to the largest strain over the limit
-Eased = Callable[[float, float], float]
+StrainForecast = Callable[[float, float], float]
 
 # Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
 # soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that
@@ -36,19 +36,19 @@ MILLIMETRES = SHOWN["m"][0]
 WANTED = 1.0
 
 
-def wanted(choose: Any) -> float:
+def wanted_percent(choose: Any) -> float:
     """Return the wanted RMS distance from the target, in percent of the size; ``choose`` : the settings of the layout."""
     return float(choose.match) if choose.goal == "match" else WANTED
 
 
-def amounts(
+def remedy_amounts(
     advised: Collection[str],
     *,
     strain: float | None,
     soft: bool,
     thickness: float,
     quads: int,
-    eased: Eased | None = None,
+    eased: StrainForecast | None = None,
 ) -> Amounts:
     """Return the amount of every advised remedy, by name, for ``report.json``; remedies that are impossible are left out.
 
@@ -66,17 +66,17 @@ def amounts(
     A factor on the size, a thickness in millimetres, a number of quads; None for a cut.
     """
     if eased is None or strain is None or strain <= 1.0:
-        times = larger(strain, soft=soft)
-        sheet = thinner(thickness, times)
+        times = size_factor(strain, soft=soft)
+        sheet = thinner_sheet(thickness, times)
     else:
-        times = larger(strain, soft=soft, eased=lambda factor: eased(factor, thickness))
-        sheet = thinner(thickness, times, eased=lambda metres: eased(1.0, metres))
-    found: Amounts = {CUT: None, LARGER: times, FINER: finer(quads)}
+        times = size_factor(strain, soft=soft, eased=lambda factor: eased(factor, thickness))
+        sheet = thinner_sheet(thickness, times, eased=lambda metres: eased(1.0, metres))
+    found: Amounts = {CUT: None, LARGER: times, FINER: quad_count(quads)}
     found[THINNER] = None if sheet is None else round(sheet * MILLIMETRES, 6)
     return {name: found[name] for name in advised if name == CUT or found[name] is not None}
 
 
-def larger(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
+def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
     """Return the factor on the size that brings the strain below its limit, at most ``MOST``.
 
     A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose ends rotate by an
@@ -85,7 +85,7 @@ def larger(strain: float | None, *, soft: bool, eased: Callable[[float], float] 
 
     Parameters
     ----------
-    strain, soft : as in ``amounts``; if ``soft``, the factor is at least ``FIRST_FACTOR``
+    strain, soft : as in ``remedy_amounts``; if ``soft``, the factor is at least ``FIRST_FACTOR``
     eased : strain over its limit by a factor on the size
     """
     times, enough = _round_up(max(strain or 0.0, FIRST_FACTOR if soft else 1.0)), None
@@ -106,16 +106,16 @@ def _round_up(times: float) -> float:
     return round(min(MOST, STEP * math.ceil(times / STEP - 1e-6)), 2)
 
 
-def thinner(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:
+def thinner_sheet(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:
     """Return the thickest sheet on sale, metres, that brings the strain below its limit; None if there is none.
 
-    Without ``eased`` the thickness is divided by ``times``, by the formula of ``larger``. That may not be enough: strains of twisted arms
+    Without ``eased`` the thickness is divided by ``times``, by the formula of ``size_factor``. That may not be enough: strains of twisted arms
     that are thicker than wide fall more slowly, on the dome and the saddle by 1.2 times from 3 to 2 mm.
 
     Parameters
     ----------
     thickness : present, metres
-    times : factor on the size that ``larger`` has found
+    times : factor on the size that ``size_factor`` has found
     eased : strain over its limit by thickness, metres
     """
     least = next(f for f in fields(SpiralParams) if f.name == "thickness").metadata["low"]
@@ -128,13 +128,13 @@ def thinner(thickness: float, times: float, *, eased: Callable[[float], float] |
     return next((sheet for sheet in fitting[:MAX_SHEETS] if eased is None or eased(sheet) <= 1.0), None)
 
 
-def finer(quads: int) -> int | None:
+def quad_count(quads: int) -> int | None:
     """Return ``DENSER`` times the number of quads; None if the setting allows fewer."""
     most = next(f for f in fields(RemeshParams) if f.name == "quads").metadata["high"]
     return DENSER * quads if DENSER * quads <= most else None
 
 
-def of_block(block: Mapping[str, Any]) -> Amounts:
+def read_block(block: Mapping[str, Any]) -> Amounts:
     """Return the remedies of a ``reach`` block; in blocks of earlier versions only the sentence tells whether a cut would help."""
     if "remedies" in block:
         return {name: amount for name, amount in block["remedies"].items() if name in REMEDIES}

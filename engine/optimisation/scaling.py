@@ -24,7 +24,7 @@ MIN_ESTIMATE = 1e-30
 FIRST_ESTIMATE = 1e-3  # chosen by eye; has no effect after five refinements
 
 
-class Bending:
+class CurvatureEstimate:
     """Estimate of the curvatures, refined along a search from design to design.
 
     Stochastic equilibration: each refinement corrects the units by the norms of the scaled matrix's rows, estimated from products with

@@ -25,23 +25,23 @@ from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
 from ..spirals.constraints import FREE, Constraints
 from ..spirals.design import SpiralDesign
-from ..spirals.room import Room
+from ..spirals.room import ClearanceModel
 from ..surface.mesh import QuadMesh
 from . import codesign
 from .codesign_problem import FlatPoint
 from .design_space import DesignSpace
-from .inverse import Point, Problem
+from .inverse import DesignPoint, InverseProblem
 from .objective import Target
-from .open_slots import Opening
-from .optimisers import GOAL, INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
+from .open_slots import SlotRequirement
+from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
 from .remedies import WANTED
-from .terms import LENIENT, STRICT, Bearing
+from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
 
 Stage = Callable[["Held", Progress], "Held"]
 GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-METHODS: dict[str, Callable[..., Point]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
+METHODS: dict[str, Callable[..., DesignPoint]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 COARSE_TOLERANCE = 1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; not measured
 ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
@@ -87,7 +87,9 @@ class Task:
     constraints: Constraints = FREE
     wishes: Wishes | None = None
 
-    def problem(self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None) -> Problem:
+    def problem(
+        self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
+    ) -> InverseProblem:
         """Return the inverse problem of the spirals in a design's flat shapes, with the whole elastic model.
 
         Parameters
@@ -98,8 +100,10 @@ class Task:
         """
         assembly, physics, params = of_design(design), self.physics, self.params
         mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
-        loads = Loads.of(assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass)
-        return Problem(
+        loads = Loads.for_spirals(
+            assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass
+        )
+        return InverseProblem(
             assembly,
             space or self.space(design, progress),
             self.aim(assembly, not loads.fixed.any()),
@@ -107,10 +111,10 @@ class Task:
             self.model,
             replace(physics, tolerance=max(physics.tolerance, COARSE_TOLERANCE)),
             params.smoothness,
-            Bearing(self.material, params.strain_share) if params.strain_share > 0.0 else None,
-            Opening.of(design) if params.open_slots else None,
+            StrainLimit(self.material, params.strain_share) if params.strain_share > 0.0 else None,
+            SlotRequirement.from_design(design) if params.open_slots else None,
             self.work,
-            room=Room.of(design.flat, design.params),
+            room=ClearanceModel.from_flat(design.flat, design.params),
             stance=Stance(loads, self.target, design.flat.corners),
         )
 
@@ -123,7 +127,7 @@ class Task:
         """Return the design space of this design's patches."""
         self.work.add(SPACE, len(design.width))
         groups = GROUPS[self.params.arms]
-        space = DesignSpace.of(design, of_design(design), groups, progress, self.constraints)
+        space = DesignSpace.from_design(design, of_design(design), groups, progress, self.constraints)
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
@@ -137,7 +141,7 @@ class Task:
         rest["progress"] = replace(progress, shown=None)  # the view shows the steps of the search only
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
 
-    def rested(self, design: SpiralDesign, point: Point) -> Simulation:
+    def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
         """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
 
         Under gravity it is always simulated, because a search computes the weights of its spirals only at the start of a stage.
@@ -161,14 +165,14 @@ def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class StageResult:
     """Result of a stage.
 
     design, point : the design and its point; farthest : largest allowed RMS distance from the target, in distances of neighbours
     """
 
     design: SpiralDesign
-    point: Point
+    point: DesignPoint
     farthest: float
 
     @property
@@ -181,11 +185,11 @@ class Held:
         """Objective, for comparing designs of one stage, where strains have equal weight; infinite if not sound."""
         return self.point.value if self.sound else np.inf
 
-    def pressed(self) -> Held:
+    def pressed(self) -> StageResult:
         """Return this result with updated multipliers of the strain limits."""
         return replace(self, point=self.point.pressed())
 
-    def firmed(self, *, strong: bool) -> Held:
+    def firmed(self, *, strong: bool) -> StageResult:
         """Return this result at the start of a stage; strong : the stage keeps a greater distance from snapping."""
         return replace(self, point=self.point.firmed(strong=strong))
 
@@ -212,7 +216,7 @@ class Held:
         return 0.0 if bearing is None or strains is None else float(strains.values.max() / bearing.limit)
 
     def merit(self, strictness: float) -> float:
-        """Return ``Point.merit``, for comparing results of stages; infinite if not sound."""
+        """Return ``DesignPoint.merit``, for comparing results of stages; infinite if not sound."""
         return self.point.merit(strictness) if self.sound else np.inf
 
 
@@ -229,14 +233,14 @@ class Search:
     accepted: Accepted
     farthest: float
     first: FlatPatches
-    held: list[Held] = field(default_factory=list)
+    held: list[StageResult] = field(default_factory=list)
 
     @property
-    def best(self) -> Held:
+    def best(self) -> StageResult:
         """Stage result with the best merit."""
         return min(self.held, key=lambda one: one.merit(STRICT))
 
-    def run(self, starts: list[Point], design: SpiralDesign, progress: Progress) -> int:
+    def run(self, starts: list[DesignPoint], design: SpiralDesign, progress: Progress) -> int:
         """Run the first stage from every start, and all others from the best result; return the index of its start.
 
         starts : points in the design's flat shapes, which share the time of the first stage equally
@@ -244,7 +248,7 @@ class Search:
         params, work = self.task.params, self.task.work
         codesigned = params.codesign and isinstance(starts[0].model, ArmModel)
         first, end = (replace(params, stop=max(params.stop, FIRST_STOP)), 0.3) if codesigned else (params, 0.8)
-        tried: list[Held] = []
+        tried: list[StageResult] = []
         for k, start in enumerate(starts):
             work.share = work.enough * (TIME_ALONE if codesigned else TIME_WITH_FLATS) * (k + 1) / len(starts)
             here = self.hold(design, start)
@@ -267,13 +271,13 @@ class Search:
         self.trace.ended = "time" if work.over else "converged" if ended == "time" else ended
         return chosen
 
-    def hold(self, design: SpiralDesign, point: Point) -> Held:
+    def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
         """Append a point in this design's flat shapes to ``held``, and return it."""
         width, twist = point.spirals
-        self.held.append(Held(replace(design, width=width, twist=twist), point, self.farthest))
+        self.held.append(StageResult(replace(design, width=width, twist=twist), point, self.farthest))
         return self.held[-1]
 
-    def _repeat(self, step: Stage, here: Held, most: int, gain: float, progress: Progress) -> Held:
+    def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
         """Repeat a stage, at most ``most`` times, while it lowers the objective by the share ``gain``; return the best result.
 
         It goes on too while arms are strained beyond their limit, as long as the objective decreases at all.
@@ -286,21 +290,21 @@ class Search:
             if not found.value < start.value:
                 break
             here = found
-            exact = self.task.params.stop > 0.0 and here.point.mismatch.value < GOAL
+            exact = self.task.params.stop > 0.0 and here.point.mismatch.value < EXACT_MISMATCH
             if not here.strained and (exact or here.value >= (1.0 - gain) * start.value):
                 break
         return here
 
-    def polished(self, here: Held, progress: Progress) -> Held:
+    def polished(self, here: StageResult, progress: Progress) -> StageResult:
         """Take a few more steps of the spirals alone."""
         short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
         return self.improved(here, short, progress)
 
-    def improved(self, here: Held, params: OptimiseParams, progress: Progress) -> Held:
+    def improved(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
         """Optimise the spirals alone."""
         start = bearable = here.point
 
-        def accepted(point: Point) -> None:
+        def accepted(point: DesignPoint) -> None:
             nonlocal bearable
             self.accepted(point)
             if point.merit(STRICT) < bearable.merit(STRICT):
@@ -311,18 +315,18 @@ class Search:
             self.hold(here.design, bearable)
         return self.hold(here.design, found)
 
-    def together(self, here: Held, progress: Progress) -> Held:
+    def together(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together, then the spirals alone."""
         found = self.moved(here, progress.part(0.0, 0.8))
         found = found if found.value < here.value else here
         return found if self.task.work.over else self.polished(found, progress.part(0.8, 1.0))
 
-    def moved(self, here: Held, progress: Progress) -> Held:
+    def moved(self, here: StageResult, progress: Progress) -> StageResult:
         """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
         params, start = self.task.params, here.point
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
         method, part, steps = METHODS[params.method], progress.part(0.0, 0.9), len(self.trace.rows)
-        found = codesign.refine(
+        found = codesign.refine_flat_shapes(
             start.problem, start, here.design, rough, method, self.trace, self.accepted, part, self.first
         )
         if not self.trace.rows[steps:]:
@@ -338,7 +342,7 @@ class Search:
             other = self._as_design(here, less, within) if less.equilibrium.converged else None
         return other or here
 
-    def _as_design(self, here: Held, found: FlatPoint, progress: Progress) -> Held | None:
+    def _as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
         """Turn a point with moved flat shapes into a design, and append it to ``held``; None if a patch overlaps itself."""
         design = codesign.designed(found, here.design)
         if design is None:

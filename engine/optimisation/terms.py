@@ -38,7 +38,7 @@ MAX_MULTIPLIER = 1.0  # chosen by eye; without a bound, a few arms that no spira
 LOOSE, LENIENT, STRICT = 0.0, 5.0, 20.0
 
 
-class Change(NamedTuple):
+class ScalarChange(NamedTuple):
     """Derivatives of a scalar; hubs : (n, 6) by the hubs' increments; own : (coordinates,) at fixed hubs; 0 for none."""
 
     hubs: np.ndarray | float
@@ -52,9 +52,9 @@ class Term(Protocol):
     def value(self) -> float: ...
 
     @property
-    def gradient(self) -> Change: ...
+    def gradient(self) -> ScalarChange: ...
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
         """Return the product of its Gauss-Newton matrix with increments (n, 6) of the hubs and a change of the coordinates."""
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> Term:
@@ -75,9 +75,9 @@ class Rows:
         """Return the product with increments (n, 6) of the hubs and a change of the coordinates (jvp)."""
         return self.hubs @ moves.ravel() + self.own @ change
 
-    def backward(self, weight: Float[np.ndarray, " k"]) -> Change:
+    def backward(self, weight: Float[np.ndarray, " k"]) -> ScalarChange:
         """Return the transposed product (vjp)."""
-        return Change((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
+        return ScalarChange((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
     def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
         """Return the second derivatives that are not 0, and the Jacobian of these quantities only, which is enough for products."""
@@ -92,7 +92,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Apart(Term):
+class MismatchTerm(Term):
     """The mismatch as a term; moved : (rows, 3) change of the residual by a step, None at the equilibrium itself."""
 
     mismatch: Mismatch
@@ -105,22 +105,22 @@ class Apart(Term):
         return 0.5 * float(((self.mismatch.residual + self.moved) ** 2).sum())
 
     @property
-    def gradient(self) -> Change:
+    def gradient(self) -> ScalarChange:
         further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
-        return Change(_at_centres(self.mismatch.gradient + further), 0.0)
+        return ScalarChange(_at_centres(self.mismatch.gradient + further), 0.0)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
-        return Change(_at_centres(self.mismatch.backward(self._forward(moves))), 0.0)
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
+        return ScalarChange(_at_centres(self.mismatch.backward(self._forward(moves))), 0.0)
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Apart:
-        return Apart(self.mismatch, self._forward(moves))
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> MismatchTerm:
+        return MismatchTerm(self.mismatch, self._forward(moves))
 
     def _forward(self, moves: np.ndarray) -> Float[np.ndarray, "m 3"]:
         return self.mismatch.forward(moves[: len(self.mismatch.target.points), :3])
 
 
 @dataclass(frozen=True, eq=False)
-class Bearing:
+class StrainLimit:
     """Limit of the arms' strains, enforced by an augmented Lagrangian (Nocedal and Wright, Numerical Optimization, section 17.3).
 
     material, share : the limit is this share of the material's safe strain; weight : of the squared excesses in the objective
@@ -142,7 +142,7 @@ class Bearing:
         """Return the relative excess (m, 2) of strains over the limit less ``MARGIN``; negative below it."""
         return strains / ((1.0 - MARGIN) * self.limit) - 1.0
 
-    def pressed(self, strains: Float[np.ndarray, "joints 2"]) -> Bearing:
+    def pressed(self, strains: Float[np.ndarray, "joints 2"]) -> StrainLimit:
         """Return a copy with multipliers updated from these strains, and a larger weight if the last ones have not halved the excess."""
         known, excess = 0.0 if self.pushes is None else self.pushes, self.excess(strains)
         worst = max(float(excess.max(initial=0.0)), 0.0)
@@ -156,7 +156,7 @@ class Bearing:
 
 
 @dataclass(frozen=True, eq=False)
-class Excess(Term):
+class StrainTerm(Term):
     """Augmented Lagrangian of the strain limits: half the squared push of every overstrained arm, as a mean over all arms.
 
     An arm's push is its multiplier plus ``PENALTY`` times its excess. Beyond ``MAX_MULTIPLIER`` the term is linear (Huber's loss).
@@ -165,7 +165,7 @@ class Excess(Term):
     changes : from numbers of arms (2 joint + side) to the Jacobian of their strains
     """
 
-    bearing: Bearing
+    bearing: StrainLimit
     strains: Float[np.ndarray, "joints 2"]
     changes: Callable[[np.ndarray], Rows]
 
@@ -204,7 +204,7 @@ class Excess(Term):
         """Return the value at these pushes of the active arms."""
         return self._unit / PENALTY * _huber(push)
 
-    def gradient_at(self, push: Float[np.ndarray, " k"]) -> Change:
+    def gradient_at(self, push: Float[np.ndarray, " k"]) -> ScalarChange:
         """Return the gradient at these pushes of the active arms."""
         return self._rows.backward(self._unit * self._by_strain * np.clip(push, 0.0, MAX_MULTIPLIER))
 
@@ -221,7 +221,7 @@ class Excess(Term):
         return self.value_at(self._push)
 
     @property
-    def gradient(self) -> Change:
+    def gradient(self) -> ScalarChange:
         return self.gradient_at(self._push)
 
     @cached_property
@@ -229,18 +229,18 @@ class Excess(Term):
         """Second derivatives by the active strains; they fade out towards arms far below the limit."""
         return self.curvature_at(self._push, 1.0 + self._push / ACTIVE_FROM)
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
         return self._rows.backward(self._curvature * self._rows.forward(moves, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
-        return ExcessAhead(self, PENALTY * self._by_strain * self._rows.forward(moves, change))
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
+        return StrainTermAtStep(self, PENALTY * self._by_strain * self._rows.forward(moves, change))
 
 
 @dataclass(frozen=True, eq=False)
-class ExcessAhead(Term):
-    """``Excess`` after a step; change : (k,) linearised change of the active arms' pushes."""
+class StrainTermAtStep(Term):
+    """``StrainTerm`` after a step; change : (k,) linearised change of the active arms' pushes."""
 
-    start: Excess
+    start: StrainTerm
     change: Float[np.ndarray, " k"]
 
     @property
@@ -252,18 +252,18 @@ class ExcessAhead(Term):
         return self.start.value_at(self._push)
 
     @property
-    def gradient(self) -> Change:
+    def gradient(self) -> ScalarChange:
         return self.start.gradient_at(self._push)
 
     @cached_property
     def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
         return self.start._rows.curved(self.start.curvature_at(self._push, 0.0))
 
-    def product(self, moves: np.ndarray, change: np.ndarray) -> Change:
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
         curvature, rows = self._curved
         return rows.backward(curvature * rows.forward(moves, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> ExcessAhead:
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> StrainTermAtStep:
         return self.start.ahead(moves, change)
 
 
@@ -274,12 +274,12 @@ def _huber(push: Float[np.ndarray, " k"]) -> float:
     return float((near * (push - 0.5 * near)).sum())
 
 
-def turning(weight: float, moves: np.ndarray) -> Change:
+def turning(weight: float, moves: np.ndarray) -> ScalarChange:
     """Return the Hessian product of the damping: ``weight`` times half the squared rotations of the hubs, radians."""
-    return Change(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
+    return ScalarChange(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
 
 
-def total(parts: list[Change], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
+def total(parts: list[ScalarChange], size: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
     """Sum up derivatives; return those by all hubs and rim nodes (size, 6), and those by the coordinates."""
     hubs, own = np.zeros((size, 6)), np.zeros(coordinates)
     for part in parts:

@@ -26,7 +26,7 @@ class Wishes:
     places: Float[np.ndarray, "k 3"]
 
     @classmethod
-    def of(cls, mesh: QuadMesh, offsets: Float[np.ndarray, "quads 3"]) -> Wishes | None:
+    def from_offsets(cls, mesh: QuadMesh, offsets: Float[np.ndarray, "quads 3"]) -> Wishes | None:
         """Return wishes given as offsets; None if there are none.
 
         Parameters

@@ -48,7 +48,7 @@ class Work:
     began: float = field(default_factory=time.thread_time)
 
     @classmethod
-    def of(cls, size: int, patience: float) -> Work:
+    def for_spirals(cls, size: int, patience: float) -> Work:
         """Return a counter for a search.
 
         Parameters

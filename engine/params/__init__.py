@@ -4,7 +4,7 @@ from .fields import SHOWN, Params, setting, shown
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
 from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
-from .settings import BOUNDS, ObjectSettings, Settings, changed, refuse_crossed, shown_values, wish
+from .settings import BOUNDS, ObjectSettings, Settings, refuse_crossed, shown_values, wish, with_values
 from .spirals import ConnectorParams, SpiralParams
 from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams
 

@@ -77,7 +77,7 @@ class ObjectSettings(Settings):
 S = TypeVar("S", bound=Settings)
 
 
-def changed(settings: S, values: Mapping[str, Any]) -> S:
+def with_values(settings: S, values: Mapping[str, Any]) -> S:
     """Return settings with some values changed.
 
     Parameters
@@ -111,7 +111,7 @@ def changed(settings: S, values: Mapping[str, Any]) -> S:
 
 
 def wish(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
-    """Return the settings of the goal of a layout, as ``changed`` takes them.
+    """Return the settings of the goal of a layout, as ``with_values`` takes them.
 
     Parameters
     ----------

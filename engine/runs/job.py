@@ -21,7 +21,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..patches.tracing import trace
 from ..progress import SILENT, Progress
-from ..spirals.design import fitted
+from ..spirals.design import make_fabricable
 from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
@@ -243,13 +243,13 @@ def enlarged(
     """
     flat, design = needed(result, "flat"), needed(result, "design")
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
-    begun = replace(begin(PolygonMesh.of(mesh)), supports=result.supports, force=result.force)
+    begun = replace(begin(PolygonMesh.from_quads(mesh)), supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     notes.pop("expected_percent", None)  # it holds for the former size only
     larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = go_on(replace(begun, flat=larger), settings, ("split",), progress.part(0.0, 0.8))
     assert made.flat is not None
-    again = fitted(
+    again = make_fabricable(
         made.flat, settings.spiral, design.width, design.twist, prove=False, progress=progress.part(0.8, 1.0)
     )
     return replace(made, design=again)

@@ -22,7 +22,7 @@ from ..assembling.film import Shots, shoot
 from ..assembling.passage import Hubs, closings
 from ..assembling.stages import at_once, find_stages
 from ..display import arrange
-from ..display.run_plots import Measured
+from ..display.run_plots import MapValues
 from ..display.skin import Skin
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
@@ -95,15 +95,15 @@ class Shown:
     """
 
     design: SpiralDesign
-    measured: Measured
+    measured: MapValues
     pose: Pose | None = None
 
     @classmethod
-    def of(cls, result: Result) -> Shown | None:
+    def from_result(cls, result: Result) -> Shown | None:
         """Collect the content from the products of the stages; None if there are no spirals."""
         if result.design is None:
             return None
-        measured = Measured.of(result.mesh, result.flat, result.design, result.simulation)
+        measured = MapValues.from_results(result.mesh, result.flat, result.design, result.simulation)
         simulation = result.simulation
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
@@ -146,7 +146,7 @@ def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
     material = settings.material.chosen
     layout = design.flat.layout
     steps = joining.steps(layout)
-    skin = Skin.of(design, pose, progress.part(0.0, 0.2))
+    skin = Skin.from_design(design, pose, progress.part(0.0, 0.2))
     _skin(packed, skin)
     _target(packed, shown.measured)
     place = target_pose(layout.mesh, design.flat.corners) if pose is None else pose
@@ -193,7 +193,7 @@ def _skin(packed: Packed, skin: Skin) -> None:
         packed.add("rim_walls", skin.strip.walls)
 
 
-def _target(packed: Packed, measured: Measured) -> None:
+def _target(packed: Packed, measured: MapValues) -> None:
     packed.add("target", MM * measured.mesh.vertices, PLACE)
     packed.add("quads", measured.mesh.quads)
 

@@ -15,7 +15,7 @@ from typing import Any
 from ..display import run_plots
 from ..display.drawing import Drawing, svg
 from ..display.plots import bars
-from ..display.run_plots import Measured
+from ..display.run_plots import MapValues
 from ..files import NewFile
 from ..params import SHOWN, ObjectSettings
 from ..progress import SILENT, Progress
@@ -41,9 +41,9 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
     return run_plots.drawings(measured(result), described, distortion)
 
 
-def measured(result: Result) -> Measured:
+def measured(result: Result) -> MapValues:
     """Collect the values per quad that the plots of a run show."""
-    return Measured.of(
+    return MapValues.from_results(
         result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan, result.structure
     )
 

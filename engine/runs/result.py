@@ -14,7 +14,7 @@ from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
 from ..mechanics.assembly import Pose
 from ..optimisation.optimise import Optimisation
-from ..optimisation.reach import Reach
+from ..optimisation.reach import MatchLimits
 from ..optimisation.wishes import Wishes
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
@@ -83,7 +83,7 @@ class Result:
     design: SpiralDesign | None = None
     optimisation: Optimisation | None = None
     simulation: Simulation | None = None
-    limits: Reach | None = None
+    limits: MatchLimits | None = None
     scanned: Scan | None = None
     scan: Comparison | None = None
     structure: Structure | None = None

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..assembling import check as assembly_check
 from ..choosing import choose, tighten
-from ..choosing.judge import Piece
+from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
@@ -32,7 +32,7 @@ from ..patches.tracing import trace
 from ..progress import Progress
 from ..scanning import compare
 from ..simulation import simulate
-from ..simulation.real_sheets import MOST, real_sheets
+from ..simulation.real_sheets import MOST, tolerance_band
 from ..simulation.simulate import Simulation
 from ..spirals import design
 from ..spirals.constraints import Constraints
@@ -74,7 +74,7 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.layout is not None
-    piece = Piece(result.mesh, settings, result.supports, result.force)
+    piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
     few = merge.merge(result.layout, settings.layout, progress.part(0.0, MERGED), held=piece.held)
     nearer = tighten.tightened(piece, result.layout, few, settings.choose, progress.part(MERGED, 1.0))
     return replace(result, flat=nearer)
@@ -93,7 +93,7 @@ def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
     found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
     # layouts near the present one start from its spirals; all others start from those of a long search
     start = _chosen(result) if settings.choose.near else None
-    piece = Piece(result.mesh, settings, result.supports, result.force, tuple(found), start)
+    piece = LayoutProblem(result.mesh, settings, result.supports, result.force, tuple(found), start)
     reached = result.reached if result.optimisation is None else result.simulation
     if reached is not None and (reached.design.flat is not result.flat or not reached.equilibrium.converged):
         reached = None
@@ -181,13 +181,13 @@ def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
     better, start = result.optimisation, None
     if better is not None:
         if not settings.simulate.restarts:
-            limits = reach.reach(better, progress.part(0.0, 0.3))
+            limits = reach.find_limits(better, progress.part(0.0, 0.3))
             return replace(
                 result, simulation=_with_band(better.after, settings, progress.part(0.3, 1.0)), limits=limits
             )
         start = better.after.equilibrium.pose
     found = at_rest(result, settings, start, progress.part(0.0, 0.6))
-    limits = reach.reach(found if better is None else better, progress.part(0.6, 0.65))
+    limits = reach.find_limits(found if better is None else better, progress.part(0.6, 0.65))
     return replace(result, simulation=_with_band(found, settings, progress.part(0.65, 1.0)), limits=limits)
 
 
@@ -219,7 +219,7 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
     if not simulation.equilibrium.converged or simulation.assembly.size > MOST:
         return simulation
     try:
-        return replace(simulation, band=real_sheets(simulation, settings.simulate, progress))
+        return replace(simulation, band=tolerance_band(simulation, settings.simulate, progress))
     except Cancelled:
         return simulation
 
@@ -234,7 +234,7 @@ def _compare(result: Result, settings: Settings, progress: Progress) -> Result:
     if result.simulation is not None:
         mesh = mesh.moved(result.simulation.vertices)
     elif result.rest is not None and result.design is not None:
-        mesh = mesh.moved(simulate.carried(result.design, result.rest, mesh))
+        mesh = mesh.moved(simulate.move_vertices(result.design, result.rest, mesh))
     return replace(result, scan=compare.compare(mesh, result.scanned, simulated, progress))
 
 
@@ -306,7 +306,7 @@ def standing(
     """
     check_hold(settings.base, settings.simulate)
     mesh = design.flat.layout.mesh
-    lowest = float(simulate.carried(design, pose, mesh)[np.unique(mesh.quads), 2].min())
+    lowest = float(simulate.move_vertices(design, pose, mesh)[np.unique(mesh.quads), 2].min())
     if not settings.base.stands:
         eyelets = make_eyelets(design, pose, supports, settings.base.eyelet, settings.cut, pull)
         return Base(design, (), (), lowest, design.params.thickness, eyelets)

@@ -13,7 +13,7 @@ from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
 from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
-from .surface import Surface
+from .surface import TriangleSurface
 
 # maximum distance of points that belong to the piece as a share of its size; the largest error in the paper is 0.041
 MAX_DISTANCE = 0.1
@@ -123,7 +123,7 @@ def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progr
     scale, remarks = _scale(kept, size, scan.unit)
     # centre first: in a surveyor's frame coordinates are kilometres, and digits would be lost
     centre = np.median(kept, axis=0)
-    surface = Surface.of(mesh, middle, size)
+    surface = TriangleSurface.from_mesh(mesh, middle, size)
     local = scale / size * (kept - centre)
     found = register(surface, local, scan.anywhere, progress)
     laid = local @ found.turn.T + found.shift
@@ -175,7 +175,7 @@ def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str
 
 
 def _distances(
-    mesh: QuadMesh, surface: Surface, laid: np.ndarray, found: Registration
+    mesh: QuadMesh, surface: TriangleSurface, laid: np.ndarray, found: Registration
 ) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
     """Return the distance of every spiral to the scan in shares of the size, and which points belong to the piece.
 

@@ -68,7 +68,7 @@ class Poses:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ScanFit:
     """Objective of the fit: distances from a surface, points of a scan and their weights."""
 
     distances: Distances

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..arrays import Float
 from ..progress import SILENT, Progress
-from .poses import Fit, Poses, distinct
-from .surface import Surface, Table
+from .poses import Poses, ScanFit, distinct
+from .surface import ClosestPoints, TriangleSurface
 
 # Measured on 26 surfaces of the zoo, 20 scans each: with 3 offsets instead of 5 and reaches from 0.12, a coil was
 # registered between its own turns; without the search along weakly constrained directions a third of all gables and a
@@ -67,15 +67,15 @@ class Registration:
 
 
 def register(
-    surface: Surface, scan: Float[np.ndarray, "points 3"], anywhere: bool = False, progress: Progress = SILENT
+    surface: TriangleSurface, scan: Float[np.ndarray, "points 3"], anywhere: bool = False, progress: Progress = SILENT
 ) -> Registration:
     """Register a scan's points, in any order, to a surface around the origin; lengths in shares of its size.
 
     Without ``anywhere`` the scan is assumed to be rotated by at most 30 degrees.
     """
-    table = Table(surface)
+    table = ClosestPoints(surface)
     points = scan[np.random.default_rng(0).permutation(len(scan))]
-    rough = [Fit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINTS]
+    rough = [ScanFit(table, points[:count].astype(np.float32), np.ones(min(count, len(points)))) for count in POINTS]
     poses = _best_guesses(rough[0], _guesses(surface, points, anywhere), anywhere, progress.part(0.0, 0.5))
     for k, (reach, steps) in enumerate(LOOKS):
         progress(0.5 + 0.1 * k, "Scan: looking along the surface")
@@ -83,9 +83,9 @@ def register(
         poses = poses if anywhere else _upright(poses)
     poses = distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
     progress(0.8, "Scan: measuring its noise")
-    exact = Fit(surface, points[: POINTS[2]], rough[2].weights)
+    exact = ScanFit(surface, points[: POINTS[2]], rough[2].weights)
     poses = exact.fitted(poses, 0.005, 6)
-    exact = Fit(surface, points[: POINTS[3]], rough[3].weights)
+    exact = ScanFit(surface, points[: POINTS[3]], rough[3].weights)
     poses = poses[np.argsort(exact.cost(poses, 0.005))[:4]]
     reach = _noise(exact, poses[:1])
     weights = _weights(surface, points, poses[:1], reach)
@@ -95,7 +95,7 @@ def register(
     return Registration(poses.turns[0], poses.shifts[0], back, reach)
 
 
-def _guesses(surface: Surface, points: np.ndarray, anywhere: bool) -> Poses:
+def _guesses(surface: TriangleSurface, points: np.ndarray, anywhere: bool) -> Poses:
     """Return all initial rotations combined with all initial offsets."""
     from scipy.spatial.transform import Rotation
 
@@ -129,7 +129,7 @@ def _ball(count: int) -> np.ndarray:
     return np.column_stack([across * np.cos(angle), across * np.sin(angle), height])
 
 
-def _best_guesses(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
+def _best_guesses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress) -> Poses:
     """Return the best initial poses, fitted in parts so that the search can be cancelled."""
     parts = []
     for k in range(0, len(poses), 1024):
@@ -143,14 +143,14 @@ def _best_guesses(fit: Fit, poses: Poses, anywhere: bool, progress: Progress) ->
 
 
 def _search_nearby(
-    fit: Fit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
+    fit: ScanFit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
 ) -> Poses:
     """Return the best of the poses and of poses near them along weakly constrained directions, all fitted again."""
     poses = fit.fitted(fit.spread(poses, reach, steps), reach, 3)
     return distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
-def _noise(fit: Fit, pose: Poses) -> float:
+def _noise(fit: ScanFit, pose: Poses) -> float:
     """Return ``NOISES`` standard deviations of points within that distance of the surface, estimated by the median."""
     off = np.abs(fit.distances(pose.laid(fit.points))[1][0])
     deviation = _deviation(off, BLUNTEST)
@@ -165,7 +165,7 @@ def _deviation(off: np.ndarray, within: float) -> float:
     return 1.4826 * float(np.median(near)) if len(near) else within
 
 
-def _weights(surface: Surface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
+def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: float) -> np.ndarray:
     """Return weights of 1, or for points of planes beyond the piece, the share of the plane that lies on the piece.
 
     Otherwise points of a table that meet the surface by chance would pull the piece along a weakly constrained
@@ -213,8 +213,8 @@ def _plane(points: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _final_pose(
-    surface: Surface,
-    table: Table,
+    surface: TriangleSurface,
+    table: ClosestPoints,
     points: np.ndarray,
     weights: np.ndarray,
     poses: Poses,
@@ -223,8 +223,8 @@ def _final_pose(
 ) -> Poses:
     """Return the pose that fits all points best with a reach that matches their noise."""
     some, most = POINTS[2:]
-    quick = Fit(table, points[:some].astype(np.float32), weights[:some])
-    exact = Fit(surface, points[:most], weights[:most])
+    quick = ScanFit(table, points[:some].astype(np.float32), weights[:some])
+    exact = ScanFit(surface, points[:most], weights[:most])
     for k, steps in enumerate(LAST_LOOKS):
         progress(k / len(LAST_LOOKS), "Scan: fitting all points")
         if k < 2:
@@ -233,7 +233,7 @@ def _final_pose(
             near = exact.spread(poses, reach, steps)
             poses = near[np.argsort(exact.cost(near, reach))[:4]]
         poses = exact.fitted(poses, reach, 5)
-    everything = Fit(surface, points, weights)
+    everything = ScanFit(surface, points, weights)
     poses = poses[np.argsort(exact.cost(poses, reach))[:2]]
     poses = poses[np.argsort(everything.cost(poses, reach))[:1]]
     return everything.fitted(poses, reach, 10, 1e-6)

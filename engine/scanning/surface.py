@@ -24,14 +24,14 @@ class Distances(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TriangleSurface:
     """A triangulated surface with a tree of its triangles; two per quad, in the order of the quads."""
 
     vertices: Float[np.ndarray, "vertices 3"]
     triangles: Int[np.ndarray, "triangles 3"]
 
     @classmethod
-    def of(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> Surface:
+    def from_mesh(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> TriangleSurface:
         """Return a quad mesh centred on ``middle``, in shares of its ``size``."""
         halves = np.stack([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
         return cls(np.ascontiguousarray((mesh.vertices - middle) / size, float), np.ascontiguousarray(halves, np.int64))
@@ -70,14 +70,14 @@ class Surface:
         return direction.reshape(points.shape), distance.reshape(points.shape[:-1])
 
 
-class Table:
+class ClosestPoints:
     """Closest points of the nodes of a grid; other points use the tangent plane at the nearest node.
 
     As in Fitzgibbon 2003, "Robust registration of 2D and 3D point sets". A hundred times faster than the tree, with an
     error of about 0.1 % of the size close to the surface.
     """
 
-    def __init__(self, surface: Surface):
+    def __init__(self, surface: TriangleSurface):
         self._low = surface.vertices.min(axis=0) - MARGIN
         self._counts = np.ceil((surface.vertices.max(axis=0) + MARGIN - self._low) / STEP).astype(np.int32) + 1
         nodes = (

@@ -30,7 +30,7 @@ class Tolerance:
 
 
 @dataclass(frozen=True)
-class Band:
+class ToleranceBand:
     """Distances of a piece from its target, with nominal sheets and at the ends of every tolerance.
 
     rms : predicted RMS distance with nominal sheets, metres

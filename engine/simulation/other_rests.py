@@ -19,7 +19,7 @@ PERTURBATION = 0.1
 ITERATIONS = 60  # most Newton steps for each other shape; more steps find more shapes and take longer; not measured
 
 
-def other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Simulation:
+def find_other_rests(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Simulation:
     """Add other stable shapes of the piece to a simulation; searches start from the target's pose and from a random one.
 
     Parameters

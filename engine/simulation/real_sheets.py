@@ -16,7 +16,7 @@ from ..mechanics.equilibrium import solve
 from ..mechanics.loads import GRAVITY, Loads
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
-from .band import Band, Tolerance
+from .band import Tolerance, ToleranceBand
 from .simulate import Simulation, build_model
 
 # tolerance of the sheet's thickness, as a share of the nominal thickness: of plywood, of all other materials
@@ -26,7 +26,7 @@ STIFFNESS = 0.03  # uncertainty of the elastic model's ratio of bending to stret
 MOST = 3000  # most spirals for which the band is computed unasked; with more, six equilibria take too long
 
 
-def real_sheets(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Band:
+def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> ToleranceBand:
     """Solve for the equilibrium at both ends of every tolerance.
 
     Parameters
@@ -51,7 +51,7 @@ def real_sheets(simulation: Simulation, params: SimulateParams, progress: Progre
             for i, sign in enumerate((-1.0, 1.0))
         )
         tolerances.append(Tolerance(name, less, more, words))
-    return Band(1e-3 * simulation.match["rms_mm"], tuple(tolerances))
+    return ToleranceBand(1e-3 * simulation.match["rms_mm"], tuple(tolerances))
 
 
 def _rms_distance(

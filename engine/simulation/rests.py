@@ -15,7 +15,7 @@ from ..surface.mesh import QuadMesh
 Softest = Callable[[], tuple[np.ndarray, float]]
 # remaining stiffness of the softest motion, as a share of the convex part, below which a piece is about to snap; larger
 # values warn earlier
-SNAPPING = 0.02
+SNAP_STIFFNESS = 0.02
 # least motion of a spiral in a finding, as a share of the largest motion; larger values name fewer spirals; by eye
 MOVING = 0.5
 # another stable shape counts as equally near to the target if its RMS distance is at most this factor times the distance of
@@ -49,7 +49,7 @@ def rest_findings(
     findings: list[Finding] = []
     if not equilibrium.converged:
         return findings
-    moving, share = snapping(equilibrium, softest)
+    moving, share = snapping_spirals(equilibrium, softest)
     if len(moving):
         text = (
             f"The piece is about to snap into another shape: {100.0 * share:.1f} % of its stiffness is left against the motion of "
@@ -81,7 +81,7 @@ def _other_rest(equilibrium: Equilibrium, other: Equilibrium, *, lower: bool, ta
     return Finding("other-rest", "warning", text + cure, moved)
 
 
-def snapping(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
+def snapping_spirals(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray, " some"], float]:
     """Return the spirals that would move most if the piece is about to snap, else no spirals.
 
     Parameters
@@ -95,11 +95,11 @@ def snapping(equilibrium: Equilibrium, softest: Softest) -> tuple[Int[np.ndarray
     share : remaining stiffness of the softest motion, as a share of the convex part; a lower bound if there are no spirals
     """
     none = np.zeros(0, dtype=int)
-    if equilibrium.spare >= SNAPPING:
+    if equilibrium.spare >= SNAP_STIFFNESS:
         return none, equilibrium.spare
     mode, share = softest()
     turned = np.linalg.norm(mode[:, 3:], axis=1)
-    return (np.flatnonzero(turned > MOVING * turned.max()) if share < SNAPPING else none), share
+    return (np.flatnonzero(turned > MOVING * turned.max()) if share < SNAP_STIFFNESS else none), share
 
 
 def lower_rest(equilibrium: Equilibrium, others: Sequence[Equilibrium]) -> Equilibrium | None:

@@ -28,7 +28,7 @@ CURVED = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class Shortfall:
+class FarBody:
     """One body that is far from its target.
 
     quads : (k,) indices of its quads
@@ -65,9 +65,9 @@ class Shortfall:
         return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
 
 
-def shortfalls(
+def find_far_bodies(
     layout: PatchLayout, target: QuadMesh, centres: Float[np.ndarray, "spirals 3"], held: Bool[np.ndarray, " spirals"]
-) -> list[Shortfall]:
+) -> list[FarBody]:
     """Return the bodies that are far from their target, the worst first.
 
     Parameters
@@ -82,29 +82,29 @@ def shortfalls(
         quads = np.flatnonzero(mesh.body_of == k)
         size = float(np.linalg.norm(np.ptp(mesh.vertices[mesh.quads[quads]].reshape(-1, 3), axis=0)))
         wanted, own = mesh.centroids[quads], centres[quads]
-        rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), relief(wanted)
-        flat = height > LOW_RELIEF * size and relief(own) < FLAT * height
+        rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), rms_height(wanted)
+        flat = height > LOW_RELIEF * size and rms_height(own) < FLAT * height
         if flat or rms > FAR * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
             border = bool(mesh.border[mesh.quad_edges[quads]].any())
-            far.append(Shortfall(quads, rms / size, flat, bool(held[quads].any()), border, _middle_cut(layout, quads)))
+            far.append(FarBody(quads, rms / size, flat, bool(held[quads].any()), border, _middle_cut(layout, quads)))
     return sorted(far, key=lambda s: -s.rms)
 
 
-def relief(points: Float[np.ndarray, "spirals 3"]) -> float:
+def rms_height(points: Float[np.ndarray, "spirals 3"]) -> float:
     """Return the root mean square distance of points (n, 3) from their best plane."""
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(points)))
 
 
 def _middle_cut(layout: PatchLayout, quads: np.ndarray) -> Int[np.ndarray, " c"]:
     """Return the edges (c,) of the line that halves the most curved patch of a body; empty if no patch is curved."""
-    curved = curvature_within(layout)[quads]
+    curved = angle_defects(layout)[quads]
     patch = layout.patch_of[quads]
     total = np.bincount(patch, weights=curved)
     worst = int(total.argmax())
     return middle_line(layout, worst) if total[worst] > CURVED else np.zeros(0, dtype=np.int64)
 
 
-def curvature_within(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
+def angle_defects(layout: PatchLayout) -> Float[np.ndarray, " quads"]:
     """Return the absolute Gaussian curvature (F,) of every quad, in radians; vertices on seams and borders count nothing.
 
     The curvature is the angle defect (discrete Gauss-Bonnet): at a vertex 2 pi less the sum of the angles around it, shared

@@ -30,13 +30,13 @@ from ..surface.checking.check import Finding
 from ..surface.checking.finding import counted, joined_alike
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
-from .band import Band
-from .rests import SNAPPING, rest_findings
-from .shortfall import Shortfall, shortfalls
+from .band import ToleranceBand
+from .rests import SNAP_STIFFNESS, rest_findings
+from .shortfall import FarBody, find_far_bodies
 
 # difference between a joint's torsion and its torsion in the target, radians, above which the search has probably ended in a
 # false minimum; larger values warn about fewer shapes; by eye
-KNOTTED = 1.0
+FALSE_MINIMUM_TORSION = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Simulation:
     loads: Loads
     equilibrium: Equilibrium
     others: list[Equilibrium]
-    band: Band | None = None
+    band: ToleranceBand | None = None
     assembled: Equilibrium | None = None
     seen: list[SpaceSlots] = field(default_factory=list, init=False, repr=False)
     soft: list[tuple[np.ndarray, float]] = field(default_factory=list, init=False, repr=False)
@@ -66,7 +66,7 @@ class Simulation:
     @cached_property
     def vertices(self) -> Float[np.ndarray, "vertices 3"]:
         """(V, 3) vertices of the simulated shape, metres: the target's vertices, moved with the hubs."""
-        return carried(self.design, self.equilibrium.pose, self.target)
+        return move_vertices(self.design, self.equilibrium.pose, self.target)
 
     @cached_property
     def distance(self) -> Float[np.ndarray, " quads"]:
@@ -127,12 +127,12 @@ class Simulation:
         return self.soft[0]
 
     @cached_property
-    def shortfalls(self) -> list[Shortfall]:
+    def shortfalls(self) -> list[FarBody]:
         """The bodies that come to rest far from their target, or stay flat."""
         if not self.equilibrium.converged:
             return []
         held = self.loads.fixed[:, :3].any(axis=1)
-        return shortfalls(self.design.flat.layout, self.target, self.equilibrium.pose.centres, held)
+        return find_far_bodies(self.design.flat.layout, self.target, self.equilibrium.pose.centres, held)
 
     @cached_property
     def twisted(self) -> Float[np.ndarray, " joints"]:
@@ -144,7 +144,7 @@ class Simulation:
     @property
     def locked(self) -> bool:
         """Whether some joint's torsion differs so much from the target that the shape is probably a false minimum."""
-        return bool(self.twisted.max(initial=0.0) > KNOTTED)
+        return bool(self.twisted.max(initial=0.0) > FALSE_MINIMUM_TORSION)
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -309,8 +309,8 @@ def build_model(
             raise FlexMapsError(
                 "The rod model cannot simulate a rim; take the arm model, or choose Stubs or Left out for the border"
             )
-        return RodModel.of(assembly, material)
-    return ArmModel.of(assembly, material, curving=not quick, slopes=slopes, progress=progress)
+        return RodModel.from_assembly(assembly, material)
+    return ArmModel.from_assembly(assembly, material, curving=not quick, slopes=slopes, progress=progress)
 
 
 @one_thread
@@ -349,22 +349,24 @@ def simulate(
     model = build_model(assembly, material, params.model, quick=quick, slopes=False, progress=within)
     progress(0.0, "Loads")
     mass = design.area * assembly.thickness * material.density if params.gravity else None
-    loads = Loads.of(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
+    loads = Loads.for_spirals(assembly.size, supports=supports, clamped=params.clamped, force=force, mass=mass)
     stance = Stance(loads, target, design.flat.corners)
     aim = stance.aim
 
     def laid(pose: Pose) -> Pose:
         return loads.laid(pose, assembly.pairs, aim)
 
-    watched = progress.showing(lambda pose: carried(design, laid(pose), target))
+    watched = progress.showing(lambda pose: move_vertices(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
-    equilibrium = solve(model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAPPING,))
+    equilibrium = solve(
+        model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAP_STIFFNESS,)
+    )
     others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
     equilibrium, *others = (e.placed(laid(e.pose)) for e in (equilibrium, *others))
     return Simulation(design, target, material, model, assembly, loads, equilibrium, others)
 
 
-def carried(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
+def move_vertices(design: SpiralDesign, pose: Pose, mesh: QuadMesh) -> Float[np.ndarray, "vertices 3"]:
     """Move the vertices of a mesh with the hubs of their quads; a vertex goes to the mean of its places in all its quads.
 
     Parameters

@@ -164,7 +164,7 @@ def _bulge(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedArcs:
     """Many open curves of arcs in joint arrays; the last point of every curve is left out.
 
     points : metres
@@ -176,7 +176,7 @@ class Fitted:
     bulge: Float[np.ndarray, " n"]
     start: Int[np.ndarray, " starts"]
 
-    def replaced(self, which: Int[np.ndarray, " k"], other: Fitted) -> Fitted:
+    def replaced(self, which: Int[np.ndarray, " k"], other: FittedArcs) -> FittedArcs:
         """Replace the curves ``which`` by the curves of ``other``."""
         sizes = np.diff(self.start)
         rest = np.setdiff1d(np.arange(len(sizes)), which)
@@ -188,7 +188,7 @@ class Fitted:
             along = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
             there, here = np.repeat(begins, count) + along, np.repeat(start[curves], count) + along
             points[here], bulge[here] = source.points[there], source.bulge[there]
-        return Fitted(points, bulge, start)
+        return FittedArcs(points, bulge, start)
 
 
 Evaluate = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -200,7 +200,7 @@ BATCH = 1500  # curves to fit at once, a quarter of a second of work; larger bat
 
 def fit(
     evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
-) -> Fitted:
+) -> FittedArcs:
     """Fit C curves by as few biarcs as possible; spans are chosen so that all deviate equally.
 
     Parameters
@@ -218,14 +218,14 @@ def fit(
 
         parts.append(_fit_batch(evaluate_batch, ends[part], tolerance))
     start = np.cumsum([0, *(len(p.points) for p in parts)])
-    return Fitted(
+    return FittedArcs(
         np.concatenate([p.points for p in parts]),
         np.concatenate([p.bulge for p in parts]),
         np.concatenate([[0], *(p.start[1:] + s for p, s in zip(parts, start))]),
     )
 
 
-def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted:
+def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> FittedArcs:
     """Fit curves with rising numbers of spans, until every curve is within the tolerance."""
     count = len(ends)
     even = np.linspace(0.0, 1.0, 49)
@@ -257,7 +257,7 @@ def _fit_batch(evaluate: Evaluate, ends: np.ndarray, tolerance: float) -> Fitted
     for which, nodes, bulge in fits:
         place = start[which][:, None] + np.arange(nodes.shape[1])
         points[place], bulges[place] = nodes, bulge
-    return Fitted(points, bulges, start)
+    return FittedArcs(points, bulges, start)
 
 
 def _fitting_effort(samples: np.ndarray, tangents: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:

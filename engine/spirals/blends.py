@@ -60,7 +60,9 @@ class Blends:
     share_by: Float[np.ndarray, "*n numbers"]
 
 
-def leans(corners: Float[np.ndarray, "quads 4 2"], angle: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, "quads 4"]:
+def lean_angles(
+    corners: Float[np.ndarray, "quads 4 2"], angle: Float[np.ndarray, "quads 4"]
+) -> Float[np.ndarray, "quads 4"]:
     """Return the angles from the outward normals of the sides to the spokes.
 
     Parameters
@@ -90,7 +92,7 @@ def blends(
     ----------
     width : metres, of the arm and of its mate (last axis); an arm at the border is its own mate
     wind : radians, twist with the sign of the sense of rotation, of the arm and of its mate
-    lean : radians, see ``leans``, of the arm and of its mate
+    lean : radians, see ``lean_angles``, of the arm and of its mate
     radius : metres, from the quad's centre to the joint
     angle : radians, direction of the spoke
     shortest : length of the blend of an arm that hardly turns, in t
@@ -107,7 +109,7 @@ def blends(
     # keep the common direction away from the edge's own direction
     mean = total / scale
     mean_by = (total_by - mean[..., None] * scale_by) / scale[..., None]
-    over, slope = ramp(mean.real - _CROSSING_MIN, _CROSSING_SOFT)
+    over, slope = smooth_positive(mean.real - _CROSSING_MIN, _CROSSING_SOFT)
     steep = _CROSSING_MIN + over + 1j * mean.imag
     steep_by = slope[..., None] * mean_by.real + 1j * mean_by.imag
     size = np.abs(steep)
@@ -142,8 +144,8 @@ def _blend_shares(
     root = np.sqrt(np.maximum(h, 1e-12))
     scale = _BEND * 0.5 / (1.0 - _INNER_RADIUS) * joint / (radius * length)
     need = scale * root / rest
-    over, slope = ramp(need - shortest, _BLEND_SOFT * shortest)
-    below, cut = ramp(_BLEND_MAX - shortest - over, _TOP_SOFT)
+    over, slope = smooth_positive(need - shortest, _BLEND_SOFT * shortest)
+    below, cut = smooth_positive(_BLEND_MAX - shortest - over, _TOP_SOFT)
     change = slope * cut
     by = np.zeros((*radius.shape, NUMBERS))
     by_h = change * need * (0.5 / np.maximum(h, 1e-12) + 1.0 / rest)
@@ -154,7 +156,7 @@ def _blend_shares(
     return _BLEND_MAX - below, by
 
 
-def ramp(x: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
+def smooth_positive(x: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
     """Return max(x, 0), smoothed to the second derivative, and its derivative.
 
     Parameters

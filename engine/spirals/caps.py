@@ -17,7 +17,7 @@ from ..arrays import Bool, Float
 from ..params import SpiralParams
 from ..surface.mesh import QuadMesh
 from .arcs import Curve
-from .contours import Hubs
+from .contours import SlotRoots
 from .spiral import LEFT, RIGHT, Arms, edge
 
 # t at which an arm that is left out ends, as a share of the t of its root: 0.2 mm of 10 mm remain, so that both of its edges
@@ -54,7 +54,7 @@ def left_out(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"
     return mesh.border[mesh.quad_edges] & (params.border == "left_out")
 
 
-def stumps(root: Hubs) -> Float[np.ndarray, "quads 4"]:
+def stumps(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
     """Return the t (F, 4) where arms end that are left out."""
     return STUMP * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 

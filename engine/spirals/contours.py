@@ -19,7 +19,7 @@ from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
-from .arcs import Curve, Fitted, fit
+from .arcs import Curve, FittedArcs, fit
 from .rim import Rim
 from .slots import PARALLEL, clockwise, slot_widths
 from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
@@ -36,7 +36,7 @@ _SMALLEST_RETRY = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Hubs:
+class SlotRoots:
     """Roots of all slots. Entry k belongs to the slot between arm k and arm k + 1.
 
     left : t on the left edge of arm k where the fillet begins
@@ -53,7 +53,7 @@ class Hubs:
     missed: Bool[np.ndarray, "quads 4"]
 
 
-def hubs(arms: Arms, fillet: float) -> Hubs:
+def hubs(arms: Arms, fillet: float) -> SlotRoots:
     """Find the roots of all slots: the places where a fillet with radius ``fillet`` (metres) touches both edges.
 
     Newton's method follows each root from straight arms (twist 0) to the full twist. If it misses the first such place,
@@ -82,7 +82,7 @@ def hubs(arms: Arms, fillet: float) -> Hubs:
     radius = _enlarge_fillets(arms, left, right, miss, fillet)
     centre = edge(arms, left[..., None], LEFT, radius[..., None])[0][:, :, 0]
     missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
-    return Hubs(left, right, centre, radius, missed)
+    return SlotRoots(left, right, centre, radius, missed)
 
 
 def _enlarge_fillets(
@@ -230,13 +230,13 @@ def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray,
 def edges(
     layout: PatchLayout,
     arms: Arms,
-    root: Hubs,
+    root: SlotRoots,
     plain: Float[np.ndarray, "quads 4"],
     tolerance: float,
     tips: Tips | None = None,
     progress: Progress = SILENT,
-    known: Fitted | None = None,
-) -> Fitted:
+    known: FittedArcs | None = None,
+) -> FittedArcs:
     """Fit arcs to both edges of every arm, within ``tolerance`` metres.
 
     Curve 4 f + k is the left edge of arm k, inwards; curve 4 F + 4 f + k is its right edge, outwards. Arms without a tip
@@ -274,9 +274,9 @@ def edges(
 def outlines(
     layout: PatchLayout,
     arms: Arms,
-    root: Hubs,
+    root: SlotRoots,
     plain: Float[np.ndarray, "quads 4"],
-    fitted: Fitted,
+    fitted: FittedArcs,
     tips: Tips | None = None,
     progress: Progress = SILENT,
     caps: Mapping[int, Curve] = {},
@@ -317,9 +317,9 @@ def outlines(
 
 def _pieces(
     arms: Arms,
-    root: Hubs,
+    root: SlotRoots,
     begin: np.ndarray,
-    fitted: Fitted,
+    fitted: FittedArcs,
     joined: np.ndarray,
     across: dict[int, Curve],
     progress: Progress,

@@ -10,7 +10,7 @@ from ..arrays import Float, Int
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class PaintSurface:
     """The visible surface that a brush paints on.
 
     centres : (F, 3) quad centres, metres
@@ -23,7 +23,7 @@ class Ground:
     reach: Float[np.ndarray, " quads"]
 
     @classmethod
-    def of(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> Ground:
+    def from_mesh(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> PaintSurface:
         """Make the ground from vertices (metres) and quads (vertex indices)."""
         corners = vertices[quads]
         centres = corners.mean(axis=1)

@@ -15,18 +15,28 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
 from . import slots
-from .arcs import Fitted
+from .arcs import FittedArcs
 from .caps import Cap, caps, left_out, stumps
 from .constraints import FREE, Constraints
-from .contours import Hubs, Outline, Tips, edges, ends, hubs, outlines
-from .opening import opened
+from .contours import Outline, SlotRoots, Tips, edges, ends, hubs, outlines
+from .opening import open_gaps
 from .rim import Rim
-from .room import Room
-from .slots import CLEAR, PARALLEL, THINNEST, beside, narrowest, slot_needed, slot_widths, too_small, width_range
-from .solid import fewer, hopeless, no_spiral, refuse_many, solid, with_solid, without_spiral
+from .room import ClearanceModel
+from .slots import (
+    CLEAR,
+    PARALLEL,
+    THINNEST,
+    beside,
+    min_slot_and_bridge,
+    min_slot_width,
+    slot_widths,
+    too_small,
+    width_range,
+)
+from .solid import fewer, no_spiral, refuse_many, solid, with_solid, without_room, without_spiral
 from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
-from .touching import touching
-from .wider import widened
+from .touching import find_contacts
+from .wider import enlarge_quads
 
 __all__ = ["SpiralDesign", "from_curvature", "uniform", "width_range"]
 
@@ -35,10 +45,10 @@ NO_ROOM = "There is no room for the arms of {} quads however thin and straight; 
 
 
 @dataclass
-class Drawn:
+class DrawingCache:
     """Cache of a design: edges and outlines without connectors by tolerance, and the result of ``measured``."""
 
-    plain: dict[float, tuple[Fitted, list[Outline]]] = field(default_factory=dict)
+    plain: dict[float, tuple[FittedArcs, list[Outline]]] = field(default_factory=dict)
     narrowest: tuple[float, float] | None = None
 
 
@@ -60,7 +70,7 @@ class SpiralDesign:
     twist: Float[np.ndarray, " quads"]
     feet: tuple[Cap, ...] = ()
     painted: bool = False
-    drawn: Drawn = field(default_factory=Drawn, init=False, repr=False)
+    drawn: DrawingCache = field(default_factory=DrawingCache, init=False, repr=False)
 
     def unlike(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the spirals that differ from another design of the same quads."""
@@ -72,7 +82,7 @@ class SpiralDesign:
         return arms(self.flat, self.params, self.width, self.twist)
 
     @cached_property
-    def roots(self) -> Hubs:
+    def roots(self) -> SlotRoots:
         """Roots of all slots."""
         roots = hubs(self.arms, self.params.fillet)
         return with_solid(roots, self.arms, self.params.fillet, self.solid)
@@ -92,12 +102,12 @@ class SpiralDesign:
     @cached_property
     def rim(self) -> Rim | None:
         """The strip along the open border, if there is one."""
-        return Rim.of(self.flat, self.params)
+        return Rim.from_flat(self.flat, self.params)
 
     @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
         """Place t on every arm where it begins, from 0 at the joint to 1 at the centre; without connectors."""
-        plain = ends(self.flat.layout, self.arms, slot_needed(self.params))
+        plain = ends(self.flat.layout, self.arms, min_slot_width(self.params))
         return np.where(self.absent, stumps(self.roots), plain)
 
     @cached_property
@@ -161,14 +171,14 @@ class SpiralDesign:
         return self.measured()
 
     def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
-        """Measure ``narrowest`` between the true edges of the arms, at the first call only."""
+        """Measure ``min_slot_and_bridge`` between the true edges of the arms, at the first call only."""
         if self.drawn.narrowest is None:
             slot, bridge = np.inf, np.inf
             every, roots = np.arange(len(self.width)), self.roots
             for part in progress.batches(len(every), BATCH, "the narrowest places"):
                 some = every[part]
                 left, right = roots.left[some], roots.right[some]
-                own = narrowest(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
+                own = min_slot_and_bridge(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
                 slot, bridge = min(slot, own[0]), min(bridge, own[1])
             other = self._gaps(slot)[1]
             slot = min(slot, float(other.min(initial=np.inf)))
@@ -187,7 +197,7 @@ class SpiralDesign:
 
     def _gaps(self, below: float) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
         """Return both quads and the width of all gaps below ``below`` between arms of different quads, metres."""
-        arms, gap = Room.gaps(self.flat, self.params, self.width, self.twist, below)
+        arms, gap = ClearanceModel.gaps(self.flat, self.params, self.width, self.twist, below)
         cut = ~self.absent.ravel()[arms].any(axis=1)
         return arms[cut] // 4, gap[cut]
 
@@ -204,7 +214,7 @@ def uniform(
     width = 0.5 * (params.width_min + params.width_max) if width is None else width
     twist = 0.5 * params.twist_max if twist is None else twist
     count = len(flat.corners)
-    return fitted(flat, params, np.full((count, 4), float(width)), np.full(count, float(twist)))
+    return make_fabricable(flat, params, np.full((count, 4), float(width)), np.full(count, float(twist)))
 
 
 def from_curvature(
@@ -242,14 +252,14 @@ def from_spirals(
     width[constraints.wide] = params.width_max
     result: SpiralDesign | FlexMapsError
     try:
-        result = fitted(flat, params, width, twist, progress=progress.part(0.0, 0.5))
+        result = make_fabricable(flat, params, width, twist, progress=progress.part(0.0, 0.5))
     except FlexMapsError as error:
         result = error
     tight = np.array(result.faces) if isinstance(result, FlexMapsError) else np.flatnonzero(result.solid)
     if len(tight):
-        moved = widened(flat, tight, progress.part(0.5, 0.6))
+        moved = enlarge_quads(flat, tight, progress.part(0.5, 0.6))
         with suppress(FlexMapsError):  # the error about the original patches is more helpful
-            retry = fitted(moved, params, width, twist, progress=progress.part(0.6, 1.0))
+            retry = make_fabricable(moved, params, width, twist, progress=progress.part(0.6, 1.0))
             result = retry if retry.solid.sum() < len(tight) else result
     if isinstance(result, SpiralDesign):
         return result
@@ -271,7 +281,7 @@ def curvature_adjusted(
     return alike(width), params.twist_min + c * (params.twist_max - params.twist_min)
 
 
-def fitted(
+def make_fabricable(
     flat: FlatPatches,
     params: SpiralParams,
     width: Float[np.ndarray, "quads 4"],
@@ -297,23 +307,23 @@ def fitted(
     """
     free = np.ones(len(twist), dtype=bool) if free is None else free
     low, high = width_range(flat, params)
-    small = hopeless(flat, params)
+    small = without_room(flat, params)
     refuse_many(np.flatnonzero(small & free), len(twist), too_small(flat, params, np.flatnonzero(small)))
     if prove:  # quads with solid hubs may have room in these flat patches
         width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
-    width, room = np.minimum(width, most[:, None]), Room.of(flat, params)
+    width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.closed(width, twist) & free
     if shut.any():  # a good first guess for spirals with far too much twist
         twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
-    spirals = opened(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
+    spirals = open_gaps(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
     design = SpiralDesign(flat, params, *spirals)
-    return proved(design, progress.part(0.6, 1.0), free=free) if prove else design
+    return resolve_contacts(design, progress.part(0.6, 1.0), free=free) if prove else design
 
 
-def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
+def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
     """Return the quads whose spiral cannot be cut: not finite, too thin, too wide, or with too much twist.
 
     quads : check only the slots beside these quads; default is all
@@ -326,7 +336,7 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # arms without room for connectors can be glued, and spirals outside the model's range can be cut
-    room = Room.of(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
+    room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
     spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
     terms = room.terms(*spirals, below=-slack, quads=quads)
     fits[terms.arms[:, [0, 2]] // 4] = False
@@ -334,7 +344,7 @@ def outside(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = Non
     return np.flatnonzero(~(finite & fits))
 
 
-def proved(
+def resolve_contacts(
     design: SpiralDesign, progress: Progress = SILENT, rounds: int = 60, free: Bool[np.ndarray, " quads"] | None = None
 ) -> SpiralDesign:
     """Draw the outlines, and unwind the spirals around every place where outlines still touch; most designs have none.
@@ -372,19 +382,19 @@ def proved(
             refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
             # restore the spirals that were unwound for these quads
             begun = solid(design.params, start.width, start.twist, given_up | design.solid)
-            restored = fitted(design.flat, design.params, *begun, prove=False, free=free, progress=part)
+            restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
             width, twist = restored.width, restored.twist
         design = replace(design, twist=twist, width=width)
     raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer(len(design.twist)))
 
 
 def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
-    """Return the quads whose slots have no root, else the quads where outlines touch and the places (as ``touching``)."""
+    """Return the quads whose slots have no root, else the quads where outlines touch and the places (as ``find_contacts``)."""
     progress(0.0, "roots of the slots")
     culprits = np.flatnonzero(design.roots.missed.any(axis=1))
     if len(culprits):
         return culprits, None
-    where = touching(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
+    where = find_contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
     return (nearest_quads(design.flat, where) if len(where) else culprits), where
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Complex, Float, Int
 from .blends import ANGLE, OWN_WIND, RADIUS
-from .lines import Lines, bent
+from .lines import ArmCurves, bent
 from .pairs import BESIDE, DEPTHS, ROUND, Pairs
 from .spiral import widths
 
@@ -32,7 +32,7 @@ _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
 
 @dataclass(frozen=True, eq=False)
-class Narrow:
+class NarrowGaps:
     """Narrow gaps between pairs of arms.
 
     pair : index of the pair
@@ -47,9 +47,9 @@ class Narrow:
     side: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
 
-    def of(self, some: np.ndarray) -> Narrow:
+    def subset(self, some: np.ndarray) -> NarrowGaps:
         """Return a subset of the gaps."""
-        return Narrow(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
+        return NarrowGaps(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
     def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Return (arms, t) of the first arms and (arms, s) of the second arms."""
@@ -57,8 +57,8 @@ class Narrow:
 
 
 def narrow(
-    lines: Lines, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
-) -> Narrow:
+    lines: ArmCurves, pairs: Pairs, below: Float[np.ndarray, " n"], clockwise: bool, *, least: bool = False
+) -> NarrowGaps:
     """Return the gaps narrower than ``below`` (n,), metres for every pair.
 
     least : return only the narrowest place of every pair, which is faster; if any arms overlap, return all places
@@ -85,7 +85,7 @@ def narrow(
     which, t, s, gap = (np.concatenate(x) for x in both)
     side = np.where(_passes_outside(lines, pairs, which, t, clockwise), -1.0, 1.0)
     some = np.flatnonzero((gap < below[which]) | (side < 0.0))
-    gaps = Narrow(which, t, s, side, gap).of(some)
+    gaps = NarrowGaps(which, t, s, side, gap).subset(some)
     if not (gaps.side < 0.0).any():
         return gaps
     # on the wrong side of the other arm, the distance between the centre lines counts as negative
@@ -93,13 +93,13 @@ def narrow(
     return replace(gaps, gap=gaps.side * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
 
 
-def _narrowest_of_pairs(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> Narrow:
+def _narrowest_of_pairs(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray) -> NarrowGaps:
     """Return the narrowest gap of every pair in ``which``, searched from the narrowest of its places."""
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     lowest = _lowest(which, gap)
     which = which[lowest]
     t, s, gap = _narrowest_jointly(lines, pairs, which, t[lowest], s[lowest], gap[lowest])
-    return Narrow(which, t, s, np.ones(len(which)), gap)
+    return NarrowGaps(which, t, s, np.ones(len(which)), gap)
 
 
 def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[np.ndarray, " k"]:
@@ -108,12 +108,12 @@ def _lowest(which: Int[np.ndarray, " n"], gap: Float[np.ndarray, " n"]) -> Int[n
     return order[np.flatnonzero(np.diff(which[order], prepend=-1))]
 
 
-def _opening(lines: Lines, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
+def _opening(lines: ArmCurves, one: np.ndarray, two: np.ndarray, clockwise: bool) -> np.ndarray:
     """Return the angle from the second arm to the first, against the sense of rotation, radians."""
     return ((-1.0 if clockwise else 1.0) * (lines.angle[one] - lines.angle[two])) % (2.0 * np.pi)
 
 
-def _estimate_beside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+def _estimate_beside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
     """Estimate the nearest point of the facing arm of the same quad: the point at the same polar angle."""
     one, two = pairs.one[which], pairs.two[which]
     opening = _opening(lines, one, two, clockwise)
@@ -123,7 +123,7 @@ def _estimate_beside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarra
     return np.clip(np.minimum(level, 1.0 - foot * (1.0 - t)), 0.0, 1.0)
 
 
-def _passes_outside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
+def _passes_outside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, clockwise: bool) -> np.ndarray:
     """Return a mask of places where the facing arm of the same quad lies outside the first arm, so that arms overlap."""
     one, two = pairs.one[which], pairs.two[which]
     level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
@@ -131,7 +131,7 @@ def _passes_outside(lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray
     return (pairs.kind[which] == BESIDE) & (level < 1.0) & beyond
 
 
-def _near(lines: Lines, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return pair, t and a coarse s of all places where gaps may be narrower than ``below`` (broad phase)."""
     places: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for kind in np.unique(pairs.kind):
@@ -184,7 +184,7 @@ def _separation(p: np.ndarray, q: np.ndarray, one: np.ndarray, two: np.ndarray) 
     return far
 
 
-def _sample(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
+def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Complex[np.ndarray, "m n"]:
     """Return points (M, N) of arms (N,) at t (M,), which must start at 0 and be evenly spaced."""
     centre, slope, share = lines.centre[arms], lines.end.slope[arms], lines.end.share[arms]
     spoke = lines.radius[arms] * np.exp(1j * lines.angle[arms])
@@ -201,7 +201,7 @@ def _sample(lines: Lines, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> Compl
 
 
 def _nearest(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
+    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the place on the second arm that is nearest to t on the first, by Newton's method.
 
@@ -234,7 +234,7 @@ def _nearest(
 
 
 def _narrowest(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find the narrowest gap between the places before and after t on the first arm; return t, s and the gap in metres.
 
@@ -261,7 +261,7 @@ def _narrowest(
 
 
 def _narrowest_jointly(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
+    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray, bounds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the results of ``_narrowest`` faster, by Newton's method for the places on both arms at once.
 
@@ -301,7 +301,7 @@ def _narrowest_jointly(
 
 
 def _along(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the first and second derivative of gaps with respect to t; the nearest point on the second arm follows."""
     _, (by_t, _), (own, cross, other) = _bends(lines, pairs, which, t, s)
@@ -311,7 +311,7 @@ def _along(
 
 
 def _bends(
-    lines: Lines, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
+    lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Return gaps in metres, first derivatives (by t, by s) and second derivatives (by t twice, by both, by s twice).
 
@@ -331,7 +331,9 @@ def _bends(
     return apart - h - half, (-along - half1, there - h1), (own, cross, other)
 
 
-def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def gap_slopes(
+    lines: ArmCurves, pairs: Pairs, gaps: NarrowGaps
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of K gaps, and the nearest points on the second arms.
 
     The derivatives are by the first arm's parameters and by the second arm's parameters, each (K, lines.COUNT), and by the
@@ -348,7 +350,7 @@ def gap_slopes(lines: Lines, pairs: Pairs, gaps: Narrow) -> tuple[np.ndarray, np
 
 
 def sharp(
-    lines: Lines, arms: Int[np.ndarray, " n"], below: Float[np.ndarray, " n"]
+    lines: ArmCurves, arms: Int[np.ndarray, " n"], below: Float[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Find the places in blends where the inner edge is sharp.
 
@@ -364,7 +366,9 @@ def sharp(
     return i[some], u[some], left[some]
 
 
-def sharp_slopes(lines: Lines, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k numbers"]:
+def sharp_slopes(
+    lines: ArmCurves, i: Int[np.ndarray, " k"], u: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "k numbers"]:
     """Return the derivatives of the ratios of ``sharp`` with respect to the parameters of the arms' blends."""
     end, uu = lines.end, u * u
     share, slope, wind = end.share[i], end.slope[i], lines.wind[i]

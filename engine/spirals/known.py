@@ -14,7 +14,7 @@ TWIST_CAP = math.radians(600.0)  # largest twist in the table at any s/w, radian
 CAP_POWER = 8  # sharpness of the transition to the cap; larger is sharper; by eye
 
 
-def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
+def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
     """Return the largest twist (radians) in the table at s/w = ``ratio``, smoothly capped near 600 degrees.
 
     At the limit the slot, (pi/4) s / sqrt(1 + twist^2) - w, is 0.14 arm widths wide.
@@ -24,17 +24,17 @@ def twist_limit(ratio: np.ndarray | float) -> np.ndarray:
 
 
 def limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``twist_limit`` and its derivative with respect to ln(ratio)."""
+    """Return ``table_twist_limit`` and its derivative with respect to ln(ratio)."""
     spread = (0.25 * math.pi / (1.0 + SLOT_SHARE) * ratio) ** 2
     cut = np.sqrt(spread - 1.0)
     limit = (cut**-CAP_POWER + TWIST_CAP**-CAP_POWER) ** (-1.0 / CAP_POWER)
     return limit, (limit / cut) ** (CAP_POWER + 1) * spread / cut
 
 
-def spare_twist(
+def twist_margin(
     radius: Float[np.ndarray, " arms"], width: Float[np.ndarray, " arms"], twist: Float[np.ndarray, " arms"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how far arms stay below ``twist_limit``, and its derivatives with respect to radius and width.
+    """Return how far arms stay below ``table_twist_limit``, and its derivatives with respect to radius and width.
 
     Parameters
     ----------

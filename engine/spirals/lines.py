@@ -16,7 +16,7 @@ COUNT = NUMBERS + 2  # number of these columns
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class ArmCurves:
     """Shape parameters of N single arms.
 
     centre : centre of the quad, metres, complex
@@ -34,14 +34,14 @@ class Lines:
     end: Blends
 
     @classmethod
-    def of(
+    def from_arms(
         cls,
         centre: Complex[np.ndarray, " n"],
         radius: Float[np.ndarray, " n"],
         angle: Float[np.ndarray, " n"],
         both: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]],
         shortest: float,
-    ) -> Lines:
+    ) -> ArmCurves:
         """Make arms and their blends.
 
         Parameters

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 
 from ..arrays import Bool
 from ..progress import SILENT, Progress
-from .room import Room
+from .room import ClearanceModel
 
 # most rounds that change spirals by the slopes of the closed gaps (random designs of 19 surfaces mostly need under 10), and
 # most rounds in total; the later ones change all spirals at closed gaps by a fixed share
@@ -19,8 +19,8 @@ IDLE = 0.02
 MAX_UNWIND, MAX_THIN = 0.4, 0.1
 
 
-def opened(
-    room: Room,
+def open_gaps(
+    room: ClearanceModel,
     low: np.ndarray,
     width: np.ndarray,
     twist: np.ndarray,

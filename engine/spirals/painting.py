@@ -17,8 +17,8 @@ from ..errors import FlexMapsError
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
 from .design import SpiralDesign
-from .room import Room
-from .slots import DEPTH, slot_needed, twist_limit, width_range
+from .room import ClearanceModel
+from .slots import DEPTH, min_slot_width, twist_limit, width_range
 
 # halvings of a spiral's move where slots would close, before the spiral stays; more lose less of the move (here 2 %) and
 # take longer
@@ -46,7 +46,7 @@ class Canvas:
     mate: Int[np.ndarray, "quads 4"]
 
     @classmethod
-    def of(cls, design: SpiralDesign) -> Canvas:
+    def from_design(cls, design: SpiralDesign) -> Canvas:
         """Return the canvas for all designs with these flat patches and settings (cached)."""
         return _canvas(design.flat, design.params)
 
@@ -111,7 +111,7 @@ def _largest_twist(
 ) -> Float[np.ndarray, " quads"]:
     """Return the largest twist in radians of a regular spiral of that width; in irregular quads slots close sooner."""
     params = design.params
-    limit = twist_limit(canvas.diameter, width.mean(axis=1), slot_needed(params), DEPTH)
+    limit = twist_limit(canvas.diameter, width.mean(axis=1), min_slot_width(params), DEPTH)
     return np.clip(limit, params.twist_min, params.twist_max)
 
 
@@ -186,7 +186,7 @@ BRUSHES: dict[str, Brush] = {
 }
 
 
-def painted(
+def paint_spirals(
     design: SpiralDesign,
     brush: str,
     weight: Float[np.ndarray, " quads"],
@@ -216,13 +216,13 @@ def painted(
     weight[design.solid] = 0.0
     if kept is not None:
         weight[kept] = 0.0
-    canvas = Canvas.of(design)
+    canvas = Canvas.from_design(design)
     width, twist = BRUSHES[brush](design, canvas, stroke or Stroke())
     goal = (
         design.width + weight[:, None] * (width - design.width),
         design.twist + weight * (twist - design.twist),
     )
-    room, touched = Room.of(design.flat, design.params), weight > 0.0
+    room, touched = ClearanceModel.from_flat(design.flat, design.params), weight > 0.0
     # first the changes that widen slots, so that the others have more room
     opened = _move_towards(
         room,
@@ -234,7 +234,7 @@ def painted(
     return replace(design, width=width, twist=twist, painted=True)
 
 
-def _move_towards(room: Room, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
+def _move_towards(room: ClearanceModel, start: Spirals, goal: Spirals, touched: Bool[np.ndarray, " quads"]) -> Spirals:
     """Move every touched spiral towards its goal as far as slots stay open; halve the moves of spirals at closed slots."""
     share, quads = touched.astype(float), touched
     width, twist = goal

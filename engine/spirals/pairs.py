@@ -10,8 +10,8 @@ import numpy as np
 from ..arrays import Bool, Complex, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from .blends import leans
-from .lines import Lines
+from .blends import lean_angles
+from .lines import ArmCurves
 from .spiral import mirrored, opposite_sides, spokes
 
 # Kinds of pairs: two arms of one quad; an arm and the arms beside its mate, across the joint; all other arms of quads that
@@ -48,7 +48,7 @@ class Pairs:
     shift: Complex[np.ndarray, " n"]
     laid: Bool[np.ndarray, " n"]
 
-    def of(self, some: np.ndarray) -> Pairs:
+    def subset(self, some: np.ndarray) -> Pairs:
         """Return a subset of the pairs."""
         return Pairs(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
@@ -150,7 +150,7 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     """Return how far an arm's centre line can reach from its quad's centre in any design, in evenly spaced directions, metres."""
     _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
-    lean, sign = leans(flat.corners, angle), mirrored(flat.layout.mesh, params)
+    lean, sign = lean_angles(flat.corners, angle), mirrored(flat.layout.mesh, params)
     width = np.full((radius.size, 2), params.width_max)
     both = np.stack([lean, sign * lean[mate, side]], axis=-1).reshape(-1, 2)
     t = np.broadcast_to(_REACH_T, (radius.size, len(_REACH_T)))
@@ -160,7 +160,7 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     zero, sense = np.zeros(radius.size, dtype=complex), -1.0 if params.clockwise else 1.0
     for own, other in product(_OWN, _MATES):
         twist = sense * params.twist_max * np.stack([np.full(radius.size, own), other * sign.ravel()], axis=1)
-        lines = Lines.of(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
+        lines = ArmCurves.from_arms(zero, radius.ravel(), angle.ravel(), (width, twist, both), params.blend)
         points = lines.points(i, t)
         for k, n in enumerate(directions):
             out[:, k] = np.maximum(out[:, k], (points.real * n.real + points.imag * n.imag).max(axis=1))

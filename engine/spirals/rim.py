@@ -21,7 +21,7 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import counted
 from .arcs import Curve
-from .slots import slot_needed
+from .slots import min_slot_width
 from .spiral import opposite_sides
 
 # largest slope of a strip's end against the border's normal, as it follows the seam; beyond 45 degrees it would be a point
@@ -59,7 +59,7 @@ class Rim:
     spacing: float
 
     @classmethod
-    def of(cls, flat: FlatPatches, params: SpiralParams) -> Rim | None:
+    def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> Rim | None:
         """Make the rim of flat patches; None if the settings disable it or there is no border.
 
         Raises ``FlexMapsError`` with the faces where the border turns so sharply that the strip has no room.
@@ -121,7 +121,7 @@ class Rim:
         cosine = np.cos(0.5 * turn)
         outside = (reach / cosine - 0.5 * self.width) / np.maximum(1.0 / cosine - 1.0, 1e-12)
         radius = np.where(turn > 0.0, np.minimum(radius, outside), radius)
-        tight = (bends & (radius < 0.5 * self.width + slot_needed(params))) | (room <= 0.0)
+        tight = (bends & (radius < 0.5 * self.width + min_slot_width(params))) | (room <= 0.0)
         if tight.any():
             raise FlexMapsError(
                 f"The border turns so sharply at {counted(int(tight.sum()), 'place', 'places')} that a rim of {1e3 * self.width:g} mm has no room there; make it "
@@ -136,7 +136,7 @@ class Rim:
 
     def _with_ends(self, half: np.ndarray, seams: Complex[np.ndarray, "nodes 2"], params: SpiralParams) -> Rim:
         """Add the free ends, half a gap before the seams (``seams`` : directions from the border inwards)."""
-        straight, gap = self.straight.copy(), max(params.slot_seam, slot_needed(params))
+        straight, gap = self.straight.copy(), max(params.slot_seam, min_slot_width(params))
         for k, ends in enumerate((self.following < 0, self.before < 0)):
             way = (1.0 if k == 0 else -1.0) * self.along
             inwards = -seams[:, k]
@@ -331,7 +331,7 @@ class Rim:
 
 def rim_depth(params: SpiralParams) -> float:
     """Return the distance from the border to the strip in metres; it leaves a slot beside the widest arm."""
-    return 0.5 * params.width_max + slot_needed(params)
+    return 0.5 * params.width_max + min_slot_width(params)
 
 
 def _clear(params: SpiralParams) -> float:

@@ -25,11 +25,11 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
-from .known import spare_twist
-from .lines import COUNT, Lines
+from .known import twist_margin
+from .lines import COUNT, ArmCurves
 from .pairs import BESIDE, ROUND, Pairs, pairs_of
-from .shapes import Shapes
-from .slots import slot_needed, width_range
+from .shapes import ArmGeometry
+from .slots import min_slot_width, width_range
 from .spiral import alike
 
 # clearance below which the barrier is not 0, by default; larger values keep designs farther from their limits
@@ -68,7 +68,7 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Barrier:
+class ClearanceBarrier:
     """Clearance barrier (Li et al. 2020, incremental potential contact): sum of -(v / D - 1)^2 ln(v / D) over clearances v < D.
 
     value : infinite if a clearance is not positive
@@ -86,7 +86,7 @@ class Barrier:
 
 
 @dataclass(frozen=True, eq=False)
-class Room:
+class ClearanceModel:
     """Clearance model: required gaps of all designs on given flat patches with given settings.
 
     pairs : pairs of arms that some design brings near each other
@@ -98,14 +98,14 @@ class Room:
 
     params: SpiralParams
     pairs: Pairs
-    shapes: Shapes
+    shapes: ArmGeometry
     need: Float[np.ndarray, " pairs"]
     sharpest: Float[np.ndarray, " arms"]
     joined: Bool[np.ndarray, " arms"]
 
     @classmethod
     @lru_cache(maxsize=2)  # all starts and stages of a search use the same patches
-    def of(cls, flat: FlatPatches, params: SpiralParams) -> Room:
+    def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ClearanceModel:
         """Find the pairs of arms that can come near each other in any design, and the gaps that they need.
 
         In quads that are too small or too thin, where the thinnest straight arms have smaller gaps than required, those gaps
@@ -114,7 +114,7 @@ class Room:
 
         Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
         """
-        slot, shapes = _SAFETY * slot_needed(params), Shapes.of(flat, params)
+        slot, shapes = _SAFETY * min_slot_width(params), ArmGeometry.from_flat(flat, params)
         wide = max(slot, _SAFETY * params.slot_seam)
         pairs = pairs_of(flat, params, wide + SUPPORT * slot)
         arms = len(shapes.mate)
@@ -133,19 +133,19 @@ class Room:
         some = need > 0.0
         return replace(room, pairs=pairs.of(some), need=need[some])
 
-    def moved(self, flat: FlatPatches) -> Room:
+    def moved(self, flat: FlatPatches) -> ClearanceModel:
         """Return the model for slightly moved flat points; pairs and requirements stay."""
-        return replace(self, pairs=self.pairs.moved(flat), shapes=Shapes.of(flat, self.params))
+        return replace(self, pairs=self.pairs.moved(flat), shapes=ArmGeometry.from_flat(flat, self.params))
 
     @property
-    def by_gaps(self) -> Room:
+    def by_gaps(self) -> ClearanceModel:
         """The model without the limit on twists from the stiffness table."""
         return replace(self, joined=np.zeros_like(self.joined))
 
     @property
     def slot(self) -> float:
         """Change of a gap that changes its clearance by 1, metres: the smallest slot, at least a tenth of the thinnest arm."""
-        return max(slot_needed(self.params), 0.1 * self.params.width_min)
+        return max(min_slot_width(self.params), 0.1 * self.params.width_min)
 
     def terms(
         self,
@@ -199,7 +199,7 @@ class Room:
         *,
         support: float = SUPPORT,
         flat: bool = False,
-    ) -> Barrier:
+    ) -> ClearanceBarrier:
         """Compute the barrier of all clearances below ``support``; smooth to the second derivative.
 
         Parameters
@@ -216,7 +216,7 @@ class Room:
         bend = (-2.0 * log - 4.0 * rest / v + (rest / v) ** 2) / support**2
         value = float("inf") if (terms.value <= 0.0).any() else float(-(rest**2 * log).sum())
         scale = np.sqrt(np.maximum(bend, 0.0))[:, None]
-        return Barrier(
+        return ClearanceBarrier(
             value,
             slope @ terms.by_design,
             None if terms.by_flat is None else slope @ terms.by_flat,
@@ -260,7 +260,7 @@ class Room:
 
         Widths are negative where arms overlap.
         """
-        pairs, shapes = pairs_of(flat, params, below), Shapes.of(flat, params)
+        pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
         pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
         every = np.zeros(len(shapes.mate))
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
@@ -272,7 +272,7 @@ class Room:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the arms whose twist is less than ``below`` radians under its limit, the difference, and its derivatives."""
         arms = arms[self.joined[arms]]
-        spare, by_radius, by_width = spare_twist(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
+        spare, by_radius, by_width = twist_margin(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
         by = np.zeros((int(some.sum()), COUNT))
         by[:, RADIUS], by[:, OWN_WIDTH] = by_radius[some], by_width[some]
@@ -288,12 +288,12 @@ class Room:
         near = some[self.pairs.one] | some[self.pairs.two]
         return self.pairs.of(near), self.need[near], arms[some]
 
-    def _lines(self, width: np.ndarray, twist: np.ndarray) -> Lines:
+    def _lines(self, width: np.ndarray, twist: np.ndarray) -> ArmCurves:
         """Make the arms of a design."""
         wind, s = np.repeat((-1.0 if self.params.clockwise else 1.0) * twist, 4), self.shapes
         widths = np.stack([width.ravel(), width.ravel()[s.mate]], axis=1)
         winds, leans = (np.stack([x, s.sign * x[s.mate]], axis=1) for x in (wind, s.lean))
-        return Lines.of(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
+        return ArmCurves.from_arms(s.centre, s.radius, s.angle, (widths, winds, leans), self.params.blend)
 
     def _by_design(self, four: np.ndarray, one: np.ndarray, two: np.ndarray) -> csr_array:
         """Turn derivatives by the parameters of both arms into derivatives (K, 5 F) by the design; ``four`` as ``Terms.arms``."""

@@ -10,13 +10,13 @@ from scipy.sparse import csr_array
 from ..arrays import Complex, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, leans
+from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, lean_angles
 from .lines import CENTRE_X, CENTRE_Y
 from .spiral import mirrored, opposite_sides, spokes
 
 
 @dataclass(frozen=True, eq=False)
-class Shapes:
+class ArmGeometry:
     """Geometry of A arms that does not depend on widths and twists.
 
     centre : centre of the quad, metres
@@ -40,7 +40,7 @@ class Shapes:
     points: int
 
     @classmethod
-    def of(cls, flat: FlatPatches, params: SpiralParams) -> Shapes:
+    def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ArmGeometry:
         """Read the geometry of all arms from the flat patches."""
         centre, radius, angle = spokes(flat.corners)
         mate, side = opposite_sides(flat.layout.mesh)
@@ -50,7 +50,7 @@ class Shapes:
             np.repeat(centre @ np.array([1.0, 1j]), 4),
             radius.ravel(),
             angle.ravel(),
-            leans(flat.corners, angle).ravel(),
+            lean_angles(flat.corners, angle).ravel(),
             (4 * mate + side).ravel(),
             mirrored(flat.layout.mesh, params).ravel(),
             corner,

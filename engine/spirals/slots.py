@@ -58,7 +58,7 @@ def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float 
     return np.sqrt(np.maximum(pitch**2 - 1.0 / (1.0 - depth) ** 2, 0.0))
 
 
-def slot_needed(params: SpiralParams) -> float:
+def min_slot_width(params: SpiralParams) -> float:
     """Return the least width of slots in metres: the smallest slot, or the diameter of the fillet at its root."""
     return max(params.slot_min, 2.0 * params.fillet)
 
@@ -79,7 +79,7 @@ def width_range(
     small = widest < THINNEST * params.width_min
     # straight arms must leave slots beside their outer thirds, unless they have the smallest width
     wide = np.minimum(
-        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, slot_needed(params), DEPTH))
+        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, min_slot_width(params), DEPTH))
     )
     high = np.where(small, SOLID * params.width_min, np.minimum(wide, widest))
     return np.minimum(params.width_min, high), high
@@ -144,7 +144,7 @@ def twist_bound(
     progress : called with the fraction done; may cancel
     most : (F,) upper limit in radians; default is ``params.twist_max``
     """
-    slot, count = slot_needed(params), len(flat.corners)
+    slot, count = min_slot_width(params), len(flat.corners)
     pure = arms(flat, replace(params, clockwise=False), width, np.zeros(count))
     low, high = np.zeros(count), np.full(count, params.twist_max)
     # the middles of a quad's sides are symmetric about its centre: with equal arms, two of the four slots suffice
@@ -191,7 +191,7 @@ def beside(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
     return absent | np.roll(absent, -1, axis=1)
 
 
-def narrowest(
+def min_slot_and_bridge(
     arms: Arms,
     left: Float[np.ndarray, "quads 4"],
     right: Float[np.ndarray, "quads 4"],

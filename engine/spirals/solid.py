@@ -16,7 +16,7 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import Finding, counted, finding, named
-from .contours import Hubs, hubs
+from .contours import SlotRoots, hubs
 from .slots import SOLID, THINNEST, width_range
 from .spiral import LEFT, RIGHT, Arms, alike, arms, centre_line, edge
 
@@ -40,7 +40,7 @@ def without_spiral(width: Float[np.ndarray, "quads 4"], params: SpiralParams) ->
 
 
 @lru_cache(maxsize=4)  # a search calls this often with the same patches
-def hopeless(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
+def without_room(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
     """Return a mask of the quads where even straight arms of the least width leave no slots."""
     low, high = width_range(flat, params)
     thinnest = np.minimum(low, THINNEST * params.width_min)
@@ -77,7 +77,7 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     return [finding("no-spiral", text, quads, severity="warning")]
 
 
-def with_solid(root: Hubs, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> Hubs:
+def with_solid(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
     """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
 
     Parameters

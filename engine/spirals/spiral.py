@@ -16,7 +16,7 @@ from ..arrays import Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
-from .blends import blends, leans
+from .blends import blends, lean_angles
 
 LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards
 
@@ -57,7 +57,7 @@ class Arms:
             joint_width=self.width,
         )
 
-    def of(self, quads: np.ndarray) -> Arms:
+    def subset(self, quads: np.ndarray) -> Arms:
         """Return the arms of some quads only."""
         return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
 
@@ -109,7 +109,7 @@ def arms(
     """Compute the arms of spirals with given widths (metres) and twists (radians), including blends."""
     centre, radius, angle = spokes(flat.corners)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
-    width, lean = np.asarray(width, dtype=float), leans(flat.corners, angle)
+    width, lean = np.asarray(width, dtype=float), lean_angles(flat.corners, angle)
     quad, side = opposite_sides(flat.layout.mesh)
     every = np.broadcast_to(wind[:, None], width.shape)
     sign = mirrored(flat.layout.mesh, params)

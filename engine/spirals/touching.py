@@ -9,7 +9,7 @@ from ..progress import SILENT, Progress
 from .contours import Outline
 
 
-def touching(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
+def find_contacts(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
     """Find the places where the curves of a panel's outline cross or touch themselves or each other.
 
     Parameters

@@ -14,7 +14,7 @@ MOVES = 60  # smoothing iterations; more come closer to convergence and take lon
 SMALL = 0.7  # target side of small quads, as a share of the median side; larger values leave less room to neighbours
 
 
-def widened(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
+def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Progress = SILENT) -> FlatPatches:
     """Move the inner corners near ``quads`` so that quads become squarer and the smallest larger.
 
     Return the input if a quad would turn over or become concave.

@@ -13,13 +13,13 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..mechanics.newton_system import DENSE
-from .path import Follower, Point, following
+from .path import PathFollower, PathPoint, following
 
 STEP = 1e-4  # step in radians or edges for the change of the tangent: errors of 1e-4, and of 1e-9 by rounding
 EIGENVALUE_TOL = 1e-6  # relative tolerance of the lowest factor
 
 
-def linear_buckling(follower: Follower, rest: Point) -> float | None:
+def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
     """Return the lowest positive critical factor to first order; None without one.
 
     Parameters
@@ -41,7 +41,7 @@ def linear_buckling(follower: Follower, rest: Point) -> float | None:
     return _lowest(follower, base, slope)
 
 
-def _lowest(follower: Follower, base: np.ndarray, slope: csc_array) -> float | None:
+def _lowest(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
     """Return the lowest positive factor f for which base + f slope is singular; None without one."""
     system = follower.system
     whole = system.pattern.matrix(base)

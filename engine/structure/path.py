@@ -41,7 +41,7 @@ STEPS = 400  # maximum number of steps; a dome that snaps takes about 40
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class PathPoint:
     """An equilibrium on the path.
 
     factor : of the load
@@ -75,21 +75,21 @@ class Path:
     ended : reason why following stopped early, else ""
     """
 
-    points: tuple[Point, ...]
-    marks: dict[float, Point]
+    points: tuple[PathPoint, ...]
+    marks: dict[float, PathPoint]
     critical: float | None
     kind: str
     ended: str
 
     @property
-    def last(self) -> Point:
+    def last(self) -> PathPoint:
         """The last equilibrium before the piece gives way."""
         first = next((k for k, one in enumerate(self.points) if one.unstable), len(self.points))
         return self.points[max(first - 1, 0)]
 
 
 @dataclass(eq=False)
-class Follower:
+class PathFollower:
     """Follows the equilibria of a model under factor x action.
 
     system : linear system of the joints with supports eliminated
@@ -190,7 +190,7 @@ class Follower:
 
     # -- points --------------------------------------------------------------------------------------------------------
 
-    def point(self, state: Any, factor: float, before: Point | None) -> Point:
+    def point(self, state: Any, factor: float, before: PathPoint | None) -> PathPoint:
         """Return an equilibrium with the tangent of the path, oriented as the path was followed so far.
 
         Parameters
@@ -207,10 +207,10 @@ class Follower:
             weight = np.repeat([1.0 / self.edge**2, 1.0], 3)
             sign = 1.0 if (weight * way * before.way).sum() >= 0.0 else -1.0
         if length == 0.0:
-            return Point(factor, state, unstable, way, np.inf)
-        return Point(factor, state, unstable, sign * way / length, sign / length)
+            return PathPoint(factor, state, unstable, way, np.inf)
+        return PathPoint(factor, state, unstable, sign * way / length, sign / length)
 
-    def step(self, point: Point, length: float, fixed: float | None = None) -> tuple[Point, int] | None:
+    def step(self, point: PathPoint, length: float, fixed: float | None = None) -> tuple[PathPoint, int] | None:
         """Return the next equilibrium and its number of Newton steps; None without convergence.
 
         Parameters
@@ -263,7 +263,7 @@ def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -
 
 
 def follow(
-    follower: Follower,
+    follower: PathFollower,
     rest: Pose,
     *,
     marks: Sequence[float] = (1.0,),
@@ -282,12 +282,12 @@ def follow(
     beyond : steps after the critical point
     """
     point = follower.point(follower.model.start(rest), 0.0, None)
-    points, found, left, length = [point], dict[float, Point](), sorted(marks), FIRST
+    points, found, left, length = [point], dict[float, PathPoint](), sorted(marks), FIRST
     critical, kind, ended = None, "", "the search took too many steps"
     if point.unstable:
         return Path((point,), {}, None, "", "the piece is in no stable equilibrium without load")
     if not np.isfinite(point.rises):  # nothing moves under this load
-        still = {mark: Point(mark, point.state, 0, point.way, point.rises) for mark in marks}
+        still = {mark: PathPoint(mark, point.state, 0, point.way, point.rises) for mark in marks}
         return Path((point, *still.values()), still, None, "", "")
     while len(points) < STEPS:
         progress(min(0.99, max(point.factor / most, len(points) / STEPS)), f"Load factor {point.factor:.3g}")
@@ -321,7 +321,7 @@ def follow(
     return Path(tuple(points), found, critical, kind, ended)
 
 
-def _limit_step(point: Point, length: float, aim: float | None, most: float) -> float:
+def _limit_step(point: PathPoint, length: float, aim: float | None, most: float) -> float:
     """Return the step length limited so that the factor neither rises too much nor passes its target."""
     rises = abs(point.rises)
     if aim is not None and point.rises > 0.0:
@@ -329,14 +329,16 @@ def _limit_step(point: Point, length: float, aim: float | None, most: float) -> 
     return min(length, SHARE * most / max(rises, 1e-300))
 
 
-def _leaps(follower: Follower, point: Point, new: Point, step: float) -> bool:
+def _leaps(follower: PathFollower, point: PathPoint, new: PathPoint, step: float) -> bool:
     """Return whether a step moved a hub far beyond its length, as onto another part of the path."""
     shift = new.pose.centres - point.pose.centres
     far = float(np.abs(shift).max()) / follower.edge
     return far > 4.0 * step + 1e-9
 
 
-def enclosed(follower: Follower, stable: Point, unstable: Point, step: float) -> tuple[Point, Point]:
+def enclosed(
+    follower: PathFollower, stable: PathPoint, unstable: PathPoint, step: float
+) -> tuple[PathPoint, PathPoint]:
     """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""
     for _ in range(HALVINGS):
         if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST:
@@ -352,7 +354,7 @@ def enclosed(follower: Follower, stable: Point, unstable: Point, step: float) ->
     return stable, unstable
 
 
-def _critical(follower: Follower, stable: Point, unstable: Point) -> tuple[float, str]:
+def _critical(follower: PathFollower, stable: PathPoint, unstable: PathPoint) -> tuple[float, str]:
     """Return the critical factor between two points, and its kind."""
     if unstable.rises > 0.0:
         return 0.5 * (stable.factor + unstable.factor), BRANCH

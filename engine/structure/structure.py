@@ -25,7 +25,7 @@ from ..mechanics.loads import Loads, standing
 from ..mechanics.newton_system import NewtonSystem
 from ..params import SimulateParams, StructureParams
 from ..progress import SILENT, Progress
-from ..simulation.simulate import Simulation, carried
+from ..simulation.simulate import Simulation, move_vertices
 from ..surface.checking.check import Finding
 from ..surface.checking.finding import counted
 from ..threads import one_thread
@@ -33,7 +33,7 @@ from . import joints
 from .actions import Action, Ground, actions, lasting
 from .buckling import linear_buckling
 from .cases import LoadPlan
-from .path import Follower, Path, follow
+from .path import Path, PathFollower, follow
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
 FULL = 1.0005  # share of the limit above which joints are reported as overloaded
@@ -278,7 +278,7 @@ def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarr
 
     return Ground(
         rest,
-        carried(design, rest, mesh)[mesh.quads],
+        move_vertices(design, rest, mesh)[mesh.quads],
         design.flat.corners,
         simulation.assembly.pairs,
         simulation.assembly.sides,
@@ -350,7 +350,7 @@ def _outcome(
     """Follow the load path of one case and return its outcome."""
     model, material = strength.simulation.model, strength.simulation.material
     share, strain = _limits(material, kind)
-    follower = Follower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
+    follower = PathFollower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
     path = follow(follower, base.pose, marks=(1.0 / share,), most=params.factor_max / share, progress=progress)
     there = path.marks.get(1.0 / share)
     pose = None if there is None else there.pose

@@ -29,7 +29,7 @@ def about_middle(polygons: PolygonMesh) -> PolygonMesh:
 
 def near(mesh: QuadMesh) -> QuadMesh:
     """Return a quad mesh moved to the origin if it lies far from there, else unchanged."""
-    moved = about_middle(PolygonMesh.of(mesh)).vertices
+    moved = about_middle(PolygonMesh.from_quads(mesh)).vertices
     return mesh if moved is mesh.vertices else mesh.moved(moved)
 
 

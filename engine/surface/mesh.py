@@ -59,7 +59,7 @@ class PolygonMesh:
         return replace(self, vertices=self.vertices[order], corners=turned[places], sizes=sizes)
 
     @classmethod
-    def of(cls, mesh: QuadMesh) -> PolygonMesh:
+    def from_quads(cls, mesh: QuadMesh) -> PolygonMesh:
         """Return a quad mesh as a polygon mesh."""
         return cls(mesh.vertices, mesh.quads.ravel(), np.full(len(mesh.quads), 4))
 

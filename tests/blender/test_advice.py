@@ -64,7 +64,7 @@ def everything(obj: Any, all_of: Callable[[Any], dict[str, bytes]]) -> dict[str,
 
 def done(obj: Any, *, optimised: bool = False) -> None:
     """Everything up to the simulation is up to date, and stands there whole."""
-    now = states.of(obj, bpy.context.scene)
+    now = states.read_states(obj, bpy.context.scene)
     wanted = {"checks", "layout", "spirals", "equilibrium", "reach", *(("optimise",) if optimised else ())}
     assert {name for name in wanted if now[name].kind == states.DONE} == wanted
     surface = mesh.read_surface(obj, bpy.context.scene)
@@ -95,7 +95,7 @@ def figures(obj: Any) -> tuple[float, float]:
 
 def test_larger(strained: Any, attribute: Any, all_of: Any) -> None:
     obj = strained
-    factor = advice.of(strained.data)["larger"]
+    factor = advice.read_advice(strained.data)["larger"]
     assert 1.0 < factor < 1.5
     distance, strain = figures(strained)
     size, place = np.array(strained.dimensions), tuple(strained.location)
@@ -122,7 +122,7 @@ def test_larger(strained: Any, attribute: Any, all_of: Any) -> None:
 
 def test_thinner(strained: Any, all_of: Any) -> None:
     obj = strained
-    assert advice.of(strained.data)["thinner"] == pytest.approx(1.5)
+    assert advice.read_advice(strained.data)["thinner"] == pytest.approx(1.5)
     before, edges = figures(strained), [edge.use_seam for edge in strained.data.edges]
     with one_step(obj, all_of):
         press("make_thinner")
@@ -136,7 +136,7 @@ def test_thinner(strained: Any, all_of: Any) -> None:
 
 def test_finer(add: Any, all_of: Any) -> None:
     obj = distorted = simulated(add, "pom", mirrored=True)
-    wanted, before = advice.of(distorted.data)["finer"], figures(distorted)
+    wanted, before = advice.read_advice(distorted.data)["finer"], figures(distorted)
     assert wanted == 2 * QUADS
     distorted.flexmaps.sheet.margin = 7.0  # a setting that the new object takes along
     with one_step(obj, all_of):
@@ -329,7 +329,7 @@ def test_settings_that_change_meanwhile_make_it_out_of_date(strained: Any, monke
 
     monkeypatch.setattr(background, "run_here", busy)
     press("make_thinner")
-    assert states.of(strained, bpy.context.scene)["reach"].kind == states.OLD
+    assert states.read_states(strained, bpy.context.scene)["reach"].kind == states.OLD
 
 
 def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:
@@ -346,7 +346,7 @@ def test_the_sidebar_offers_what_is_advised(strained: Any, add: Any) -> None:
 def test_notes_of_earlier_versions_offer_a_cut_alone(distorted: Any) -> None:
     block = {key: value for key, value in report(distorted)["reach"].items() if key != "remedies"}
     notes.write(distorted.data, "reach", block)
-    assert advice.of(distorted.data) == {"cut": None}
+    assert advice.read_advice(distorted.data) == {"cut": None}
     notes.write(distorted.data, "reach", block | {"advice": "finer quads would help"})
-    assert advice.of(distorted.data) == {}
+    assert advice.read_advice(distorted.data) == {}
     assert "flexmaps.cut_there" not in drawn().operators

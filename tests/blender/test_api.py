@@ -47,7 +47,12 @@ def triangles(name: str) -> PolygonMesh:
 
 def test_a_file_an_object_and_arrays_are_the_same(tmp_path: Path, add: Any) -> None:
     mesh = shapes.make("strip")
-    sources = [obj_file(tmp_path / "strip.obj", PolygonMesh.of(mesh)), add(mesh), mesh, PolygonMesh.of(mesh)]
+    sources = [
+        obj_file(tmp_path / "strip.obj", PolygonMesh.from_quads(mesh)),
+        add(mesh),
+        mesh,
+        PolygonMesh.from_quads(mesh),
+    ]
     for source in sources:
         piece = api.load(source)
         assert piece.mesh.vertices == pytest.approx(mesh.vertices, abs=1e-6)
@@ -55,7 +60,7 @@ def test_a_file_an_object_and_arrays_are_the_same(tmp_path: Path, add: Any) -> N
 
 
 def test_sizes_are_in_millimetres(tmp_path: Path) -> None:
-    path = obj_file(tmp_path / "strip.obj", PolygonMesh.of(shapes.make("strip", 3.7)))
+    path = obj_file(tmp_path / "strip.obj", PolygonMesh.from_quads(shapes.make("strip", 3.7)))
     vertices = api.load(path, height=50).mesh.vertices
     assert np.ptp(vertices[:, 2]) == pytest.approx(0.05)
     edges = api.regularise(api.load(path, edge=12)).mesh.edge_lengths

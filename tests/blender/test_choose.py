@@ -64,7 +64,7 @@ def test_a_layout_is_chosen_and_another_taken(chosen: Any) -> None:
     assert again["taken"] == other and again["proposals"] == rows
     assert seams(chosen).sum() == rows[other]["joints"] and not np.array_equal(seams(chosen), before)
     assert "spirals" not in report(chosen)  # they belonged to the other panels
-    now = states.of(chosen, bpy.context.scene)
+    now = states.read_states(chosen, bpy.context.scene)
     assert now["choose"].kind == now["layout"].kind == states.DONE
     press("take_choice", number=block["taken"])
     np.testing.assert_array_equal(seams(chosen), before)
@@ -101,9 +101,9 @@ def test_what_was_made_fit_stays_where_no_layout_comes_nearer(add: Any, monkeypa
     assert row["origin"] == "as it was" and row["proved"]
     assert row["rms_percent"] == pytest.approx(after["equilibrium"]["rms_percent"], abs=1e-4)  # rounded
     scene = bpy.context.scene
-    now = states.of(obj, scene)
+    now = states.read_states(obj, scene)
     assert {now[stage].kind for stage in ("layout", "choose", "spirals", "optimise", "equilibrium")} == {states.DONE}
-    assert next_button.of(obj, scene, now) != "flexmaps.choose"
+    assert next_button.next_idname(obj, scene, now) != "flexmaps.choose"
     assert "is expected to come clearly nearer than the present one" in after["choose"]["note"]  # none was searched
 
 
@@ -137,9 +137,9 @@ def test_cut_there_changes_the_layout_that_is_there_and_says_what_it_brought(add
 def test_undoable_settings_and_seams_make_it_out_of_date(chosen: Any) -> None:
     scene = bpy.context.scene
     chosen.flexmaps.choose.match = 2.0  # what is wanted says how to search, not what was found
-    assert states.of(chosen, scene)["choose"].kind == states.DONE
+    assert states.read_states(chosen, scene)["choose"].kind == states.DONE
     chosen.data.edges[0].use_seam = not chosen.data.edges[0].use_seam
-    assert states.of(chosen, scene)["choose"].kind == states.OLD
+    assert states.read_states(chosen, scene)["choose"].kind == states.OLD
 
 
 def test_the_pictures_show_each_layout_in_its_square(chosen: Any) -> None:
@@ -186,7 +186,7 @@ def test_the_main_job_writes_the_others_figures(quick: None, tmp_path: Path) -> 
 
 @pytest.mark.thorough
 def test_from_a_script_by_a_number_of_panels(quick: None) -> None:
-    piece = api.load(PolygonMesh.of(bowl(closed=True)), settings={"optimise.patience": 0.1})
+    piece = api.load(PolygonMesh.from_quads(bowl(closed=True)), settings={"optimise.patience": 0.1})
     piece = api.choose(piece, panels=3)
     assert piece.settings.choose.goal == "panels"
     choice = piece.result.choice

@@ -22,7 +22,7 @@ from support.drawing import draw
 
 @pytest.fixture
 def tried(add: Any, once: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
+    monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
 
     def make() -> None:
         obj = add(bowl())
@@ -69,7 +69,7 @@ def test_the_sidebar_lists_them(tried: Any) -> None:
 def test_the_command_line_explores(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(running.explored.__kwdefaults__, "effort", 0.02)
+    monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
     words = [
         "explore",
         "shape:strip",

@@ -19,18 +19,18 @@ from flexmaps.engine.mechanics.loads import standing
 
 
 def test_a_held_spiral_is_a_support_and_undo_is_one_step(simulated: Any) -> None:
-    assert states.of(simulated, bpy.context.scene)["equilibrium"].kind == states.DONE
+    assert states.read_states(simulated, bpy.context.scene)["equilibrium"].kind == states.DONE
     bpy.ops.ed.undo_push(message="begin")
     assert bpy.ops.flexmaps.hold_spiral(quad=5) == {"FINISHED"}
     assert bpy.ops.flexmaps.hold_spiral(quad=9) == {"FINISHED"}
     obj = bpy.context.object
     assert api.load(obj).result.supports.tolist() == [5, 9]  # type: ignore[union-attr]
-    assert states.of(obj, bpy.context.scene)["equilibrium"].kind == states.OLD
+    assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.OLD
     assert bpy.ops.flexmaps.hold_spiral(quad=5) == {"FINISHED"}
     assert api.load(obj).result.supports.tolist() == [9]  # type: ignore[union-attr]
     assert bpy.ops.flexmaps.clear_handles() == {"FINISHED"}
     assert api.load(obj).result.supports is None
-    assert states.of(obj, bpy.context.scene)["equilibrium"].kind == states.DONE
+    assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.DONE
     assert bpy.ops.flexmaps.hold_spiral(quad=10**6) == {"CANCELLED"}
 
 
@@ -55,7 +55,7 @@ def test_a_wish_turns_with_the_object_and_selected_quads_go_together(simulated: 
     mesh = api.load(simulated).mesh
     assert wishes.places[0] - mesh.centroids[4] == pytest.approx([0.0, 0.01, 0.0], abs=1e-7)
     # a wish says what to look for: what was found stays true
-    assert states.of(simulated, bpy.context.scene)["equilibrium"].kind == states.DONE
+    assert states.read_states(simulated, bpy.context.scene)["equilibrium"].kind == states.DONE
     for k, face in enumerate(simulated.data.polygons):
         face.select = k in {4, 7, 8}
     bpy.context.tool_settings.mesh_select_mode = (False, False, True)

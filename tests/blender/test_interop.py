@@ -57,7 +57,7 @@ def activate(obj: Any) -> None:
 
 def kinds(obj: Any) -> dict[str, str]:
     bpy.context.view_layer.update()
-    return {stage: state.kind for stage, state in states.of(obj, bpy.context.scene).items()}
+    return {stage: state.kind for stage, state in states.read_states(obj, bpy.context.scene).items()}
 
 
 def lengths_in_metres(obj: Any) -> np.ndarray:

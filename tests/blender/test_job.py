@@ -265,10 +265,10 @@ def test_what_is_changed_while_a_job_runs_is_no_part_of_its_result(
     spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
     move.go.set()
     assert drive(move, window) == {"FINISHED"}
-    state = states.of(spiralled, bpy.context.scene)["equilibrium"]
+    state = states.read_states(spiralled, bpy.context.scene)["equilibrium"]
     assert (state.kind, state.part) == (states.OLD, "simulate")
     spiralled.flexmaps.simulate.gravity = not spiralled.flexmaps.simulate.gravity
-    assert states.of(spiralled, bpy.context.scene)["equilibrium"].kind == states.DONE
+    assert states.read_states(spiralled, bpy.context.scene)["equilibrium"].kind == states.DONE
 
 
 @pytest.mark.parametrize("frame", [0.0, 0.015, 0.09, 0.4, 3.0])

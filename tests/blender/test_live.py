@@ -14,7 +14,7 @@ from flexmaps.bridge.store import attributes, states
 
 
 @pytest.fixture
-def following(spiralled: Any) -> Iterator[live.Follower]:
+def following(spiralled: Any) -> Iterator[live.ObjectWatcher]:
     bpy.ops.ed.undo_push(message="begin")
     assert bpy.ops.flexmaps.live() == {"FINISHED"}
     found = live.current()
@@ -24,7 +24,7 @@ def following(spiralled: Any) -> Iterator[live.Follower]:
     live.stop()
 
 
-def settled(following: live.Follower) -> np.ndarray:
+def settled(following: live.ObjectWatcher) -> np.ndarray:
     """Look as the window does, until all is at rest; the vertices then."""
     following.touched, end = True, time.monotonic() + 60.0
     while time.monotonic() < end:
@@ -41,7 +41,7 @@ def piece() -> Any:
 
 
 def test_what_is_changed_is_followed_and_nothing_is_written(
-    following: live.Follower, all_of: Callable[[Any], dict[str, bytes]]
+    following: live.ObjectWatcher, all_of: Callable[[Any], dict[str, bytes]]
 ) -> None:
     obj, before = piece(), settled(following)
     stored = all_of(obj)
@@ -60,7 +60,7 @@ def test_what_is_changed_is_followed_and_nothing_is_written(
     assert following.shown.legend is not None and following.shown.legend.title.startswith("Live")
 
 
-def test_undo_redo_modes_and_the_end_of_the_object(following: live.Follower) -> None:
+def test_undo_redo_modes_and_the_end_of_the_object(following: live.ObjectWatcher) -> None:
     first = settled(following)
     piece().flexmaps.spiral.thickness = 3.0
     bpy.ops.ed.undo_push(message="thicker")
@@ -84,9 +84,9 @@ def test_undo_redo_modes_and_the_end_of_the_object(following: live.Follower) -> 
     assert live.current() is None and live.shown() is None
 
 
-def test_it_stands_back_after_the_final_simulation(following: live.Follower) -> None:
+def test_it_stands_back_after_the_final_simulation(following: live.ObjectWatcher) -> None:
     obj = piece()
-    assert states.of(obj, bpy.context.scene)["equilibrium"].kind == states.TODO
+    assert states.read_states(obj, bpy.context.scene)["equilibrium"].kind == states.TODO
     assert following.shown is not None
     assert bpy.ops.flexmaps.simulate() == {"FINISHED"}
     vertices = settled(following)
@@ -99,7 +99,7 @@ def test_it_stands_back_after_the_final_simulation(following: live.Follower) -> 
     assert not following.final and following.shown is not None
 
 
-def test_what_cannot_be_followed_is_said(following: live.Follower) -> None:
+def test_what_cannot_be_followed_is_said(following: live.ObjectWatcher) -> None:
     obj, before = piece(), settled(following)
     obj.flexmaps.simulate.gravity = True
     assert np.abs(settled(following) - before).max() == 0.0

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.store import mesh
-from flexmaps.bridge.store.surface import Surface
+from flexmaps.bridge.store.surface import ObjectSurface
 from flexmaps.engine.display import arrange
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, SpiralParams
@@ -23,7 +23,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
 
 
-def read(obj: Any) -> tuple[Surface, QuadMesh]:
+def read(obj: Any) -> tuple[ObjectSurface, QuadMesh]:
     bpy.context.view_layer.update()
     surface = mesh.read_surface(obj, bpy.context.scene)
     return surface, check.as_quad_mesh(surface.polygons)

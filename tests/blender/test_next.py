@@ -22,7 +22,7 @@ from flexmaps.engine.surface import shapes
 
 def seen(obj: Any) -> guidance.Guidance:
     bpy.context.view_layer.update()
-    return guidance.of(obj, bpy.context.scene)
+    return guidance.read_guidance(obj, bpy.context.scene)
 
 
 def _zero_edge(bm: Any) -> None:

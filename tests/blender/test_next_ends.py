@@ -88,7 +88,7 @@ def test_no_state_comes_twice(
     failures: list[str] = []
     for _ in range(pressing.MOST):
         piece = bpy.context.view_layer.objects.active
-        act = guidance.of(piece, bpy.context.scene).act
+        act = guidance.read_guidance(piece, bpy.context.scene).act
         if act is None or act.idname == "wm.path_open":
             break
         if act.idname == "flexmaps.export" and broken != "flexmaps.export":
@@ -100,6 +100,6 @@ def test_no_state_comes_twice(
         pytest.fail(f"{pressing.MOST} presses lead to no end: {[one[-2:] for one in seen]}")
     if not failures:
         pytest.skip(f"Next never offers {broken} from {start}")
-    failed = [one for one in guidance.of(piece, bpy.context.scene).notices if one.key == f"failed/{broken}"]
+    failed = [one for one in guidance.read_guidance(piece, bpy.context.scene).notices if one.key == f"failed/{broken}"]
     if act is None:
         assert failed and failed[0].faces == (1, 2), "where it ends, one error names the place"

@@ -13,7 +13,7 @@ import pytest
 from flexmaps.bridge.store import equilibrium, notes
 from flexmaps.command import main as command
 from flexmaps.engine.optimisation import optimise as engine
-from flexmaps.engine.spirals.design import outside
+from flexmaps.engine.spirals.design import unfabricable_quads
 from support.bowl import block, design, spiralled
 from support.buttons import press
 
@@ -40,7 +40,7 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     assert np.abs(attribute(piece, "flexmaps_twist") - before).max() > 1.0
     # what is on the mesh is a design that can be cut, and what was simulated
     made = design(piece)
-    assert not len(outside(made))
+    assert not len(unfabricable_quads(made))
     assert block(piece, "spirals")["twist_deg"][0] == pytest.approx(np.degrees(made.twist.min()), abs=1e-3)
     assert not equilibrium.out_of_date(piece, bpy.context.scene, "optimise")
     assert equilibrium.key_of(piece.data).value == 1.0
@@ -75,7 +75,7 @@ def test_changed_settings_are_kept_to(piece: Any, attribute: Any) -> None:
     press("optimise")
     assert block(piece)["start"] == "given"
     assert attribute(piece, "flexmaps_width").max() <= 1.4 + 1e-5
-    assert not len(outside(design(piece)))
+    assert not len(unfabricable_quads(design(piece)))
 
 
 def test_changed_seams_begin_with_the_last_spirals(piece: Any, attribute: Any) -> None:

@@ -34,7 +34,7 @@ def test_arms_are_drawn_where_they_are() -> None:
     quads = np.array([[0, 1, 2, 3], [1, 4, 5, 2]])
     vertices = np.c_[points, np.zeros(6)]
     width, twist = np.array([0.001, 0.002]), np.array([0.0, np.pi / 2])
-    look = engine.Look(vertices, np.repeat(width[:, None], 4, axis=1), twist, 0.0012, 3)
+    look = engine.OptimisationStep(vertices, np.repeat(width[:, None], 4, axis=1), twist, 0.0012, 3)
     shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.003), (0.1, 0.0012)))
     for unit in (1.0, 0.001):
         found, triangles = shape.bands(unit)
@@ -69,7 +69,7 @@ def test_arms_lie_on_warped_quads() -> None:
     """Everywhere as high above the triangles that are drawn as on a flat quad."""
     vertices = np.array([[0, 0, 0.2], [1, 0, -0.15], [1.2, 1, 0.25], [0, 1, -0.2]]) * EDGE
     quads = np.array([[0, 1, 2, 3]])
-    look = engine.Look(vertices, np.array([0.001]), np.array([4.0]), 0.001, 0)
+    look = engine.OptimisationStep(vertices, np.array([0.001]), np.array([4.0]), 0.001, 0)
     shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.001),))
     triangles = shape.drawn(1.0)[0].reshape(-1, 3, 3).astype(float)
     corners, normal = shape.frame(1.0)

@@ -15,7 +15,7 @@ from flexmaps.bridge.store import equilibrium, mesh, notes, settings
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
-from flexmaps.engine.spirals.design import outside
+from flexmaps.engine.spirals.design import unfabricable_quads
 from flexmaps.operators import optimise as operators
 from support.bowl import block, design, spiralled
 from support.buttons import press
@@ -62,7 +62,7 @@ def test_stopping_keeps_the_best_so_far(piece: Any) -> None:
     found = block(piece)
     assert not found["finished"] and "best so far" in button.said[-1][1]
     assert found["laplacian_rmse_mm"] < found["laplacian_rmse_mm_before"]
-    assert not len(outside(design(piece)))
+    assert not len(unfabricable_quads(design(piece)))
     assert running.shown.history[-1][0] >= running.shown.history[0][0] > 0.0
     press("optimise")
     assert block(piece)["finished"]
@@ -115,7 +115,7 @@ def test_stopped_at_any_moment_the_scene_is_sound(piece: Any, all_of: Any, tmp_p
             kept += 1
         assert background.current() is None
         assert not piece.data.validate(verbose=False)
-        assert not len(outside(design(piece)))
+        assert not len(unfabricable_quads(design(piece)))
         assert len(equilibrium.keys_of(piece.data)) == 1
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "piece.blend"), copy=True)
     assert kept > 0

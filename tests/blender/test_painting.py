@@ -21,13 +21,13 @@ from support.buttons import press
 
 
 def _kinds(obj: Any) -> dict[str, str]:
-    return {name: state.kind for name, state in states.of(obj, bpy.context.scene).items()}
+    return {name: state.kind for name, state in states.read_states(obj, bpy.context.scene).items()}
 
 
 def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated: Any, attribute: Any) -> None:
     assert _kinds(simulated)["equilibrium"] == "DONE"
     before = attribute(simulated, "flexmaps_twist")
-    on = easel.of(simulated, bpy.context.scene)
+    on = easel.easel_of(simulated, bpy.context.scene)
     centre = on.ground.centres[12]
     weight = on.ground.weight(centre, on.ground.normals[12], 0.05)
     assert 0 < (weight > 0).sum() < len(weight) and weight[12] == 1.0
@@ -39,11 +39,11 @@ def test_a_stroke_leaves_the_spirals_done_and_later_stages_out_of_date(simulated
     assert kinds["spirals"] == "DONE" and kinds["equilibrium"] == "OLD"
     assert notes.read(simulated.data)["spirals"]["painted"]
     assert bpy.context.window_manager.flexmaps_overlay == "STIFFNESS"
-    assert easel.of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
+    assert easel.easel_of(simulated, bpy.context.scene) is on, "it stays from stroke to stroke"
     simulated.flexmaps.optimise.iterations, simulated.flexmaps.optimise.codesign = 1, False
     press("optimise")  # from these spirals, and no others
     assert notes.read(simulated.data)["optimise"]["start"] == "given"
-    on = easel.of(simulated, bpy.context.scene)  # something else changed the spirals
+    on = easel.easel_of(simulated, bpy.context.scene)  # something else changed the spirals
     np.testing.assert_allclose(np.degrees(on.design.twist), attribute(simulated, "flexmaps_twist"), rtol=1e-6)
     np.testing.assert_allclose(on.design.width.ravel() * 1e3, attribute(simulated, "flexmaps_width"), rtol=1e-6)
     assert not on.changed.any()
@@ -58,7 +58,7 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
         (panels,) = flat_panels.panels_of(obj)
         return panels.data, np.array([v.co for v in panels.data.vertices])
 
-    on = easel.of(spiralled, scene)
+    on = easel.easel_of(spiralled, scene)
     seen, states_of = [], []
     for brush, quad in (("stiffer", 3), ("softer", 20)):
         work = dabs.Dabs(on, brush, inverted=False)
@@ -76,7 +76,7 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
     assert seen[0][0] == seen[1][0] and not np.array_equal(seen[0][1], seen[1][1]), "one mesh, other points"
     bpy.ops.ed.undo()
     obj = bpy.context.object
-    assert easel.of(obj, bpy.context.scene) is on, "only spirals have changed"
+    assert easel.easel_of(obj, bpy.context.scene) is on, "only spirals have changed"
     np.testing.assert_allclose(on.design.twist, states_of[0].twist, rtol=1e-6)
     np.testing.assert_array_equal(beside(obj)[1], seen[0][1])
     full = easel.Easel(obj, bpy.context.scene)
@@ -92,7 +92,7 @@ def test_panels_move_with_strokes_and_an_undo_brings_the_former_spirals(spiralle
 def test_panels_with_a_rim_follow_strokes_at_the_border(spiralled: Any) -> None:
     spiralled.flexmaps.spiral.border = "rim"
     press("spirals")
-    on = easel.of(spiralled, bpy.context.scene)
+    on = easel.easel_of(spiralled, bpy.context.scene)
     border = on.design.flat.layout.mesh.border[on.design.flat.layout.mesh.quad_edges].any(axis=1)
     before: Any = None
     for brush in ("softer", "stiffer"):
@@ -115,23 +115,23 @@ def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_ca
     spiralled: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    monkeypatch.setattr(design, "outside", lambda *given: asked.append(given) or ())
+    monkeypatch.setattr(design, "unfabricable_quads", lambda *given: asked.append(given) or ())
     scene = bpy.context.scene
-    on = easel.of(spiralled, scene)
+    on = easel.easel_of(spiralled, scene)
     first, stiff = on.design, on.stiffness
     on.paint("softer", on.ground.weight(on.ground.centres[3], on.ground.normals[3], 0.06), Stroke())
     on.write(scene)
     mesh.write_design(spiralled, on._surface, first)  # as an undo leaves it
-    assert easel.of(spiralled, scene) is on and not asked
+    assert easel.easel_of(spiralled, scene) is on and not asked
     np.testing.assert_allclose(on.design.twist, first.twist, rtol=1e-6)
     np.testing.assert_array_equal(on.stiffness, stiff)
     mesh.write_design(spiralled, on._surface, replace(first, twist=0.9 * first.twist))
-    assert easel.of(spiralled, scene) is on and len(asked) == 1, "nobody had these before"
+    assert easel.easel_of(spiralled, scene) is on and len(asked) == 1, "nobody had these before"
 
 
 def test_a_stroke_taken_back_leaves_everything_as_it_was(spiralled: Any, content: Any) -> None:
     before = content(spiralled)
-    on = easel.of(spiralled, bpy.context.scene)
+    on = easel.easel_of(spiralled, bpy.context.scene)
     on.paint("softer", np.ones(len(on.design.twist)), Stroke())
     on.paint("protect", np.ones(len(on.design.twist)), Stroke())
     assert on.changed.any() and on.protected.all()
@@ -152,8 +152,8 @@ def test_stiffness_from_weights_and_colours(spiralled: Any, attribute: Any) -> N
     assert fields.names(spiralled)[:1] == ["stiff"] and "paint" in fields.names(spiralled)
     surface = mesh.read_surface(spiralled, bpy.context.scene)
     exact = share[np.array([f.vertices for f in spiralled.data.polygons])].mean(axis=1)
-    np.testing.assert_allclose(fields.of(spiralled, surface, "stiff"), exact, atol=1e-6)
-    np.testing.assert_allclose(fields.of(spiralled, surface, "paint"), exact, atol=0.02)  # 8 bits
+    np.testing.assert_allclose(fields.read_field(spiralled, surface, "stiff"), exact, atol=1e-6)
+    np.testing.assert_allclose(fields.read_field(spiralled, surface, "paint"), exact, atol=0.02)  # 8 bits
     press("paint_from", source="stiff", what="stiffness")
     twist = attribute(spiralled, "flexmaps_twist")
     assert np.corrcoef(exact, twist)[0, 1] < -0.95

@@ -128,11 +128,13 @@ def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
     from flexmaps.engine.surface.remeshing.coverage import uncovered
 
     ball = shapes.make("cubesphere")
-    half = PolygonMesh.of(ball).kept(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
+    half = PolygonMesh.from_quads(ball).kept(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
     obj = add((half.vertices, half.corners.reshape(-1, 4)))
-    (found,) = uncovered(half, target_of(half), target_of(PolygonMesh.of(ball)), len(half.sizes), 0)
+    (found,) = uncovered(half, target_of(half), target_of(PolygonMesh.from_quads(ball)), len(half.sizes), 0)
     notes.write_checks(obj.data, [found])
-    (notice,) = (one for one in guidance.of(obj, bpy.context.scene).notices if one.key == "checks/surface-missed")
+    (notice,) = (
+        one for one in guidance.read_guidance(obj, bpy.context.scene).notices if one.key == "checks/surface-missed"
+    )
     wanted = [cure.properties["quads"] for cure in notice.cures if cure.idname == "flexmaps.quad_remesh"]
     assert f"remesh with {wanted[-1]} quads" in notice.sentence
 

@@ -219,7 +219,9 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
     values = np.arange(len(flat.corners), dtype=float)
     corners = flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]
     sides = np.zeros((len(corners), 4), bool)
-    made = plots.flat_map(corners, sides, Colouring.of("Numbers", values, "no unit", colours.MUCH, 0.0, values[-1]))
+    made = plots.flat_map(
+        corners, sides, Colouring.from_values("Numbers", values, "no unit", colours.MUCH, 0.0, values[-1])
+    )
     root = ElementTree.fromstring(drawing.svg(made))
     quads = [
         (points, path.attrib["fill"])
@@ -243,7 +245,7 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
 def test_a_histogram_counts_every_spiral_once() -> None:
     values = np.random.default_rng(3).gamma(2.0, 1.5, 500)
     made = plots.histogram(values, "Distances", "Distance (mm)", [(3.0, "a mark")])
-    bars = next(item for item in made.items if isinstance(item, drawing.Shapes))
+    bars = next(item for item in made.items if isinstance(item, drawing.FilledShapes))
     heights = np.ptp(bars.points[..., 1], axis=1)
     unit = heights.sum() / 500
     assert heights / unit == pytest.approx(np.round(heights / unit), abs=1e-6)

@@ -25,7 +25,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 
 @pytest.fixture(scope="module")
 def result() -> job.Result:
-    return job.run(PolygonMesh.of(shapes.make("strip")), Settings())
+    return job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings())
 
 
 def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path
 
 @pytest.mark.parametrize("stage", ["check", "merge"])
 def test_a_job_that_was_stopped_early(stage: str) -> None:
-    early = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after=stage)
+    early = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after=stage)
     obj = scene.show(early)
     kinds = {o.get("flexmaps_kind") for o in bpy.data.objects} - {None}
     assert kinds == (set() if stage == "check" else {"panels", "seams"})

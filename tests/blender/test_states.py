@@ -20,17 +20,19 @@ from support.buttons import press
 
 def kinds(obj: Any) -> dict[str, str]:
     bpy.context.view_layer.update()
-    return {stage: state.kind for stage, state in states.of(obj, bpy.context.scene).items()}
+    return {stage: state.kind for stage, state in states.read_states(obj, bpy.context.scene).items()}
 
 
 def why(obj: Any, stage: str) -> str:
     bpy.context.view_layer.update()
-    return states.of(obj, bpy.context.scene)[stage].reason
+    return states.read_states(obj, bpy.context.scene)[stage].reason
 
 
 def offered(obj: Any) -> str:
     bpy.context.view_layer.update()
-    return next_button.of(obj, bpy.context.scene, states.of(obj, bpy.context.scene)).removeprefix("flexmaps.")
+    return next_button.next_idname(obj, bpy.context.scene, states.read_states(obj, bpy.context.scene)).removeprefix(
+        "flexmaps."
+    )
 
 
 def scaled(mesh: QuadMesh, edge: float = 0.02) -> QuadMesh:
@@ -65,7 +67,7 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     pressed = []
     while offered(piece):
         if offered(piece) in {"cut_there", "choose"}:  # would take a minute: somebody goes on as it is
-            for notice in guidance.of(piece, bpy.context.scene).notices:
+            for notice in guidance.read_guidance(piece, bpy.context.scene).notices:
                 if any(cure.idname.endswith(offered(piece)) for cure in notice.cures):
                     assert bpy.ops.flexmaps.let_go(key=notice.key) == {"FINISHED"}
                     break
@@ -160,7 +162,7 @@ def test_poor_quads_are_to_be_made_squarer_once(piece: Any) -> None:
     press("regularise")
     found()  # whatever it made of them, it is not offered again
     assert offered(piece) == "merge"
-    seen = guidance.of(piece, bpy.context.scene).notices
+    seen = guidance.read_guidance(piece, bpy.context.scene).notices
     assert "flexmaps.regularise" not in {cure.idname for notice in seen for cure in notice.cures}
     piece.data.vertices[0].co.x += 1e-4  # another mesh may become squarer
     found()

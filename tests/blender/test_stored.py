@@ -39,7 +39,7 @@ def test_damaged_notes_count_as_nothing(random_calls: ModuleType, spiralled: Any
     for damage in NOTES.values():
         spiralled.data[name] = damage
         assert notes.read(spiralled.data) == {}
-        assert {state.kind for state in states.of(spiralled, bpy.context.scene).values()} == {states.TODO}
+        assert {state.kind for state in states.read_states(spiralled, bpy.context.scene).values()} == {states.TODO}
         assert _warnings(spiralled) == [
             "The notes of earlier stages are damaged and are left out: run the stages again"
         ]
@@ -47,7 +47,7 @@ def test_damaged_notes_count_as_nothing(random_calls: ModuleType, spiralled: Any
     assert api.report(spiralled)["layout"]["patches"] > 1  # the patches themselves are sound
     assert bpy.ops.flexmaps.flatten() == {"FINISHED"}
     assert not _warnings(spiralled)
-    assert states.of(spiralled, bpy.context.scene)["layout"].kind == states.DONE
+    assert states.read_states(spiralled, bpy.context.scene)["layout"].kind == states.DONE
     assert json.loads(spiralled.data[notes.NAME])["layout"]
 
 

@@ -51,10 +51,10 @@ def test_cases_act_on_vertex_groups(piece: Any, attribute: Any) -> None:
     assert used.max() == pytest.approx(max(one["arms"] for one in found.values()), rel=1e-4)
     assert bpy.ops.flexmaps.overlay(kind="UTILISATION") == {"FINISHED"}
     assert colouring.legend_of(piece, "UTILISATION").title.startswith("Under loads, largest")
-    now = states.of(piece, bpy.context.scene)
+    now = states.read_states(piece, bpy.context.scene)
     assert now["structure"].kind == states.DONE and now["equilibrium"].kind == states.DONE
     piece.flexmaps.structure.cases = "w: weight"
-    now = states.of(piece, bpy.context.scene)
+    now = states.read_states(piece, bpy.context.scene)
     assert now["structure"].kind == states.OLD and now["equilibrium"].kind == states.DONE
     assert not colouring.current(piece, "UTILISATION")
 

@@ -65,7 +65,7 @@ def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path)
     for stage in ("check", "flatten", "spirals", "simulate"):
         assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}, stage
     assert notes.made_with(obj.data) == VERSION and not notes.unsealed(obj.data)
-    assert states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+    assert states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
     assert api.load(obj).result.findings == []
 
 
@@ -77,7 +77,7 @@ def opened(path: Path) -> Any:
 def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) -> None:
     obj = opened(older)
     assert notes.made_with(obj.data) == versions.UNSTAMPED
-    found = states.of(obj, bpy.context.scene)
+    found = states.read_states(obj, bpy.context.scene)
     assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.OLD)
     assert found["spirals"].reason == states.PROGRAM
     with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
@@ -86,7 +86,7 @@ def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) ->
     assert bpy.ops.flexmaps.update_from_seams() == {"FINISHED"}
     assert bpy.ops.flexmaps.spirals() == {"FINISHED"}
     assert notes.made_with(obj.data) == VERSION, "nothing of the older version is left"
-    assert states.of(obj, bpy.context.scene)["spirals"].kind == states.DONE
+    assert states.read_states(obj, bpy.context.scene)["spirals"].kind == states.DONE
     assert len(api.load(obj).result.design.width) == count
 
 

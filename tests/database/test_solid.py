@@ -17,7 +17,7 @@ from flexmaps.database.table import FINENESS
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms import beams
 from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
-from flexmaps.engine.spirals.known import twist_limit
+from flexmaps.engine.spirals.known import table_twist_limit
 from scipy.spatial.transform import Rotation
 
 wrong_blocks = sys.modules["flexmaps_taylor"].wrong_blocks
@@ -33,7 +33,7 @@ def test_straight_cross_has_the_volume_of_its_outline():
 
 @pytest.mark.parametrize(("scale", "share"), [(5.0, 1.0), (7.0, 0.95), (10.0, 1.0), (30.0, 0.6), (50.0, 0.0)])
 def test_region_can_be_meshed(scale, share):
-    spiral = Spiral(scale, 1.0, share * float(twist_limit(scale)))
+    spiral = Spiral(scale, 1.0, share * float(table_twist_limit(scale)))
     solid = make_solid(spiral)
     tips = np.array([solid.nodes[t].mean(0) for t in solid.tips])
     assert np.allclose(tips, solid.tip_centres, atol=1e-9)

@@ -10,7 +10,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_bend import bend_point
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
-from flexmaps.engine.mechanics.arms.curving import Arms, curved, second_order_strains
+from flexmaps.engine.mechanics.arms.curving import CurvedArms, curved, second_order_strains
 from flexmaps.engine.mechanics.arms.cut import HUB
 from flexmaps.engine.mechanics.assembly import Assembly
 from scipy.integrate import solve_ivp
@@ -148,5 +148,5 @@ def test_bend_points_leave_little_for_turns() -> None:
     assert np.abs(bent).max() < 0.4 * np.abs(between).max()
 
 
-def table_arms(assembly: Assembly) -> Arms:
-    return Arms.of(assembly, VERO, arm_compliances(assembly, VERO).values)
+def table_arms(assembly: Assembly) -> CurvedArms:
+    return CurvedArms.from_assembly(assembly, VERO, arm_compliances(assembly, VERO).values)

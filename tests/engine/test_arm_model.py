@@ -24,7 +24,7 @@ WIDTH, VERO, row, straight, ring, shaken = (
 @pytest.mark.parametrize("turn", [1e-7, 0.3, 1.0])
 @pytest.mark.parametrize("curving", [False, True])
 def test_derivatives_are_those_of_the_energy(twist: float, turn: float, curving: bool) -> None:
-    model = ArmModel.of(row(5, twist=twist, closed=True), VERO, curving=curving)
+    model = ArmModel.from_assembly(row(5, twist=twist, closed=True), VERO, curving=curving)
     state = model.start(shaken(ring(5), 0.003, turn, seed=3))
     here = model.expand(state)
     rng = np.random.default_rng(1)
@@ -72,10 +72,10 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
     design = np.column_stack([chain.width, chain.twist])
 
     def forces(design: np.ndarray) -> np.ndarray:
-        model = ArmModel.of(chain.redesigned(design[:, :4], design[:, 4]), VERO, curving=False)
+        model = ArmModel.from_assembly(chain.redesigned(design[:, :4], design[:, 4]), VERO, curving=False)
         return model.expand(model.start(pose)).gradient
 
-    here = ArmModel.of(chain, VERO, curving=False)
+    here = ArmModel.from_assembly(chain, VERO, curving=False)
     blocks = here.gradient_by_design(here.start(pose))
     for scale in ([1e-3] * 4 + [0.0], [0.0] * 4 + [1.0]):
         way, step = rng.normal(size=design.shape) * scale, 2e-4
@@ -104,7 +104,7 @@ def test_looking_ahead_changes_the_stresses_to_second_order_in_the_step(kind: ty
 
 
 def test_rigid_motion_and_rest_cost_nothing() -> None:
-    model = ArmModel.of(row(4, twist=3.0), VERO)
+    model = ArmModel.from_assembly(row(4, twist=3.0), VERO)
     assert model.energy(model.start(straight(4))) == pytest.approx(0.0, abs=1e-25)
     bent = shaken(straight(4), 0.002, 0.3)
     turned = bent.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
@@ -115,7 +115,7 @@ def test_clockwise_arms_are_the_mirror_image() -> None:
     mirror = np.diag([1.0, -1.0, 1.0])
     pose = shaken(straight(3), 0.001, 0.2)
     mirrored = Pose(pose.centres @ mirror, mirror @ pose.rotations @ mirror)
-    one, other = (ArmModel.of(row(3, twist=3.0, clockwise=c), VERO) for c in (False, True))
+    one, other = (ArmModel.from_assembly(row(3, twist=3.0, clockwise=c), VERO) for c in (False, True))
     assert one.energy(one.start(pose)) == pytest.approx(other.energy(other.start(mirrored)), rel=1e-12)
     assert one.energy(one.start(mirrored)) != pytest.approx(other.energy(other.start(mirrored)), rel=1e-3)
 
@@ -124,9 +124,9 @@ def test_a_spiral_outside_the_table_is_named() -> None:
     assembly = row(4)
     width = assembly.width.copy()
     width[2] = 0.0003
-    (found,) = ArmModel.of(assembly.redesigned(width, assembly.twist), VERO).beyond()
+    (found,) = ArmModel.from_assembly(assembly.redesigned(width, assembly.twist), VERO).beyond()
     assert found.quantity == "width / thickness" and found.spirals.tolist() == [2]
     width[1] = np.nan
     with pytest.raises(FlexMapsError, match="not a number") as caught:
-        ArmModel.of(assembly.redesigned(width, assembly.twist), VERO)
+        ArmModel.from_assembly(assembly.redesigned(width, assembly.twist), VERO)
     assert caught.value.faces == [1]

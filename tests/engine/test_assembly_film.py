@@ -168,7 +168,7 @@ def test_a_rolled_strip_unrolls_on_circles(flat_grid):
     lying = Pose(centres, np.broadcast_to(np.eye(3), (count, 3, 3)))
     # the middle of the strip stays as it is turned
     pose = pose.placed(rotations[count // 2].T, np.zeros(3))
-    blend = Blend.of(lying, pose, pairs, lever)
+    blend = Blend.between(lying, pose, pairs, lever)
     flat, middle, whole = (blend.at(share) for share in (0.0, 0.5, 1.0))
     assert whole.centres == pytest.approx(pose.centres, abs=1e-6 * size)
     assert whole.rotations == pytest.approx(pose.rotations, abs=1e-9)

@@ -19,7 +19,7 @@ def _write(out, name="sheet", **blocks):
     with files.replacing_many() as new:
         made = {key: make() for key, make in blocks.items()}
         settings = Settings(**{"sheet": SheetParams(**QUICK)} | made)
-        result = job.run(PolygonMesh.of(shapes.make("strip")), settings, edge=0.02)
+        result = job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02)
         return export.write(result.sheets, out / name, ("svg",), new)
 
 

@@ -8,8 +8,8 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.band import Band, Tolerance
-from flexmaps.engine.simulation.real_sheets import real_sheets
+from flexmaps.engine.simulation.band import Tolerance, ToleranceBand
+from flexmaps.engine.simulation.real_sheets import tolerance_band
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -19,13 +19,13 @@ FINE = SimulateParams(tolerance=1e-9)
 
 @pytest.fixture(scope="module")
 def dome() -> Simulation:
-    found = job.run(PolygonMesh.of(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return simulate(found.design, found.mesh, MATERIALS["vero"], FINE)
 
 
 def test_each_end_is_what_a_simulation_of_such_a_sheet_finds(dome: Simulation) -> None:
-    band = {one.name: one for one in real_sheets(dome, FINE).tolerances}
+    band = {one.name: one for one in tolerance_band(dome, FINE).tolerances}
     assert set(band) == {"thickness", "width", "stiffness"}
     design = dome.design
     thicker = dataclasses.replace(
@@ -55,7 +55,7 @@ def test_a_sheet_that_is_stiffer_in_every_way_rests_alike(dome: Simulation) -> N
 
 
 def test_the_sentence_goes_from_best_to_worst() -> None:
-    band = Band(9e-4, (Tolerance("thickness", 1.6e-3, 7e-4, "with a sheet 5 % thicker or thinner"),))
+    band = ToleranceBand(9e-4, (Tolerance("thickness", 1.6e-3, 7e-4, "with a sheet 5 % thicker or thinner"),))
     assert band.text == "RMS 0.9 mm from the target; 0.7 to 1.6 mm with a sheet 5 % thicker or thinner."
     assert band.report()["thickness"] == pytest.approx([1.6, 0.7])
-    assert "no equilibrium" in Band(9e-4, (Tolerance("width", None, 1e-3, "with arms"),)).text
+    assert "no equilibrium" in ToleranceBand(9e-4, (Tolerance("width", None, 1e-3, "with arms"),)).text

@@ -9,7 +9,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.standing import corners
 from flexmaps.engine.fabrication.standing.frame import shortest_round
 from flexmaps.engine.fabrication.writers import parts
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job, report, stages, steps
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -26,11 +26,11 @@ def _arch(columns=5, rows=8, sweep=np.pi, lean=0.0, edge=0.02):
     turn = np.array([[np.cos(lean), 0.0, np.sin(lean)], [0.0, 1.0, 0.0], [-np.sin(lean), 0.0, np.cos(lean)]])
     corner = np.arange(len(points)).reshape(columns + 1, rows + 1)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
-    return PolygonMesh.of(QuadMesh(points @ turn.T, quads))
+    return PolygonMesh.from_quads(QuadMesh(points @ turn.T, quads))
 
 
 def _made(polygons, more=(), **options):
-    settings = changed(Settings(), QUICK | dict(more))
+    settings = with_values(Settings(), QUICK | dict(more))
     return job.run(polygons, settings, **({"supports": "lowest"} | options))
 
 
@@ -74,14 +74,14 @@ def test_feet_as_they_are_cut_stand_in_their_slots_as_simulated(bench, sweep, bo
 
 
 def test_supported_spirals_are_straight_and_stay_so_when_the_rest_is_improved():
-    settings = changed(Settings(), QUICK | {"optimise.iterations": 3, "optimise.codesign": False})
+    settings = with_values(Settings(), QUICK | {"optimise.iterations": 3, "optimise.codesign": False})
     polygons = _arch(rows=6)
     made = job.run(polygons, settings, supports="lowest", optimised=True)
     held = made.supports
     assert (made.design.twist[held] < 0.002).all()
     assert (made.design.twist > 0.1).any()
     assert made.sheets.base.report["feet"] == len(held)
-    before = job.run(polygons, changed(settings, {"base.base": "none"}), supports="lowest", stop_after="spirals")
+    before = job.run(polygons, with_values(settings, {"base.base": "none"}), supports="lowest", stop_after="spirals")
     assert (before.design.twist[held] > 0.002).any()
 
 
@@ -139,10 +139,10 @@ def test_what_cannot_stand_gets_one_clear_error(polygons, more, options, words):
 
 
 def test_a_wound_support_asks_for_spirals_anew():
-    settings = changed(Settings(), QUICK | {"base.base": "none"})
+    settings = with_values(Settings(), QUICK | {"base.base": "none"})
     made = job.run(_arch(rows=6), settings, supports="lowest")
     with pytest.raises(FlexMapsError, match="press Spirals again"):
-        job.go_on(made, changed(settings, {"base.base": "feet"}), ("sheets",))
+        job.go_on(made, with_values(settings, {"base.base": "feet"}), ("sheets",))
 
 
 def test_rounded_corners_touch_their_sides():
@@ -156,7 +156,7 @@ def test_rounded_corners_touch_their_sides():
 
 
 def test_the_planks_of_a_frame_lock_into_a_ring_under_the_feet(bench):
-    settings = changed(Settings(), {"base.base": "frame", "sheet.nesting": "FAST"})
+    settings = with_values(Settings(), {"base.base": "frame", "sheet.nesting": "FAST"})
     made = job.run(_arch(), settings, supports="lowest")
     fit, ring = bench.read_back(made), bench.read_frame(made)
     assert fit.feet == 10
@@ -173,7 +173,7 @@ def test_the_planks_of_a_frame_lock_into_a_ring_under_the_feet(bench):
 
 
 def test_an_arch_hangs_by_holes_in_its_hubs_that_bear_its_weight(bench):
-    made = job.run(_arch(rows=6), changed(Settings(), HANGING), supports=[2, 3, 14, 15, 26, 27])
+    made = job.run(_arch(rows=6), with_values(Settings(), HANGING), supports=[2, 3, 14, 15, 26, 27])
     fit = bench.read_eyelets(made)
     assert fit.eyelets == 6
     assert fit.off < 0.001  # mm from where the simulation holds the hubs
@@ -205,12 +205,12 @@ def test_an_arch_hangs_by_holes_in_its_hubs_that_bear_its_weight(bench):
 )
 def test_what_cannot_hang_gets_one_clear_error(more, words):
     with pytest.raises(FlexMapsError, match=words):
-        job.run(_arch(columns=3, rows=4), changed(Settings(), HANGING | more), supports=[1, 2, 9, 10])
+        job.run(_arch(columns=3, rows=4), with_values(Settings(), HANGING | more), supports=[1, 2, 9, 10])
 
 
 def test_a_piece_that_would_swing_about_its_eyelets_says_so():
     with pytest.raises(FlexMapsError, match=r"no base \(Not simulated: Weight or forces swing .* hinges in a line"):
-        job.run(_arch(columns=3, rows=4), changed(Settings(), HANGING), supports=[1, 5])
+        job.run(_arch(columns=3, rows=4), with_values(Settings(), HANGING), supports=[1, 5])
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_what_cannot_stand_is_refused_before_anything_is_made(polygons, supports
 
     for name in steps.STEPS:
         monkeypatch.setitem(steps.STEPS, name, never)
-    settings = changed(Settings(), {"base.base": "feet"} | more)
+    settings = with_values(Settings(), {"base.base": "feet"} | more)
     with pytest.raises(FlexMapsError, match=words):
         job.run(polygons, settings, supports=supports, optimised=True)
 

@@ -14,23 +14,26 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
 from flexmaps.engine.fabrication.writers import export, parts
-from flexmaps.engine.params import ObjectSettings, changed
+from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.together import together
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
-QUICK = changed(ObjectSettings(), {"sheet.nesting": "FAST", "connect.connector": "key"})
+QUICK = with_values(ObjectSettings(), {"sheet.nesting": "FAST", "connect.connector": "key"})
 
 
 @pytest.fixture(scope="module")
 def pieces() -> list[Result]:
-    return [job.run(PolygonMesh.of(shapes.make(name, 0.02)), QUICK, stop_after="spirals") for name in ("strip", "dome")]
+    return [
+        job.run(PolygonMesh.from_quads(shapes.make(name, 0.02)), QUICK, stop_after="spirals")
+        for name in ("strip", "dome")
+    ]
 
 
 def copies(*counts: int) -> list[ObjectSettings]:
-    return [changed(QUICK, {"export.copies": count}) for count in counts]
+    return [with_values(QUICK, {"export.copies": count}) for count in counts]
 
 
 def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
@@ -96,7 +99,7 @@ def test_parts_list_and_files(pieces: list[Result], tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_share_a_sheet_is_refused(pieces: list[Result], values: dict, says: str) -> None:
-    other = changed(QUICK, values)
+    other = with_values(QUICK, values)
     result = pieces[1]
     if "spiral.thickness" in values and result.design is not None:
         result = replace(result, design=replace(result.design, params=other.spiral))

@@ -80,7 +80,7 @@ def test_a_twisted_bar_turns_evenly(flat_grid):
 def test_wrenches_agree_with_the_elastic_model(dome):
     """Moments of beams against those of the table that was made with finite elements."""
     made, pose = dome
-    model = ArmModel.of(of_design(made), material("pom"), curving=False)
+    model = ArmModel.from_assembly(of_design(made), material("pom"), curving=False)
     theirs = model.wrenches(model.start(pose))[:, 3:]
     mesh = made.flat.layout.mesh
     inner = ~mesh.border

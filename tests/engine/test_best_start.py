@@ -43,12 +43,12 @@ def test_two_designs_are_tried_where_starts_differ() -> None:
 
 
 def test_a_result_too_far_away_is_worth_nothing() -> None:
-    made = job.run(PolygonMesh.of(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    made = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
     assert made.design is not None
     physics = SimulateParams(restarts=0)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
     problem = task.problem(made.design)
     start = optimise.starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)["given"]
-    near = optimise.Found(task.rested(made.design, start), start, start.distance * 1.01)
+    near = optimise.SimulatedResult(task.rested(made.design, start), start, start.distance * 1.01)
     assert np.isfinite(near.merit(1.0))
     assert dataclasses.replace(near, farthest=start.distance * 0.99).merit(1.0) == np.inf

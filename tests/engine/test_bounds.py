@@ -5,22 +5,35 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cvxopt import matrix, solvers
-from flexmaps.engine.optimisation.bounds import DENSE, Projection, Rooms, Within, bounded_step, lowest, restored
+from flexmaps.engine.optimisation.bounds import (
+    DENSE,
+    ClearanceProblem,
+    LinearClearances,
+    Projection,
+    bounded_step,
+    narrowest_per_pair,
+    restore_clearances,
+)
 from flexmaps.engine.spirals.room import Terms
 from scipy.sparse import block_diag, csr_array, random_array
 
 
-def quadratic(size: int, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Rooms]:
+def quadratic(size: int, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, LinearClearances]:
     """x, gradient, matrix and rooms; some of the rooms are closed, some coordinates at an end."""
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(size, size))
     x = np.clip(rng.uniform(-0.2, 1.2, size), 0.0, 1.0)
     slope = csr_array(random_array((rows, size), density=4.0 / size, rng=rng, data_sampler=rng.normal))
     room = np.maximum(rng.uniform(-0.02, 0.1, rows), 0.0)
-    return x, 0.1 * rng.normal(size=size), half @ half.T / size + 0.3 * np.eye(size), Rooms.of(room, slope)
+    return (
+        x,
+        0.1 * rng.normal(size=size),
+        half @ half.T / size + 0.3 * np.eye(size),
+        LinearClearances.from_clearances(room, slope),
+    )
 
 
-def solved(x: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, rooms: Rooms) -> float:
+def solved(x: np.ndarray, gradient: np.ndarray, hessian: np.ndarray, rooms: LinearClearances) -> float:
     """The least value of the model within the bounds, by an interior-point method."""
     size = len(x)
     sides = np.vstack([np.eye(size), -np.eye(size), -rooms.slope.toarray()])
@@ -49,7 +62,7 @@ def test_without_bounds_in_the_way_it_is_newton_s_step() -> None:
     x, gradient, hessian, _ = quadratic(30, 1, 7)
     x = np.full_like(x, 0.5)
     small = 1e-3 * gradient
-    step = bounded_step(x, small, lambda v: hessian @ v, Rooms.none(30), 200)
+    step = bounded_step(x, small, lambda v: hessian @ v, LinearClearances.none(30), 200)
     exact = -np.linalg.solve(hessian, small)
     assert np.linalg.norm(step - exact) < 0.2 * np.linalg.norm(exact)
 
@@ -58,7 +71,7 @@ def test_the_narrowest_gap_of_every_pair_of_arms_is_kept() -> None:
     """Arm 0, whose mate is arm 9, has gaps to arms 1 (at three places) and 2, and its own inner edge and winding."""
     arms = np.array([[0, 9, 1, 8], [0, 9, 2, 7], [0, 9, 1, 8], [0, 9, 0, 9], [0, 9, 1, 8], [0, 0, 0, 0]])
     value = np.array([0.3, 0.5, 0.1, 0.4, 0.2, 0.6])
-    found = lowest(Terms(value, csr_array(np.diag(value)), csr_array(np.diag(-value)), arms))
+    found = narrowest_per_pair(Terms(value, csr_array(np.diag(value)), csr_array(np.diag(-value)), arms))
     assert sorted(found.value) == [0.1, 0.4, 0.5, 0.6]
     assert found.by_flat is not None
     for row, by, flat, pair in zip(
@@ -85,15 +98,17 @@ def test_projections_leave_rows_as_they_are_also_where_some_are_alike(copies: in
 def test_what_closes_is_brought_back_and_what_stays_closed_does_not_go() -> None:
     """Three coordinates; the first two may not be more than 1 together, and the third not beyond 0.5, of which the slope is wrong."""
 
-    def rooms(y: np.ndarray, quads: np.ndarray | None) -> Rooms:
+    def rooms(y: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         slopes = csr_array(np.array([[-1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]))
-        return Rooms.of(np.array([1.0 - y[0] - y[1], 0.5 - y[2]]), slopes)
+        return LinearClearances.from_clearances(np.array([1.0 - y[0] - y[1], 0.5 - y[2]]), slopes)
 
     def shut(y: np.ndarray, quads: np.ndarray | None) -> np.ndarray:
         return np.array([y[0] + y[1] >= 1.0, y[0] + y[1] >= 1.0, y[2] > 0.5])
 
     inner = np.array([0.2, 0.2, 0.3])
-    found = restored(np.array([0.8, 0.6, 0.9]), inner, Within(rooms, shut, lambda share: share, 3, 3))
+    found = restore_clearances(
+        np.array([0.8, 0.6, 0.9]), inner, ClearanceProblem(rooms, shut, lambda share: share, 3, 3)
+    )
     assert not shut(found, None).any()
     assert found[0] + found[1] == pytest.approx(1.0, abs=3e-3) and found[0] - found[1] == pytest.approx(0.2, abs=1e-6)
     assert 0.3 <= found[2] <= 0.5

@@ -13,11 +13,11 @@ import pytest
 import shapely
 import shapely.affinity
 from flexmaps.engine.calibrating import bending, drawing, sheet
-from flexmaps.engine.calibrating.calibrate import Calibration, Measured, Readings, calibrate, numbers, preset
+from flexmaps.engine.calibrating.calibrate import Calibration, MeasuredValue, Readings, calibrate, numbers, preset
 from flexmaps.engine.calibrating.coupons import FILE, GRAVITY, Coupons, read
 from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import ConnectorParams, Settings, changed
+from flexmaps.engine.params import ConnectorParams, Settings, with_values
 
 LASER = {"cut.kerf_outline": 0.15, "cut.kerf_holes": 0.15}
 MILL = {
@@ -39,7 +39,7 @@ TRUE, KERF = 3.4e9, 1.7e-4  # Pa and metres of the machine that is played here
 
 
 def made(**values: float | str) -> Coupons:
-    return coupons(changed(Settings(), {**LASER, **values}))
+    return coupons(with_values(Settings(), {**LASER, **values}))
 
 
 @pytest.fixture
@@ -121,7 +121,7 @@ def test_the_spread_of_readings_is_told(laser: Coupons) -> None:
     exact = perfect(laser)
     rough = replace(exact, kerf_gaps=[g * f for g, f in zip(exact.kerf_gaps, (0.9, 1.0, 1.1), strict=True)])
     found = calibrate(laser, rough)
-    assert found.kerf == Measured(pytest.approx(KERF), pytest.approx(0.1 * KERF / math.sqrt(3.0)))
+    assert found.kerf == MeasuredValue(pytest.approx(KERF), pytest.approx(0.1 * KERF / math.sqrt(3.0)))
 
 
 def test_contradicting_stiffness_is_said_and_spirals_are_believed(laser: Coupons) -> None:
@@ -185,7 +185,7 @@ def test_readings_in_millimetres_and_grams() -> None:
 
 def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
     found = calibrate(laser, perfect(laser))
-    settings = changed(Settings(), {**found.settings, "spiral.slot_min": 0.4})
+    settings = with_values(Settings(), {**found.settings, "spiral.slot_min": 0.4})
     assert settings.material.chosen.youngs == pytest.approx(TRUE, rel=1e-3)
     assert settings.material.chosen.density == 1420.0
     assert settings.cut.kerf_outline == pytest.approx(KERF, rel=1e-3) == settings.cut.kerf_holes
@@ -205,7 +205,7 @@ def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
 @pytest.mark.parametrize("name", KINDS_OF_SHEETS)
 def test_its_pieces_are_sound_and_apart(name: str) -> None:
     """By shapely: valid outlines, holes inside, nothing overlaps even on the way of the cutter, all inside the sheet."""
-    drawn = sheet.make(changed(Settings(), KINDS_OF_SHEETS[name]))
+    drawn = sheet.make(with_values(Settings(), KINDS_OF_SHEETS[name]))
     width, height = drawn.packing.sizes[0]
     paths = []
     for piece in drawn.pieces:
@@ -270,7 +270,7 @@ def test_files_are_read_by_others(tmp_path: Path) -> None:
     import ezdxf
     import svgelements
 
-    drawn = sheet.make(changed(Settings(), LASER))
+    drawn = sheet.make(with_values(Settings(), LASER))
     paths = sheet.write(drawn, tmp_path, tuple(sheet.WRITERS))
     assert {p.name for p in paths} == {p.name for p in tmp_path.iterdir()}
     width, height = drawn.packing.sizes[0] * 1e3

@@ -13,14 +13,14 @@ from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import judge as judging
 from flexmaps.engine.choosing.alike import ROWS, alike
 from flexmaps.engine.choosing.choose import choose
-from flexmaps.engine.choosing.judge import Idea, Judged, Laid, Piece, lay
+from flexmaps.engine.choosing.judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
 from flexmaps.engine.choosing.moves import joined, moves
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.simulation.shortfall import curvature_within
+from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import from_spirals
 from flexmaps.engine.surface import shapes
@@ -114,10 +114,10 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
 
 
 @cache
-def ball() -> Piece:
+def ball() -> LayoutProblem:
     """A ball of 150 quads, whose one panel a short search leaves at about 1 % of its size."""
-    made = job.run(PolygonMesh.of(shapes.make("cubesphere")), Settings(), stop_after="split")
-    return Piece(made.mesh, Settings(), symmetries=tuple(symmetries(made.mesh)))
+    made = job.run(PolygonMesh.from_quads(shapes.make("cubesphere")), Settings(), stop_after="split")
+    return LayoutProblem(made.mesh, Settings(), symmetries=tuple(symmetries(made.mesh)))
 
 
 def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
@@ -152,7 +152,7 @@ def test_of_what_is_alike_by_symmetry_one_is_looked_at() -> None:
 
 
 def test_what_cannot_be_laid_flat_is_no_layout() -> None:
-    piece = Piece(torus(), Settings())
+    piece = LayoutProblem(torus(), Settings())
     nothing = np.zeros(len(piece.mesh.edges), dtype=bool)
     opened = lay(piece, Idea(nothing, "no cut at all"))
     assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
@@ -163,7 +163,7 @@ def test_what_cannot_be_laid_flat_is_no_layout() -> None:
 def test_panels_below_the_smallest_size_are_joined_to_their_neighbours(corner: tuple[int, int]) -> None:
     """A corner of a few quads is cut off a dome, and its mirror images: both a panel and a neck are too small."""
     mesh = grid(8, 6)
-    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     column, row = np.divmod(np.arange(len(mesh.quads)), 6)
     parts = (np.minimum(column, 7 - column) < corner[0]) & (np.minimum(row, 5 - row) < corner[1])
     for kept in (parts, parts & (column < 4) & (row < 3)):
@@ -185,13 +185,13 @@ def test_small_panels_stay_where_no_neighbour_can_take_them() -> None:
         np.concatenate([large.vertices, small.vertices + np.array([1.0, 0.0, 0.0])]),
         np.concatenate([large.quads, small.quads + len(large.vertices)]),
     )
-    laid = lay(Piece(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
+    laid = lay(LayoutProblem(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
     assert laid is not None and sorted(len(quads) for quads in laid.flat.layout.patches) == [4, 36]
 
 
-def judged_of(laid: Laid, blame: np.ndarray) -> Judged:
+def judged_of(laid: Laid, blame: np.ndarray) -> JudgedLayout:
     kind = np.zeros(len(blame), dtype=np.int64)
-    return Judged(
+    return JudgedLayout(
         laid,
         *(0.05, 0.1, 0.5, 0, blame, kind, "", 0.1, 1.0, 1),
         (np.zeros((len(blame), 4)), np.zeros(len(blame))),
@@ -201,7 +201,7 @@ def judged_of(laid: Laid, blame: np.ndarray) -> Judged:
 
 def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> None:
     mesh = grid(8, 6, height=0.04)
-    piece = Piece(mesh, Settings())
+    piece = LayoutProblem(mesh, Settings())
     middle = np.isclose(mesh.vertices[mesh.edges][:, :, 0], 0.08).all(axis=1) & ~mesh.border
     laid = lay(piece, Idea(middle, "halves"))
     assert laid is not None
@@ -216,7 +216,7 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
 
 def test_changes_keep_the_symmetry_of_a_layout() -> None:
     mesh = grid(8, 6)
-    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     cut = dict(lines.planes(mesh, piece.symmetries))["along all mirror planes"]
     laid = lay(piece, Idea(cut, "quarters"))
     assert laid is not None and laid.symmetric == 1 + len(piece.symmetries) == 4
@@ -229,9 +229,9 @@ def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
     """A straight seam through the middle of 12 by 6 quads lies on the lines beside it afterwards, and nothing else changes."""
     mesh = grid(12, 6)
     x = mesh.vertices[mesh.edges][:, :, 0]
-    laid = lay(Piece(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
+    laid = lay(LayoutProblem(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
     assert laid is not None
-    ideas = alike(Piece(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
+    ideas = alike(LayoutProblem(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
     moved = [idea.cut for idea in ideas if idea.origin == "a seam moved"]
     lines_at = {round(float(x[cut].mean()) / 0.02) for cut in moved if np.ptp(x[cut]) < 1e-9 and cut.sum() == 6}
     assert lines_at == {6 + side * rows for side in (-1, 1) for rows in ROWS}
@@ -240,7 +240,7 @@ def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
 
 def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first() -> None:
     mesh = grid(9, 6, height=0.04)
-    piece = Piece(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
+    piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     x = mesh.vertices[mesh.edges][:, :, 0]
     thirds = (np.isclose(x, 0.06) | np.isclose(x, 0.12)).all(axis=1) & ~mesh.border
     laid = lay(piece, Idea(thirds, "thirds"))
@@ -251,14 +251,14 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     assert all((idea.cut != laid.cut).any() for idea in ideas)
     assert all((thirds & ~idea.cut).any() and (idea.cut & ~thirds).any() for idea in exchanged)
     # by Gauss and Bonnet, what the panels have to take up is what no cut lets out: the fewer it lets out, the later it comes
-    within = [np.bincount(p.patch_of, curvature_within(p)) for p in (PatchLayout(mesh, idea.cut) for idea in ideas)]
+    within = [np.bincount(p.patch_of, angle_defects(p)) for p in (PatchLayout(mesh, idea.cut) for idea in ideas)]
     assert (np.diff([float((one**2).sum()) for one in within]) >= -1e-6).all()
 
 
 def strips(*parts: int) -> dict[int, Laid]:
     """A dome of 24 by 4 quads in so many strips across."""
     mesh = grid(24, 4)
-    piece = Piece(mesh, Settings())
+    piece = LayoutProblem(mesh, Settings())
     column = np.arange(len(mesh.quads)) // 4
     one, two = mesh.edge_quads.T
     found = {}
@@ -273,7 +273,7 @@ def strips(*parts: int) -> dict[int, Laid]:
 @pytest.mark.parametrize("most", [2, 5, 7])
 def test_panels_are_joined_down_to_a_number_within_the_limits(most: int) -> None:
     laid = strips(8)[8]
-    piece = Piece(laid.flat.layout.mesh, Settings())
+    piece = LayoutProblem(laid.flat.layout.mesh, Settings())
     made = joined(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
     assert made is not None and 0 < made.panels <= most
     assert (made.cut <= laid.cut).all()  # nothing is cut anew
@@ -313,7 +313,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     """The given layout ends at 0.1 % or more; three panels of a ball are nearer than any one panel, as geometry has it."""
     piece = ball()
-    given = job.run(PolygonMesh.of(piece.mesh), Settings(), stop_after="split").flat
+    given = job.run(PolygonMesh.from_quads(piece.mesh), Settings(), stop_after="split").flat
     assert given is not None
     seen: list[str] = []
     small = replace(piece, settings=replace(piece.settings, optimise=replace(piece.settings.optimise, patience=0.3)))
@@ -337,7 +337,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
 @pytest.mark.thorough
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
-    piece = Piece(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
+    piece = LayoutProblem(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
     given = lay(piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves"))
     assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
@@ -348,8 +348,8 @@ def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
 
 @pytest.mark.usefixtures("few")
 def test_a_stop_keeps_the_best_so_far() -> None:
-    piece = Piece(grid(6, 6, height=0.03), Settings())
-    given = job.run(PolygonMesh.of(piece.mesh), Settings(), stop_after="split").flat
+    piece = LayoutProblem(grid(6, 6, height=0.03), Settings())
+    given = job.run(PolygonMesh.from_quads(piece.mesh), Settings(), stop_after="split").flat
     assert given is not None
 
     def tell(fraction: float, text: str) -> None:
@@ -369,7 +369,7 @@ def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.Monk
     monkeypatch.setattr(search, "FEWEST", 1)
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
-    mesh = PolygonMesh.of(grid(6, 6, height=0.03))
+    mesh = PolygonMesh.from_quads(grid(6, 6, height=0.03))
     made = job.run(mesh, quick, stop_after="simulate", optimised=True)
     after = job.go_on(made, quick, ("choose",))
     assert after.choice is not None and made.simulation is not None
@@ -384,7 +384,7 @@ def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.Monk
 def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
-    made = job.run(PolygonMesh.of(grid(6, 6, height=0.03)), quick, stop_after="simulate", chosen=True)
+    made = job.run(PolygonMesh.from_quads(grid(6, 6, height=0.03)), quick, stop_after="simulate", chosen=True)
     assert made.undone == {}
     # the spirals are those with which the layout was chosen: simulated, it comes as near as its proposal says
     assert made.simulation is not None and made.choice is not None

@@ -12,7 +12,7 @@ import time
 import pytest
 from flexmaps.engine import cluster as module
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.exploring.candidate import Base, Start
+from flexmaps.engine.exploring.candidate import ExplorationInput, StartSurface
 from flexmaps.engine.exploring.explore import explore
 from flexmaps.engine.exploring.space import space
 from flexmaps.engine.params import ObjectSettings
@@ -99,8 +99,8 @@ def test_a_killed_worker_costs_nothing(processes):
     """The last of the tests here that use the cluster: a worker less is left."""
     address, made = processes
     settings = ObjectSettings()
-    result = job.go_on(job.begin(PolygonMesh.of(shapes.make("strip")), edge=0.02), settings, ("trace", "merge"))
-    base = Base({0: Start(result.mesh, result.flat.layout.cut)}, settings, effort=0.02)
+    result = job.go_on(job.begin(PolygonMesh.from_quads(shapes.make("strip")), edge=0.02), settings, ("trace", "merge"))
+    base = ExplorationInput({0: StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.02)
     asked = space({"edge": "15:25", "spiral.thickness": "1:2"}, settings)
     found = []
 

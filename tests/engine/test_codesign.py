@@ -13,14 +13,14 @@ from flexmaps.engine.mechanics.loads import Loads, standing
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
-from flexmaps.engine.optimisation.codesign_geometry import by_geometry, geometry_by_points
+from flexmaps.engine.optimisation.codesign_geometry import geometry_jacobian, joint_derivatives
 from flexmaps.engine.optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.inverse import Problem
+from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import Opening
+from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
-from flexmaps.engine.optimisation.terms import Bearing, Excess
+from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flatten, flips, measured, overlapping, seam_mismatch
 from flexmaps.engine.patches.layout import PatchLayout
@@ -28,8 +28,8 @@ from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals.constraints import FREE, Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, fitted
-from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable
+from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -41,7 +41,7 @@ LIMIT, SEAM = 0.035, 0.06
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
     found = job.run(
-        PolygonMesh.of(shapes.make(name, 0.03)),
+        PolygonMesh.from_quads(shapes.make(name, 0.03)),
         Settings(choose=ChooseParams(goal="panels")),
         edge=0.02,
         stop_after="spirals",
@@ -61,9 +61,11 @@ def problem(
     """share : of the material's strain, 0 where it does not count; feet : "clamped" or "hinged" at four corners, "" for none"""
     design, mesh = made()
     assembly = of_design(design)
-    space = DesignSpace.of(design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else FREE)
+    space = DesignSpace.from_design(
+        design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else FREE
+    )
     supports = standing(mesh, "lowest")[::2] if feet else None
-    loads = Loads.of(assembly.size, supports=supports, clamped=feet == "clamped")
+    loads = Loads.for_spirals(assembly.size, supports=supports, clamped=feet == "clamped")
     whole = FlatProblem(
         assembly=assembly,
         space=space,
@@ -71,10 +73,10 @@ def problem(
         loads=loads,
         build=lambda a, _: build_model(a, VERO, model, quick=True),
         simulate=EXACT,
-        bearing=Bearing(VERO, share) if share else None,
-        room=Room.of(design.flat, design.params),
-        opening=None if opening is None else dataclasses.replace(Opening.of(design), width=opening),
-        flat=FlatRange.of(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free),
+        bearing=StrainLimit(VERO, share) if share else None,
+        room=ClearanceModel.from_flat(design.flat, design.params),
+        opening=None if opening is None else dataclasses.replace(SlotRequirement.from_design(design), width=opening),
+        flat=FlatRange.from_patches(design.flat, 0.5, LIMIT, SEAM, 1e-3, design.flat, space.free),
         stance=Stance(loads, mesh, design.flat.corners),
     )
     return whole, target_pose(mesh, design.flat.corners)
@@ -112,7 +114,7 @@ def test_gradient_by_spirals_and_flat_vertices(options: dict) -> None:
     assert (whole.flat.span == 0.0).any() == ("kept" in options)
     n, each = here.own, whole.space.each
     assert here.equilibrium.converged and here.costs[-1].cost.inside
-    assert any(isinstance(term, Excess) and term.value > 0.0 for term in here.terms) == ("share" in options)
+    assert any(isinstance(term, StrainTerm) and term.value > 0.0 for term in here.terms) == ("share" in options)
     assert (here._closing is not None) == ("opening" in options)
     if "share" in options:
         assert here._strain_rows(np.zeros(0, dtype=int)).own.shape == (0, len(here.x))  # where no arm is pressed
@@ -169,7 +171,7 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
         return made_of.lever[..., :2], np.arctan2(along[..., 1], along[..., 0])
 
     ahead, behind = numbers(points + h * step), numbers(points - h * step)
-    found = (geometry_by_points(layout, points) @ step.ravel()).reshape(*ahead[1].shape, 3)
+    found = (geometry_jacobian(layout, points) @ step.ravel()).reshape(*ahead[1].shape, 3)
     assert found[..., :2] == pytest.approx((ahead[0] - behind[0]) / (2 * h), abs=1e-7)
     turned = (ahead[1] - behind[1] + np.pi) % (2 * np.pi) - np.pi
     assert found[..., 2] == pytest.approx(turned / (2 * h), rel=1e-5, abs=1e-4)
@@ -177,7 +179,7 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
 
 def test_derivatives_by_geometry_of_a_known_function() -> None:
     design, mesh = made()
-    model = ArmModel.of(of_design(design), VERO, curving=False)
+    model = ArmModel.from_assembly(of_design(design), VERO, curving=False)
     assembly = model.assembly
 
     def measure(alone: ArmModel, pose: Pose) -> np.ndarray:
@@ -185,7 +187,7 @@ def test_derivatives_by_geometry_of_a_known_function() -> None:
         angle = np.arctan2(along[..., 1], along[..., 0])
         return np.stack([lever[:, 0, 0] * lever[:, 1, 1], np.sin(angle[:, 1]) + 0.0 * pose.centres[::2, 0]], axis=1)
 
-    found = by_geometry(model, target_pose(mesh, design.flat.corners), measure)
+    found = joint_derivatives(model, target_pose(mesh, design.flat.corners), measure)
     wanted = np.zeros((len(assembly.pairs), 2, 2, 3))
     wanted[:, 0, 0, 0], wanted[:, 0, 1, 1] = assembly.lever[:, 1, 1], assembly.lever[:, 0, 0]
     wanted[:, 1, 1, 2] = assembly.axes[:, 1, 1, 1] * 0.0 + assembly.axes[:, 1, 0, 1]
@@ -195,23 +197,23 @@ def test_derivatives_by_geometry_of_a_known_function() -> None:
 def test_barriers() -> None:
     design, _ = made()
     flat = design.flat
-    limits = FlatLimits.of(flat, LIMIT, SEAM)
+    limits = FlatLimits.relaxed_to(flat, LIMIT, SEAM)
     rng = np.random.default_rng(8)
     points = flat.points + 1e-4 * rng.normal(size=flat.points.shape)
-    cost, step = FlatCost.of(limits, points), 1e-3 * rng.normal(size=points.shape)
+    cost, step = FlatCost.from_points(limits, points), 1e-3 * rng.normal(size=points.shape)
     # the same measures as those of the layout
     known = measured(flat.layout, points)
     assert cost.energy == pytest.approx(known.energy, rel=1e-12)
     assert np.abs(cost.apart) == pytest.approx(seam_mismatch(known), abs=1e-12)
-    found = slope(lambda t: FlatCost.of(limits, points + t * step).value, 1e-3)
+    found = slope(lambda t: FlatCost.from_points(limits, points + t * step).value, 1e-3)
     assert found == pytest.approx(float((cost.gradient * step).sum()), rel=1e-8)
     # symmetric, and positive everywhere
     other = rng.normal(size=points.shape)
     assert (cost.product(step) * other).sum() == pytest.approx((cost.product(other) * step).sum(), rel=1e-9)
     assert (cost.product(step) * step).sum() > 0.0
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    assert FlatCost.of(limits, points @ turn.T + 0.3).value == pytest.approx(cost.value, rel=1e-9)
-    assert not FlatCost.of(limits, 1.2 * points).inside
+    assert FlatCost.from_points(limits, points @ turn.T + 0.3).value == pytest.approx(cost.value, rel=1e-9)
+    assert not FlatCost.from_points(limits, 1.2 * points).inside
 
 
 def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
@@ -227,23 +229,23 @@ def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
     flat = flatten(layout, LayoutParams())
     points = np.zeros_like(flat.points)
     points[layout.flat_corners] = mesh.vertices[mesh.quads][..., :2]
-    limits = FlatLimits.of(flat, LIMIT, SEAM)
+    limits = FlatLimits.relaxed_to(flat, LIMIT, SEAM)
     assert len(limits.surface) == 3
     one, other = 1e-3 * rng.normal(size=(2, *points.shape))
-    bent = slope(lambda t: float((FlatCost.of(limits, points + t * one).gradient * other).sum()), 1e-4)
-    assert float((FlatCost.of(limits, points).product(one) * other).sum()) == pytest.approx(bent, rel=1e-6)
+    bent = slope(lambda t: float((FlatCost.from_points(limits, points + t * one).gradient * other).sum()), 1e-4)
+    assert float((FlatCost.from_points(limits, points).product(one) * other).sum()) == pytest.approx(bent, rel=1e-6)
 
 
 def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     design, mesh = made()
     whole, pose = problem()
-    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     params, trace = OptimiseParams(iterations=12), Trace()
     alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
     start = alone.at(x, pose)
     spirals = gauss_newton(alone, start, params, Trace(), lambda point: None)
     points: list[FlatPoint] = []
-    found = codesign.refine(alone, spirals, design, params, gauss_newton, trace, points.append)
+    found = codesign.refine_flat_shapes(alone, spirals, design, params, gauss_newton, trace, points.append)
     assert np.array_equal(points[-1].x, found.x) and len(points) == len(trace.rows)
     assert found.mismatch.value < 0.9 * spirals.mismatch.value and found.mismatch.rmse < spirals.mismatch.rmse
     better = codesign.designed(found, design)
@@ -251,10 +253,14 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     assert flat.energy.max() < LIMIT and seam_mismatch(flat).max() < max(SEAM, 1.02 * seam_mismatch(design.flat).max())
     assert overlapping(flat) == [] and not flips(flat.corners @ np.array([1.0, 1.0j])).any()
     # it is the simulated object that is nearer, and fitting it again changes nothing
-    before = simulate(fitted(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams())
+    before = simulate(
+        make_fabricable(design.flat, design.params, *alone.space.design(spirals.x)), mesh, VERO, SimulateParams()
+    )
     after = simulate(better, mesh, VERO, SimulateParams(), start=found.equilibrium.pose)
     assert after.report()["laplacian_rmse_mm"] < 0.95 * before.report()["laplacian_rmse_mm"]
-    assert fitted(flat, better.params, better.width, better.twist).twist == pytest.approx(better.twist, abs=1e-6)
+    assert make_fabricable(flat, better.params, better.width, better.twist).twist == pytest.approx(
+        better.twist, abs=1e-6
+    )
     report = codesign.flat_report(design.flat, flat)
     assert 0.0 < report["flat_strain_median"] < 0.1
 
@@ -285,24 +291,24 @@ def test_the_published_method_keeps_the_limits_too() -> None:
     """Its line search leaves the limits of the flat shapes; that is no result, and nothing is computed from it."""
     design = made()[0]
     whole, pose = problem()
-    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     start = alone.at(alone.space.coordinates(design.width, design.twist), pose)
     trace, params = Trace(), OptimiseParams(iterations=6, method="lbfgs")
     with np.errstate(all="raise"):
-        found = codesign.refine(alone, start, design, params, lbfgs, trace, lambda point: None)
+        found = codesign.refine_flat_shapes(alone, start, design, params, lbfgs, trace, lambda point: None)
     assert found.costs[-1].cost.inside and found.value < start.value + found.costs[-1].value
     assert trace.ended in ("iterations", "converged")
-    outside = FlatCost.of(whole.flat.limits, 1.5 * design.flat.points)
+    outside = FlatCost.from_points(whole.flat.limits, 1.5 * design.flat.points)
     assert not outside.inside and outside.value == np.inf
 
 
 def test_rods_are_refused() -> None:
     design, mesh = made()
     whole, pose = problem(model="rod")
-    alone = Problem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(Problem)})
+    alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     start = alone.at(np.full((len(mesh.quads), 2), 0.5), pose)
     with pytest.raises(FlexMapsError, match="Arms"):
-        codesign.refine(alone, start, design, OptimiseParams(), gauss_newton, Trace(), lambda point: None)
+        codesign.refine_flat_shapes(alone, start, design, OptimiseParams(), gauss_newton, Trace(), lambda point: None)
 
 
 def test_patches_that_overlap_are_no_design() -> None:

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.optimisation.composite import CompositeModel
-from flexmaps.engine.optimisation.inverse import Point
+from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
@@ -21,9 +21,9 @@ MATERIAL = MATERIALS["vero"]
 
 
 @lru_cache(maxsize=1)
-def start() -> Point:
+def start() -> DesignPoint:
     """A dome of uniform spirals whose arms are strained beyond a low limit and whose slots are partly narrow."""
-    found = job.run(PolygonMesh.of(shapes.dome(8)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.dome(8)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     params = OptimiseParams(strain_share=0.5)
     task = Task(found.mesh, MATERIAL, params, SimulateParams(tolerance=1e-10), None, None, Work())
@@ -32,7 +32,7 @@ def start() -> Point:
     return point.weighed(point.mismatch.value)
 
 
-def model(point: Point, damping: float = 1e-5) -> CompositeModel:
+def model(point: DesignPoint, damping: float = 1e-5) -> CompositeModel:
     return CompositeModel(point, damping, 0.0, 40, np.ones_like(point.x), lambda: None)
 
 

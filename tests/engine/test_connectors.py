@@ -11,7 +11,7 @@ from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.touching import touching
+from flexmaps.engine.spirals.touching import find_contacts
 
 KINDS = ["dovetail", "key", "tab"]
 
@@ -94,7 +94,7 @@ def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
     found = connectors.connect(made, ConnectorParams(connector=kind))
     assert [c.name for c in found.connectors] == ["A1", "A2", "A3"]
     assert not found.unsolved
-    assert not len(touching(list(found.outlines)))
+    assert not len(find_contacts(list(found.outlines)))
     for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
         assert polygon.is_valid
         assert len(polygon.interiors) == len(plain.holes)
@@ -124,7 +124,7 @@ def test_the_slot_at_seams_leaves_room_for_dovetails_beside_strongly_wound_arms(
     assert (made.twist > 0.75 * plain.twist).all()
     assert ((made.twist < plain.twist) == (np.arange(16) // 4 % 3 > 0)).all()
     # what was wound before, or by hand, can still be cut
-    assert not len(design.outside(design.SpiralDesign(flat, SpiralParams(), plain.width, plain.twist)))
+    assert not len(design.unfabricable_quads(design.SpiralDesign(flat, SpiralParams(), plain.width, plain.twist)))
 
 
 def test_small_quads_keep_their_spirals_beside_seams(flat_grid):
@@ -280,12 +280,12 @@ def test_sphere_as_one_panel_with_cuts_that_end_inside_it():
     from flexmaps.engine.surface import shapes
     from flexmaps.engine.surface.mesh import PolygonMesh
 
-    polygons = PolygonMesh.of(shapes.make("cubesphere"))
+    polygons = PolygonMesh.from_quads(shapes.make("cubesphere"))
     made = job.run(polygons, Settings(), stop_after="spirals").design
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.unsolved
     assert len(found.connectors) == int(made.flat.layout.cut.sum())
-    assert not len(touching(list(found.outlines)))
+    assert not len(find_contacts(list(found.outlines)))
     gaps = fit(made, found, 0.00015)
     assert np.abs(gaps.least - found.clearance).max() < 1e-5
     assert np.abs(gaps.most - found.clearance).max() < 1e-5

@@ -7,7 +7,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import contours, design, slots, spiral
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.touching import touching
+from flexmaps.engine.spirals.touching import find_contacts
 
 SHEAR = np.array([[1.0, 0.03], [0.12, 1.05]])
 TAPER = lambda p: p * [[1.0, 1.0]] + np.column_stack([0.25 * p[:, 0] * p[:, 1] / 0.06, 0 * p[:, 1]])  # noqa: E731
@@ -83,7 +83,7 @@ def test_wild_designs_come_out_as_one_valid_piece_that_can_be_cut(flat_grid, see
         assert shapely.Polygon(ring).buffer(-0.49 * params.slot_min).geom_type == "Polygon"
     # ... and no bridge is thinner than the thinnest arm
     assert panel.buffer(-0.49 * params.width_min).geom_type == "Polygon"
-    slot, bridge = slots.narrowest(made.arms, made.roots.left, made.roots.right, params.fillet)
+    slot, bridge = slots.min_slot_and_bridge(made.arms, made.roots.left, made.roots.right, params.fillet)
     assert slot >= params.slot_min - 1e-6
     assert bridge == pytest.approx(made.width.min(), abs=2e-5)
 
@@ -176,8 +176,8 @@ def test_touching_places_are_found(flat_grid):
     flat = flat_grid(2, 2)
     made = design.uniform(flat, SpiralParams())
     outline = made.outlines()[0]
-    assert not len(touching([outline]))
+    assert not len(find_contacts([outline]))
     shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].moved(0.0, np.array([0.001, 0.0]))))
-    places = touching([shifted])
+    places = find_contacts([shifted])
     assert len(places) > 0
     assert (np.abs(places[:, 1:] - 0.02) < 0.02).all()

@@ -12,7 +12,7 @@ from flexmaps.engine.mechanics.arms import cut
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.cut import HUB, CutArms, more_compliant
-from flexmaps.engine.mechanics.assembly import Assembly, Cut, of_design
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, of_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -36,7 +36,7 @@ def joints(count: int, *, clockwise: bool = False, seed: int = 0) -> Assembly:
         rng.uniform(0.0, 4.5, 2 * count),
         THICKNESS,
         clockwise,
-        Cut(0.15, 0.00015),
+        CutSettings(0.15, 0.00015),
     )
 
 
@@ -48,13 +48,13 @@ def pulls(count: int, seed: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_derivatives_are_differences(clockwise: bool) -> None:
     known = joints(30, clockwise=clockwise)
-    by = more_compliant(CutArms.of(known), THICKNESS, VERO)[1].reshape(30, 2, cut.NUMBERS, 6, 6)
+    by = more_compliant(CutArms.from_assembly(known), THICKNESS, VERO)[1].reshape(30, 2, cut.NUMBERS, 6, 6)
     wrench = pulls(1)[0]
     own = known.pairs, known.sides
     beside = known.pairs, (known.sides + 1) % 4
 
     def stored(width: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        value = more_compliant(CutArms.of(known.redesigned(width, twist)), THICKNESS, VERO, slopes=False)[0]
+        value = more_compliant(CutArms.from_assembly(known.redesigned(width, twist)), THICKNESS, VERO, slopes=False)[0]
         return wrench @ value.reshape(30, 2, 6, 6) @ wrench
 
     for side in (0, 1):
@@ -83,13 +83,19 @@ def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
     shape = cut.shapes(known, material)
 
     def stored(moved: np.ndarray) -> np.ndarray:
-        return wrench @ more_compliant(CutArms.of(known, moved), THICKNESS, material, slopes=False)[0] @ wrench
+        return (
+            wrench @ more_compliant(CutArms.from_assembly(known, moved), THICKNESS, material, slopes=False)[0] @ wrench
+        )
 
     yields = arm_compliances(known, material).table.reshape(-1, 6, 6)
     by = wrench @ cut.by_shapes(known, yields, material) @ wrench
     assert by.shape == shape.shape
     # of stubs less is believed, which counts as given
-    whole = cut.believable(CutArms.of(known, shape), yields, more_compliant(CutArms.of(known), THICKNESS, material)[0])
+    whole = cut.believable(
+        CutArms.from_assembly(known, shape),
+        yields,
+        more_compliant(CutArms.from_assembly(known), THICKNESS, material)[0],
+    )
     assert (whole == 1.0).mean() > 0.9
     for k, size in enumerate((1e-7, 1e-5, 1e-5, 1e-5)[: shape.shape[1]]):
         step = size * np.eye(shape.shape[1])[k]
@@ -100,11 +106,11 @@ def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
 def test_arms_alike_without_cut_are_those_of_the_table() -> None:
     known = joints(5)
     alike = replace(known, width=np.full_like(known.width, 0.001), cut=None)
-    assert not more_compliant(CutArms.of(alike), THICKNESS, VERO)[0].any()
+    assert not more_compliant(CutArms.from_assembly(alike), THICKNESS, VERO)[0].any()
     # but thinner neighbours make an arm longer, and so softer in all ways
     thinner = np.full_like(known.width, 0.001)
     thinner[known.pairs, known.sides] = 0.0015
-    softer = more_compliant(CutArms.of(replace(alike, width=thinner)), THICKNESS, VERO)[0]
+    softer = more_compliant(CutArms.from_assembly(replace(alike, width=thinner)), THICKNESS, VERO)[0]
     assert (
         np.linalg.eigvalsh(softer)[:, :3].min() > -1e-12 * softer.max()
         and (np.trace(softer, axis1=1, axis2=2) > 0).all()
@@ -119,7 +125,7 @@ def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
     width = np.full((2, 4), 0.0012)
     width[[0, 1], known.sides[0]] = 0.001
     found = more_compliant(
-        CutArms.of(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO
+        CutArms.from_assembly(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO
     )[0]
     short, long = 0.01 - HUB * 0.0012, 0.01 - HUB * 0.001
     w, h = 0.001, THICKNESS
@@ -141,7 +147,7 @@ def test_blended_end_is_that_of_the_drawn_arm(flat_grid: Callable[..., FlatPatch
     count = len(flat.corners)
     design = SpiralDesign(flat, params, rng.uniform(0.0007, 0.0018, (count, 4)), rng.uniform(0.0, 4.5, count))
     known = of_design(design)
-    arms = CutArms.of(known)
+    arms = CutArms.from_assembly(known)
     found = more_compliant(replace(arms, fillet=0.0 * arms.fillet, beside=arms.width), THICKNESS, VERO)[0]
     pure = design.arms.unblended(design.arms.wind)
     drawn = design.arms
@@ -193,7 +199,7 @@ def _beam_by_sums(arms: Arms, t: np.ndarray) -> np.ndarray:
 def test_no_arm_yields_less_than_nothing() -> None:
     """Stubs between wide neighbours, wound beyond all that can be cut: the energy of every wrench stays positive."""
     rng = np.random.default_rng(2)
-    known = replace(joints(400), cut=Cut(0.15, 0.001))
+    known = replace(joints(400), cut=CutSettings(0.15, 0.001))
     lever = known.lever * rng.uniform(0.15, 1.0, (400, 2, 1))
     width = rng.uniform(0.0005, 0.003, known.width.shape)
     found = arm_compliances(known.reshaped(lever, known.axes).redesigned(width, known.twist), VERO)

@@ -29,9 +29,9 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
     force = np.zeros((count, 3))
     force[-1] = pull
     found = solve(
-        ArmModel.of(assembly, VERO),
+        ArmModel.from_assembly(assembly, VERO),
         straight(count),
-        Loads.of(count, supports=np.array([0]), force=force),
+        Loads.for_spirals(count, supports=np.array([0]), force=force),
         SimulateParams(tolerance=1e-10),
     )
     # small loads: every joint turns and shifts the rest of the row by its own compliance under the force's wrench there
@@ -50,7 +50,9 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
 def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:
     count = 24
     assembly = row(count, closed=True)
-    found = solve(ArmModel.of(assembly, VERO), shaken(ring(count), 0.001, 0.05), free(count), SimulateParams())
+    found = solve(
+        ArmModel.from_assembly(assembly, VERO), shaken(ring(count), 0.001, 0.05), free(count), SimulateParams()
+    )
     turn = 2.0 * np.pi / count
     bending = at_joints(assembly)[0][4, 4]
     assert found.converged and found.negative_eigenvalues == 0
@@ -61,7 +63,7 @@ def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:
 
 
 def test_straight_rest_is_found_and_kept() -> None:
-    model = ArmModel.of(row(6, twist=2.0), VERO)
+    model = ArmModel.from_assembly(row(6, twist=2.0), VERO)
     found = solve(model, shaken(straight(6), 0.002, 0.2), free(6), SimulateParams())
     assert found.converged and found.energy < 1e-12
     aligned = found.pose.aligned(straight(6).centres)
@@ -81,9 +83,9 @@ def test_a_column_under_pressure_leaves_its_saddle() -> None:
         force = np.zeros((count, 3))
         force[-1, 0] = -load * euler
         found = solve(
-            ArmModel.of(assembly, VERO),
+            ArmModel.from_assembly(assembly, VERO),
             straight(count),
-            Loads.of(count, supports=np.array([0]), force=force),
+            Loads.for_spirals(count, supports=np.array([0]), force=force),
             SimulateParams(),
         )
         assert found.converged and found.negative_eigenvalues == 0
@@ -91,7 +93,7 @@ def test_a_column_under_pressure_leaves_its_saddle() -> None:
 
 
 def test_both_backends_find_the_same_shape() -> None:
-    model = ArmModel.of(row(12, twist=1.0, closed=True), VERO)
+    model = ArmModel.from_assembly(row(12, twist=1.0, closed=True), VERO)
     start, loads = shaken(ring(12), 0.001, 0.1), free(12)
     held = loads.held(model.pairs, start.centres)
     one, other = (
@@ -124,7 +126,7 @@ def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.Mo
     from flexmaps.engine.mechanics import newton_system
     from scipy.sparse.linalg import ArpackNoConvergence
 
-    model = ArmModel.of(row(30, twist=1.0, closed=True), VERO)
+    model = ArmModel.from_assembly(row(30, twist=1.0, closed=True), VERO)
     found = solve(model, ring(30), free(30), SimulateParams())
     system = NewtonSystem(model.pairs, free(30).held(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
@@ -148,8 +150,8 @@ def test_a_dome_snaps_through_and_back() -> None:
     start = straight(count)
     start.centres[:, 0] *= 0.9
     start.centres[:, 2] = 0.02 * np.sin(np.pi * np.arange(count) / (count - 1))
-    loads = Loads.of(count, supports=np.array([0, count - 1]))
-    model = ArmModel.of(assembly, VERO)
+    loads = Loads.for_spirals(count, supports=np.array([0, count - 1]))
+    model = ArmModel.from_assembly(assembly, VERO)
     found = solve(model, start, loads, SimulateParams())
     assert found.converged and found.pose.centres[5, 2] > 0.02
     others = other_minima(model, found, loads, SimulateParams(restarts=6))
@@ -162,8 +164,8 @@ def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
     start = straight(count)
     start.centres[:, 0] *= 0.9
     start.centres[:, 2] = 0.02 * np.sin(np.pi * np.arange(count) / (count - 1))
-    loads = Loads.of(count, supports=np.array([0, count - 1]))
-    model = ArmModel.of(row(count), VERO)
+    loads = Loads.for_spirals(count, supports=np.array([0, count - 1]))
+    model = ArmModel.from_assembly(row(count), VERO)
     found = solve(model, start, loads, SimulateParams())
     system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
@@ -176,10 +178,10 @@ def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
 
 
 def test_few_free_increments_have_the_eigenvectors_of_the_dense_matrix() -> None:
-    model, start = ArmModel.of(row(30, twist=1.0), VERO), straight(30)
+    model, start = ArmModel.from_assembly(row(30, twist=1.0), VERO), straight(30)
     found = {}
     for held in (22, 12):  # below and above where Lanczos takes over
-        loads = Loads.of(30, supports=np.arange(held))
+        loads = Loads.for_spirals(30, supports=np.arange(held))
         system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
         here = model.expand(model.start(start))
         h, b = (system.values(v) for v in (here.hessian, here.convex + np.eye(12) * 1e-3))
@@ -193,7 +195,7 @@ def test_few_free_increments_have_the_eigenvectors_of_the_dense_matrix() -> None
 
 
 def test_giving_up_is_told_and_cancelling_works() -> None:
-    model = ArmModel.of(row(12, closed=True), VERO)
+    model = ArmModel.from_assembly(row(12, closed=True), VERO)
     start = shaken(ring(12), 0.004, 0.5)
     found = solve(model, start, free(12), SimulateParams(iterations=2))
     assert not found.converged and found.iterations == 2 and "2 iterations" in found.status

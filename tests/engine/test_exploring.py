@@ -17,14 +17,14 @@ from flexmaps.engine.choosing import search
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.exploring import candidate as candidates
 from flexmaps.engine.exploring import folder as folders
-from flexmaps.engine.exploring.candidate import Base, Candidate
+from flexmaps.engine.exploring.candidate import Candidate, ExplorationInput
 from flexmaps.engine.exploring.explore import explore
 from flexmaps.engine.exploring.space import goal, space, variable
-from flexmaps.engine.params import ObjectSettings, changed
+from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.progress import Progress
 
 DEFAULTS = ObjectSettings()
-BASE = Base({}, DEFAULTS)
+BASE = ExplorationInput({}, DEFAULTS)
 PLANE = {"spiral.thickness": "1:3", "edge": "10:30"}
 
 
@@ -203,7 +203,7 @@ def test_another_exploration_is_not_mixed_in(tmp_path):
     with pytest.raises(FlexMapsError, match="another folder"):
         folders.Folder(tmp_path, BASE, space({"edge": "10:30"}, DEFAULTS))
     with pytest.raises(FlexMapsError, match="another folder"):
-        folders.Folder(tmp_path, Base({}, DEFAULTS, effort=0.5), space(PLANE, DEFAULTS))
+        folders.Folder(tmp_path, ExplorationInput({}, DEFAULTS, effort=0.5), space(PLANE, DEFAULTS))
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(FlexMapsError, match="file"):
@@ -243,7 +243,9 @@ def test_candidates_are_what_the_stages_make_of_their_settings(strip, tmp_path):
 def test_thicker_sheets_of_a_dome_are_strained_more():
     """Strain by bending is half of the thickness times the curvature, of which a dome cut into two panels keeps the most."""
     dome = api.layout(api.load("shape:dome", edge=20))
-    base = Base({0: candidates.Start(dome.mesh, dome.result.flat.layout.cut)}, dome.settings, effort=0.03)
+    base = ExplorationInput(
+        {0: candidates.StartSurface(dome.mesh, dome.result.flat.layout.cut)}, dome.settings, effort=0.03
+    )
     thin, thick = (candidates.evaluate(base, {"spiral.thickness": t}).measures for t in (1.0, 4.0))
     assert thin["strain_share"] > 0.05
     assert thick["strain_share"] > 1.5 * thin["strain_share"]
@@ -252,7 +254,9 @@ def test_thicker_sheets_of_a_dome_are_strained_more():
 
 def test_settings_that_cross_are_the_fault_of_a_candidate_alone(strip):
     result = strip.result
-    base = Base({0: candidates.Start(result.mesh, result.flat.layout.cut)}, strip.settings, effort=0.03)
+    base = ExplorationInput(
+        {0: candidates.StartSurface(result.mesh, result.flat.layout.cut)}, strip.settings, effort=0.03
+    )
     one = candidates.evaluate(base, {"spiral.width_max": 0.5})
     assert "Largest width" in one.fault
     assert not one.measures
@@ -279,8 +283,8 @@ def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     ):
         monkeypatch.setattr(module, name, value)
     result = strip.result
-    settings = changed(strip.settings, {"choose.goal": "panels", "optimise.patience": 0.1})
-    base = Base({0: candidates.Start(result.mesh, result.flat.layout.cut)}, settings, effort=0.03)
+    settings = with_values(strip.settings, {"choose.goal": "panels", "optimise.patience": 0.1})
+    base = ExplorationInput({0: candidates.StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.03)
     for panels in (1, 2):
         one = candidates.evaluate(base, {"choose.panels": panels})
         assert not one.fault and 1 <= one.measures["panels"] <= panels

@@ -75,7 +75,7 @@ def test_hulls_tell_how_many_sheets_are_needed(squares):
 def test_the_border_is_where_the_panels_will_end(flat_grid):
     """Of ten by four squares of 20 mm: without the outer arms a fifth of a square less on each side, with a rim as far as that goes."""
     grid = flat_grid(10, 4, 0.02)
-    rim = Rim.of(grid, SpiralParams(border="rim"))
+    rim = Rim.from_flat(grid, SpiralParams(border="rim"))
     for border, more in (("stubs", 0.0), ("left_out", -0.004), ("rim", rim.depth + rim.width)):
         (found,) = fewer.outlines(grid, SpiralParams(border=border))
         np.testing.assert_allclose(np.ptp(found, axis=0), [0.2 + 2.0 * more, 0.08 + 2.0 * more], atol=1e-9)

@@ -11,16 +11,16 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, TANGENT_BELOW, Firmness, StabilityBarrier
-from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, TANGENT_BELOW, StabilityBarrier, StabilityRequirement
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import Opening
-from flexmaps.engine.optimisation.terms import Bearing
+from flexmaps.engine.optimisation.open_slots import SlotRequirement
+from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -31,19 +31,19 @@ MODES = 3
 
 @lru_cache(maxsize=1)
 def made() -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.04)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
 
-def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False) -> Point:
+def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False) -> DesignPoint:
     """A point with soft modes, of spirals at random; every eigenvalue of the dome's counts as low."""
     design, mesh = made()
     assembly = of_design(design)
     supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
-    space = DesignSpace.of(design, assembly, groups)
-    firmness = Firmness(weight=0.7, enough=0.999, modes=MODES)
-    loads = Loads.of(assembly.size, supports=supports)
+    space = DesignSpace.from_design(design, assembly, groups)
+    firmness = StabilityRequirement(weight=0.7, enough=0.999, modes=MODES)
+    loads = Loads.for_spirals(assembly.size, supports=supports)
     given = {
         "assembly": assembly,
         "space": space,
@@ -60,12 +60,16 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
         plain = given["build"]
         given["build"] = lambda a, p: plain(a, p).with_curving(own)
     if flats:
-        opening = dataclasses.replace(Opening.of(design), width=0.0006)
-        flat = FlatRange.of(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free)
-        more = {"room": Room.of(design.flat, design.params), "bearing": Bearing(VERO, 0.3), "opening": opening}
+        opening = dataclasses.replace(SlotRequirement.from_design(design), width=0.0006)
+        flat = FlatRange.from_patches(design.flat, 0.5, 0.035, 0.06, 1e-3, design.flat, space.free)
+        more = {
+            "room": ClearanceModel.from_flat(design.flat, design.params),
+            "bearing": StrainLimit(VERO, 0.3),
+            "opening": opening,
+        }
         x = np.concatenate([x, 0.5 + np.random.default_rng(5).uniform(-0.01, 0.01, 2 * len(flat.span))])
         return FlatProblem(**given, **more, flat=flat).at(x, target_pose(mesh, design.flat.corners))
-    return Problem(**given).at(x, target_pose(mesh, design.flat.corners))
+    return InverseProblem(**given).at(x, target_pose(mesh, design.flat.corners))
 
 
 @pytest.mark.parametrize(
@@ -98,7 +102,7 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:
-    asked, kink, step = Firmness(1.0), LEAST + TANGENT_BELOW, 1e-7
+    asked, kink, step = StabilityRequirement(1.0), LEAST + TANGENT_BELOW, 1e-7
     rises = np.array([kink - step, kink + step])
     values, slopes = asked.rows(rises, ENOUGH)
     assert values[0] - values[1] == pytest.approx(2.0 * step / TANGENT_BELOW, rel=1e-3)
@@ -108,18 +112,18 @@ def test_the_logarithm_goes_on_in_a_straight_line() -> None:
 
 def test_results_are_compared_alike_however_strong_the_barrier_is() -> None:
     rises = np.array([0.02, 0.2])
-    first, last = Firmness(0.0), Firmness.from_mismatch(1e-6, strong=True)
+    first, last = StabilityRequirement(0.0), StabilityRequirement.from_mismatch(1e-6, strong=True)
     assert first.merit(rises) == last.merit(rises) == last.merit(rises[:1]) > 1.0
     assert last.merit(rises[1:]) == 1.0 < last.merit(np.array([0.05])) < last.merit(rises)
 
 
 def test_the_barrier_weighs_a_share_of_the_mismatch_of_each_stage() -> None:
-    few, many = (Firmness.from_mismatch(one) for one in (1e-6, 1e-2))
+    few, many = (StabilityRequirement.from_mismatch(one) for one in (1e-6, 1e-2))
     assert few.weight == pytest.approx(1e-4 * many.weight)
     here = start()
     plain, strong = (here.firmed(strong=strong).problem.firmness for strong in (False, True))
     assert plain is not None and strong is not None
-    assert plain.weight == strong.weight == Firmness.from_mismatch(here.mismatch.value).weight > 0.0
+    assert plain.weight == strong.weight == StabilityRequirement.from_mismatch(here.mismatch.value).weight > 0.0
     assert (plain.enough, plain.modes) < (strong.enough, strong.modes)
 
 
@@ -127,8 +131,8 @@ def test_a_lack_of_stability_weighs_nothing_in_the_first_stage() -> None:
     here = start().weighed(1.0)
     rises = here.barrier.rises if here.barrier is not None else np.ones(1)
     assert not any(isinstance(term, StabilityBarrier) for term in here.terms)
-    firmness = dataclasses.replace(Firmness.from_mismatch(1.0), enough=0.999)
+    firmness = dataclasses.replace(StabilityRequirement.from_mismatch(1.0), enough=0.999)
     later = dataclasses.replace(here, problem=dataclasses.replace(here.problem, firmness=firmness))
     assert any(isinstance(term, StabilityBarrier) for term in later.terms) and later.value > here.value
     # results are compared by their stability from the first stage on
-    assert here.merit(0.0) == pytest.approx(here.mismatch.value * Firmness(0.0).merit(rises))
+    assert here.merit(0.0) == pytest.approx(here.mismatch.value * StabilityRequirement(0.0).merit(rises))

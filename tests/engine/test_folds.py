@@ -17,7 +17,7 @@ def roof(degrees: float, columns: int = 8, rows: int = 5) -> PolygonMesh:
     u, v = np.meshgrid(np.arange(columns + 1) - columns / 2, np.arange(rows + 1), indexing="ij")
     points = 0.02 * np.stack([np.cos(slope) * u, 1.0 * v, -np.sin(slope) * np.abs(u)], axis=2).reshape(-1, 3)
     a = (np.arange(columns)[:, None] * (rows + 1) + np.arange(rows)).ravel()
-    return PolygonMesh.of(QuadMesh(points, np.stack([a, a + rows + 1, a + rows + 2, a + 1], axis=1)))
+    return PolygonMesh.from_quads(QuadMesh(points, np.stack([a, a + rows + 1, a + rows + 2, a + 1], axis=1)))
 
 
 @pytest.mark.parametrize(("degrees", "count"), [(30.0, 0), (44.0, 0), (46.0, 5), (120.0, 5)])

@@ -9,7 +9,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation import optimise
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.reach import reach
+from flexmaps.engine.optimisation.reach import find_limits
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
@@ -23,7 +23,7 @@ VERO = MATERIALS["vero"]
 
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
@@ -54,7 +54,7 @@ def test_what_is_strained_too_much_is_named_with_advice() -> None:
     assert found.strain is not None
     named = [one for one in found.findings if one.code == "strained"]
     assert len(named) == 1 and set(named[0].faces) == set(np.flatnonzero(found.strain > 1.001).tolist())
-    assert "what the material bears" in reach(found).advice
+    assert "what the material bears" in find_limits(found).advice
     assert not [one for one in simulate(design, mesh, VERO, SimulateParams()).findings if one.code == "strained"]
 
 
@@ -89,7 +89,7 @@ def test_a_spiral_comes_nearer_to_where_it_is_wished() -> None:
     away = mesh.centroids[near].mean(axis=0) * [1.0, 1.0, 0.0]
     offsets = np.zeros((len(mesh.quads), 3))
     offsets[near] = 0.01 * away / np.linalg.norm(away)
-    wishes = Wishes.of(mesh, offsets)
+    wishes = Wishes.from_offsets(mesh, offsets)
     assert wishes is not None and wishes.offsets(mesh) == pytest.approx(offsets)
     params = OptimiseParams(codesign=False, iterations=8)
     held = np.setdiff1d(np.arange(len(mesh.quads)), rim)[:1]  # so that places are those of the world

@@ -14,7 +14,7 @@ from flexmaps.engine.mechanics.arms.cut import BESIDE, MATE_TWIST, MATE_WIDTH, T
 from flexmaps.engine.mechanics.arms.grain import GrainBeams, Yielding
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.stiffness import tip_compliance
-from flexmaps.engine.mechanics.assembly import Assembly, Cut, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, of_design, target_pose
 from flexmaps.engine.params import MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import measured
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -41,7 +41,7 @@ def joints(count: int, *, clockwise: bool = False, grain: float = 0.4, seed: int
     return Assembly(
         np.arange(2 * count).reshape(-1, 2), rng.integers(0, 4, (count, 2)), lever,
         np.broadcast_to(np.eye(3), (count, 2, 3, 3)), rng.uniform(0.001, 0.002, (2 * count, 4)),
-        rng.uniform(0.2, 3.5, 2 * count), HEIGHT, clockwise, Cut(0.15, 0.00015), grain,
+        rng.uniform(0.2, 3.5, 2 * count), HEIGHT, clockwise, CutSettings(0.15, 0.00015), grain,
     )  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def test_youngs_modulus_at_an_angle() -> None:
     angle, width = np.linspace(-2.0, 2.0, 9), np.full(9, 0.002)
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
     soft = c * c / WOOD.along + s * s / WOOD.across + (1.0 / WOOD.shear - 2.0 * WOOD.poisson / WOOD.along) * s * c
-    found = Yielding.of(WOOD, angle, width, HEIGHT)
+    found = Yielding.evaluate(WOOD, angle, width, HEIGHT)
     np.testing.assert_allclose(found.stretch[0], soft / (width * HEIGHT), rtol=1e-12)
     np.testing.assert_allclose(found.bend[0], soft * 12.0 / (HEIGHT * width**3), rtol=1e-12)
 
@@ -58,7 +58,7 @@ def test_youngs_modulus_at_an_angle() -> None:
 def test_wide_strips_are_plates() -> None:
     """Torsion 3 S66 / (w h^3) and 12 S16 / (2 w h^3) with bending: Kirchhoff's plate whose sides are free."""
     width, height, angle = np.array(0.5), 0.001, np.array(0.6)
-    found = Yielding.of(WOOD, angle, width, height)
+    found = Yielding.evaluate(WOOD, angle, width, height)
     shear = found.slide[0] * width * height / 1.2
     assert found.twist[0] == pytest.approx(3.0 * shear / (width * height**3), rel=3e-3)
     mixed = found.mixed[0] * width * height
@@ -71,13 +71,13 @@ def test_torsion_along_the_grain() -> None:
     q = width / height * np.sqrt(WOOD.shear_along / WOOD.shear)
     k = 2.0 * np.arange(60) + 1.0
     rigid = WOOD.shear * width * height**3 * (1 / 3 - 64 / np.pi**5 / q * (np.tanh(0.5 * np.pi * k * q) / k**5).sum())
-    assert Yielding.of(WOOD, np.array(0.0), width, height).twist[0] == pytest.approx(1.0 / rigid, rel=1e-6)
+    assert Yielding.evaluate(WOOD, np.array(0.0), width, height).twist[0] == pytest.approx(1.0 / rigid, rel=1e-6)
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_a_grain_that_makes_no_difference_makes_none(clockwise: bool) -> None:
     known = joints(40, clockwise=clockwise)
-    plain, told = (ArmModel.of(known, one) for one in (POM, uniform(POM)))
+    plain, told = (ArmModel.from_assembly(known, one) for one in (POM, uniform(POM)))
     unit = np.sqrt(np.einsum("esii->esi", plain.compliance.values))
     apart = (told.compliance.values - plain.compliance.values) / (unit[..., None] * unit[..., None, :])
     assert np.abs(apart).max() < 1e-6
@@ -85,7 +85,7 @@ def test_a_grain_that_makes_no_difference_makes_none(clockwise: bool) -> None:
 
 
 def test_sheets_without_a_grain_do_not_feel_the_setting() -> None:
-    one, other = (ArmModel.of(joints(20, grain=angle), POM) for angle in (0.0, 0.7))
+    one, other = (ArmModel.from_assembly(joints(20, grain=angle), POM) for angle in (0.0, 0.7))
     assert np.array_equal(one.stiffness, other.stiffness) and np.array_equal(one.curving, other.curving)
     assert one.varied(joints(20, seed=1)).stiffness.tobytes() == other.varied(joints(20, seed=1)).stiffness.tobytes()
 
@@ -93,10 +93,10 @@ def test_sheets_without_a_grain_do_not_feel_the_setting() -> None:
 def test_panels_and_their_grain_turn_together() -> None:
     known, turn = joints(20), Rotation.from_rotvec([0.0, 0.0, 1.1]).as_matrix()
     turned = replace(known.reshaped(known.lever @ turn.T, turn @ known.axes), grain=known.grain + 1.1)
-    one, other = ArmModel.of(known, BIRCH), ArmModel.of(turned, BIRCH)
+    one, other = ArmModel.from_assembly(known, BIRCH), ArmModel.from_assembly(turned, BIRCH)
     assert other.stiffness == pytest.approx(one.stiffness, abs=1e-9 * np.abs(one.stiffness).max())
     assert other.curving == pytest.approx(one.curving, abs=1e-9 * np.abs(one.curving).max())
-    still = ArmModel.of(replace(turned, grain=known.grain), BIRCH)
+    still = ArmModel.from_assembly(replace(turned, grain=known.grain), BIRCH)
     assert np.abs(still.stiffness - one.stiffness).max() > 0.05 * np.abs(one.stiffness).max()
 
 
@@ -110,9 +110,9 @@ def test_clockwise_arms_with_a_mirrored_grain_are_the_mirror_image() -> None:
     turns = Rotation.from_rotvec(0.3 * rng.normal(size=(40, 3))).as_matrix()
     pose = Pose(centres + 0.002 * rng.normal(size=(40, 3)), turns)
     other = Pose(pose.centres @ mirror, mirror @ turns @ mirror)
-    one, two = ArmModel.of(known, BIRCH), ArmModel.of(image, BIRCH)
+    one, two = ArmModel.from_assembly(known, BIRCH), ArmModel.from_assembly(image, BIRCH)
     assert one.energy(one.start(pose)) == pytest.approx(two.energy(two.start(other)), rel=1e-10)
-    straight = ArmModel.of(replace(image, grain=known.grain), BIRCH)
+    straight = ArmModel.from_assembly(replace(image, grain=known.grain), BIRCH)
     assert one.energy(one.start(pose)) != pytest.approx(straight.energy(straight.start(other)), rel=1e-3)
 
 
@@ -169,13 +169,13 @@ def test_derivatives_of_cut_arms(clockwise: bool) -> None:
 
 def test_compliances_follow_the_rest_geometry() -> None:
     known = joints(30)
-    model, rng = ArmModel.of(known, BIRCH, curving=False), np.random.default_rng(8)
+    model, rng = ArmModel.from_assembly(known, BIRCH, curving=False), np.random.default_rng(8)
     # the second arms point against the x axis, where the angle to the grain jumps
     step = 1e-6 * rng.normal(size=known.lever.shape) * [1.0, 1.0, 0.0]
 
     def missed(share: float) -> float:
         there = known.reshaped(known.lever + share * step, known.axes)
-        exact = ArmModel.of(there, BIRCH, curving=False).compliance.values
+        exact = ArmModel.from_assembly(there, BIRCH, curving=False).compliance.values
         unit = np.sqrt(np.einsum("esii->esi", exact))
         apart = model.varied(there).compliance.values - exact
         return float(np.abs(apart / (unit[..., None] * unit[..., None, :])).max())
@@ -212,7 +212,7 @@ def test_bent_arms_meet_and_follow_the_grain(flat_grid: object, clockwise: bool)
     told = bent(design, moved, material=replace(BIRCH, orthotropy=None))
     assert plain.place == pytest.approx(told.place, abs=1e-9)
     assert np.abs(wood.place - told.place).max() > 1e-9
-    model = ArmModel.of(of_design(design), BIRCH)
+    model = ArmModel.from_assembly(of_design(design), BIRCH)
     wanted = model.wrenches(model.start(moved))
     inner = np.flatnonzero(~mesh.border)
     arm = 4 * mesh.edge_quads[inner, 0] + mesh.edge_sides[inner, 0]

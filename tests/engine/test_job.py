@@ -11,7 +11,7 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job, report
-from flexmaps.engine.simulation.shortfall import curvature_within
+from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -178,11 +178,11 @@ def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
     )
     for mesh, slack in ((cube, 1e-12), (shapes.make("cubesphere"), 1.0)):
         uncut, cut = (PatchLayout(mesh, np.full(len(mesh.edges), c)) for c in (False, True))
-        assert curvature_within(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
-        assert curvature_within(cut).sum() == pytest.approx(0.0, abs=slack)
+        assert angle_defects(uncut).sum() == pytest.approx(4.0 * np.pi, abs=slack)
+        assert angle_defects(cut).sum() == pytest.approx(0.0, abs=slack)
 
 
 def test_a_job_may_end_with_the_check() -> None:
-    made = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after="check")
+    made = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="check")
     assert made.mesh is not None and made.layout is None
     assert job.go_on(made, Settings(), ()).layout is None

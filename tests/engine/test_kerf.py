@@ -12,7 +12,7 @@ from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve
-from flexmaps.engine.spirals.touching import touching
+from flexmaps.engine.spirals.touching import find_contacts
 
 SQUARE = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.01), (0.0, 0.01)]
 NOTCHED = [(0.0, 0.0), (0.03, 0.0), (0.03, 0.02), (0.02, 0.02), (0.016, 0.01), (0.014, 0.01), (0.01, 0.02), (0.0, 0.02)]
@@ -104,4 +104,4 @@ def test_kerf_wider_than_the_spacing_is_refused(made):
 
 def test_paths_of_panels_do_not_touch_themselves(made):
     paths = [kerf.cut_paths(o, 0.0002, 0.0002) for o in made.outlines()]
-    assert not len(touching(paths))
+    assert not len(find_contacts(paths))

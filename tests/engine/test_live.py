@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from flexmaps.engine.live import rig as rigs
 from flexmaps.engine.live import session
-from flexmaps.engine.live.given import Given
-from flexmaps.engine.live.piece import LivePiece, Shape
+from flexmaps.engine.live.given import LiveInput
+from flexmaps.engine.live.piece import LivePiece, LiveShape
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.loads import standing
@@ -31,21 +31,21 @@ def dome() -> FlatPatches:
     return flatten(trace(shapes.make("dome"), LayoutParams()), LayoutParams())
 
 
-def given_of(flat: FlatPatches, twist: float = 1.5) -> Given:
+def given_of(flat: FlatPatches, twist: float = 1.5) -> LiveInput:
     made, mesh = uniform(flat, SpiralParams(), twist=twist), flat.layout.mesh
     cut, sizes = flat.layout.cut, np.full(len(mesh.quads), 4)
     rest = (made.params, LayoutParams(), MaterialParams().chosen, SimulateParams())
-    return Given(
+    return LiveInput(
         mesh.vertices, mesh.quads.ravel(), sizes, cut, cut, flat.corners, flat.energy, made.width, made.twist, *rest
     )
 
 
-def followed(piece: LivePiece, wanted: Given, since: Given | None) -> Shape:
+def followed(piece: LivePiece, wanted: LiveInput, since: LiveInput | None) -> LiveShape:
     piece.change(wanted.changes(since))
     return rested(piece)
 
 
-def rested(piece: LivePiece) -> Shape:
+def rested(piece: LivePiece) -> LiveShape:
     for _ in range(1000):
         shape = piece.advance()
         if shape.resting:
@@ -53,14 +53,14 @@ def rested(piece: LivePiece) -> Shape:
     raise AssertionError("it never rests")
 
 
-def simulated(given: Given, flat: FlatPatches) -> np.ndarray:
+def simulated(given: LiveInput, flat: FlatPatches) -> np.ndarray:
     """The same by the stage that takes no short cut, begun from the target."""
     design = SpiralDesign(flat, given.spiral, given.width, given.twist)
     known = {"supports": given.supports, "force": given.force}
     return simulate(design, flat.layout.mesh, given.material, given.simulate, **known).vertices
 
 
-def softer(given: Given, where: slice) -> Given:
+def softer(given: LiveInput, where: slice) -> LiveInput:
     width, twist = given.width.copy(), given.twist.copy()
     width[where] *= 0.8
     twist[where] *= 1.3
@@ -94,10 +94,10 @@ def test_what_is_refined_in_parts_is_what_is_made_at_once(dome: FlatPatches, mon
     monkeypatch.setattr(rigs, "BATCH", 100)
     first = given_of(dome)
     thick = replace(first, spiral=replace(first.spiral, thickness=1.2 * first.spiral.thickness))
-    old, pose = rigs.Rig.of(first)
-    rig, _ = rigs.Rig.of(thick, old, pose)
+    old, pose = rigs.LiveState.from_input(first)
+    rig, _ = rigs.LiveState.from_input(thick, old, pose)
     assert rig.rough.sum() == len(rig.model.pairs) > 300
-    whole = ArmModel.of(rig.assembly, thick.material)
+    whole = ArmModel.from_assembly(rig.assembly, thick.material)
     assert not np.allclose(rig.model.curving, whole.curving)
     steps = rig.refined()
     with pytest.raises(StopIteration) as ended:
@@ -209,10 +209,10 @@ def test_a_piece_that_snaps_is_told_and_comes_back() -> None:
 def test_in_a_process_of_its_own(dome: FlatPatches) -> None:
     first = given_of(dome)
     with Workers(1) as workers:
-        assert workers.submit(session.step, session.Call("piece")).result() is None  # nobody has sent it yet
-        call = session.Call("piece", first.changes(None), whole=True)
+        assert workers.submit(session.step, session.LiveRequest("piece")).result() is None  # nobody has sent it yet
+        call = session.LiveRequest("piece", first.changes(None), whole=True)
         while not (shape := workers.submit(session.step, call).result()).resting:
-            call = session.Call("piece")
+            call = session.LiveRequest("piece")
     assert shape.vertices == pytest.approx(simulated(first, dome), abs=SAME)
 
 

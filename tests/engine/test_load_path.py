@@ -19,7 +19,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.spirals.design import uniform
 from flexmaps.engine.structure.actions import Action
 from flexmaps.engine.structure.buckling import linear_buckling
-from flexmaps.engine.structure.path import BRANCH, LIMIT, Follower, Path, follow
+from flexmaps.engine.structure.path import BRANCH, LIMIT, Path, PathFollower, follow
 from flexmaps.engine.surface.mesh import QuadMesh
 from scipy.integrate import trapezoid
 
@@ -30,20 +30,23 @@ SPACING, VERO, row, at_joints, straight, shaken = (
 PARAMS = SimulateParams(tolerance=1e-10)
 
 
-def follower(model: ArmModel, loads: Loads, action: Action, rest: Pose) -> Follower:
-    return Follower(model, NewtonSystem(model.pairs, loads.held(model.pairs, rest.centres)), action, 1e-10)
+def follower(model: ArmModel, loads: Loads, action: Action, rest: Pose) -> PathFollower:
+    return PathFollower(model, NewtonSystem(model.pairs, loads.held(model.pairs, rest.centres)), action, 1e-10)
 
 
 # -- a column ----------------------------------------------------------------------------------------------------------
 
 
-def column(count: int, twist: float) -> tuple[Assembly, Follower]:
+def column(count: int, twist: float) -> tuple[Assembly, PathFollower]:
     """A straight strip, clamped at one end and pushed at the other by one newton."""
     assembly = row(count, twist=twist)
     action = Action.none(count)
     action.force[-1, 0] = -1.0
     return assembly, follower(
-        ArmModel.of(assembly, VERO), Loads.of(count, supports=np.array([0])), action, straight(count)
+        ArmModel.from_assembly(assembly, VERO),
+        Loads.for_spirals(count, supports=np.array([0])),
+        action,
+        straight(count),
     )
 
 
@@ -64,7 +67,7 @@ def test_a_column_buckles_where_euler_and_engesser_say() -> None:
 
 def test_a_pulled_column_does_not_buckle() -> None:
     _, pushed = column(8, 0.0)
-    pulled = Follower(pushed.model, pushed.system, pushed.action.times(-1.0), 1e-10)
+    pulled = PathFollower(pushed.model, pushed.system, pushed.action.times(-1.0), 1e-10)
     path = follow(pulled, straight(8), most=10.0)
     assert path.critical is None and path.points[-1].factor == pytest.approx(10.0) and not path.ended
     quick, start = linear_buckling(pulled, path.points[0]), pushed.model.start(straight(8))
@@ -76,9 +79,9 @@ def test_a_cantilever_bends_in_proportion_to_small_loads() -> None:
     count = 6
     action = Action.none(count)
     action.force[-1, 2] = 1e-4
-    model = ArmModel.of(row(count, twist=2.0), VERO)
+    model = ArmModel.from_assembly(row(count, twist=2.0), VERO)
     path = follow(
-        follower(model, Loads.of(count, supports=np.array([0])), action, straight(count)),
+        follower(model, Loads.for_spirals(count, supports=np.array([0])), action, straight(count)),
         straight(count),
         marks=(1.0, 2.0, 4.0),
         most=4.0,
@@ -110,8 +113,8 @@ class Arch:
         mesh = QuadMesh(SPACING * place, quads)
         flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), bool)), LayoutParams())
         self.design = uniform(flat, SpiralParams(), twist=2.6)
-        self.model = ArmModel.of(of_design(self.design), VERO)
-        self.loads = Loads.of(18, supports=np.array([0, 8, 9, 17]))
+        self.model = ArmModel.from_assembly(of_design(self.design), VERO)
+        self.loads = Loads.for_spirals(18, supports=np.array([0, 8, 9, 17]))
         self.middle = [4, 13]
         start = target_pose(mesh, flat.corners)
         self.rest = solve(self.model, start, self.loads, PARAMS)
@@ -202,10 +205,10 @@ def slope(found: Callable[[float], np.ndarray], step: float = 1e-4) -> np.ndarra
 def test_the_tangent_of_a_pressure_that_follows_is_exact() -> None:
     """What a small turn of the hubs does to the forces; the matrix is not symmetric."""
     count = 5
-    model = ArmModel.of(row(count, twist=2.0), VERO)
+    model = ArmModel.from_assembly(row(count, twist=2.0), VERO)
     pose = shaken(straight(count), 0.002, 0.2)
     action = Action(np.zeros((count, 3)), np.linspace(1.0, 2.0, count), np.zeros((count, 3)))
-    one = follower(model, Loads.of(count, supports=np.array([0])), action, pose)
+    one = follower(model, Loads.for_spirals(count, supports=np.array([0])), action, pose)
     way = np.random.default_rng(1).normal(size=(count, 6)) * ~one.system.held
 
     def forces(share: float) -> np.ndarray:
@@ -221,12 +224,12 @@ def test_the_tangent_of_a_pressure_that_follows_is_exact() -> None:
 
 def test_the_pull_of_supports_that_move_is_exact() -> None:
     count = 5
-    model = ArmModel.of(row(count, twist=2.0), VERO)
+    model = ArmModel.from_assembly(row(count, twist=2.0), VERO)
     pose = shaken(straight(count), 0.002, 0.2)
     action = Action.none(count)
     action.shift[0] = [0.01, 0.02, -0.01]
     action.force[-1] = [1.0, 2.0, 3.0]
-    one = follower(model, Loads.of(count, supports=np.array([0])), action, pose)
+    one = follower(model, Loads.for_spirals(count, supports=np.array([0])), action, pose)
 
     def residual(share: float) -> np.ndarray:
         step = np.zeros((count, 6))
@@ -240,8 +243,8 @@ def test_the_pull_of_supports_that_move_is_exact() -> None:
 
 def test_a_pressure_stays_normal_and_a_moved_support_carries_the_row_along() -> None:
     count = 6
-    model = ArmModel.of(row(count), VERO)
-    loads = Loads.of(count, supports=np.array([0]))
+    model = ArmModel.from_assembly(row(count), VERO)
+    loads = Loads.for_spirals(count, supports=np.array([0]))
     pressed = Action(np.zeros((count, 3)), np.full(count, 0.05), np.zeros((count, 3)))
     path = follow(follower(model, loads, pressed, straight(count)), straight(count), most=1.0)
     there = path.marks[1.0]

@@ -28,9 +28,9 @@ def test_pinned_supports_let_the_ends_turn() -> None:
     force = np.zeros((count, 3))
     force[:, 2] = -0.01
     ends = np.array([0, count - 1])
-    model = ArmModel.of(row(count), VERO)
+    model = ArmModel.from_assembly(row(count), VERO)
     sag = [
-        solve(model, start, Loads.of(count, supports=ends, clamped=c, force=force), SimulateParams()).pose
+        solve(model, start, Loads.for_spirals(count, supports=ends, clamped=c, force=force), SimulateParams()).pose
         for c in (True, False)
     ]
     assert sag[0].rotations[0] == pytest.approx(np.eye(3))
@@ -41,9 +41,9 @@ def test_pinned_supports_let_the_ends_turn() -> None:
 @pytest.mark.parametrize(
     "make, message",
     [
-        (lambda: Loads.of(5, supports=np.array([], dtype=int)), "group of the supports"),
-        (lambda: Loads.of(5, supports=np.array([7])), "there are only 5"),
-        (lambda: Loads.of(5, force=np.full((5, 3), np.nan)), "finite"),
+        (lambda: Loads.for_spirals(5, supports=np.array([], dtype=int)), "group of the supports"),
+        (lambda: Loads.for_spirals(5, supports=np.array([7])), "there are only 5"),
+        (lambda: Loads.for_spirals(5, force=np.full((5, 3), np.nan)), "finite"),
     ],
 )
 def test_bad_supports_are_refused(make: object, message: str) -> None:
@@ -72,8 +72,8 @@ def test_supports_by_number() -> None:
 def test_weight_without_supports_names_the_piece() -> None:
     assembly = row(6)
     apart = assembly.part(np.arange(6), np.array([0, 1, 3, 4]))
-    model = ArmModel.of(apart, VERO)
-    loads = Loads.of(6, supports=np.array([0]), mass=np.full(6, 0.001))
+    model = ArmModel.from_assembly(apart, VERO)
+    loads = Loads.for_spirals(6, supports=np.array([0]), mass=np.full(6, 0.001))
     with pytest.raises(FlexMapsError, match="nothing holds") as caught:
         solve(model, straight(6), loads, SimulateParams())
     assert caught.value.faces == [3, 4, 5]
@@ -86,8 +86,8 @@ def test_hinges_hold_no_more_than_they_should(hinges: list[int]) -> None:
     """
     count = 9
     assembly = row(count, twist=0.6, closed=True)
-    model, start = ArmModel.of(assembly, VERO), ring(count)
-    loads = Loads.of(count, supports=np.array(hinges, dtype=int) if hinges else None, clamped=False)
+    model, start = ArmModel.from_assembly(assembly, VERO), ring(count)
+    loads = Loads.for_spirals(count, supports=np.array(hinges, dtype=int) if hinges else None, clamped=False)
     found = solve(model, start, loads, SimulateParams())
     assert found.converged
     forces = model.expand(model.start(found.pose)).gradient
@@ -104,8 +104,8 @@ def test_hinges_hold_no_more_than_they_should(hinges: list[int]) -> None:
 def test_hinges_in_a_row_leave_the_turn_about_it() -> None:
     """All spirals of a flat strip on one line: the roll about it costs nothing, and weight beside the line turns it."""
     count = 6
-    model = ArmModel.of(row(count), VERO)
-    loads = Loads.of(count, supports=np.arange(count), clamped=False)
+    model = ArmModel.from_assembly(row(count), VERO)
+    loads = Loads.for_spirals(count, supports=np.arange(count), clamped=False)
     found = solve(model, straight(count), loads, SimulateParams())
     assert found.converged and found.pose.centres == pytest.approx(straight(count).centres)
     (left,) = freedoms(loads.fixed, model.pairs, straight(count).centres)
@@ -114,18 +114,27 @@ def test_hinges_in_a_row_leave_the_turn_about_it() -> None:
 
 
 def test_what_swings_about_its_hinges_is_refused() -> None:
-    model, force = ArmModel.of(row(6), VERO), np.zeros((6, 3))
+    model, force = ArmModel.from_assembly(row(6), VERO), np.zeros((6, 3))
     force[5, 2] = -0.01
     with pytest.raises(FlexMapsError, match="one hinge") as caught:
-        solve(model, straight(6), Loads.of(6, supports=np.array([1]), clamped=False, force=force), SimulateParams())
+        solve(
+            model,
+            straight(6),
+            Loads.for_spirals(6, supports=np.array([1]), clamped=False, force=force),
+            SimulateParams(),
+        )
     assert caught.value.faces == list(range(6))
     bent = ring(6)
     force[5] = [0.0, 0.01, 0.0]
     with pytest.raises(FlexMapsError, match="hinges in a line"):
-        solve(model, bent, Loads.of(6, supports=np.array([1, 2]), clamped=False, force=force), SimulateParams())
+        solve(
+            model, bent, Loads.for_spirals(6, supports=np.array([1, 2]), clamped=False, force=force), SimulateParams()
+        )
     # pulled away from its hinge in a straight line it only grows longer
     force[5] = [0.01, 0.0, 0.0]
-    found = solve(model, straight(6), Loads.of(6, supports=np.array([0]), clamped=False, force=force), SimulateParams())
+    found = solve(
+        model, straight(6), Loads.for_spirals(6, supports=np.array([0]), clamped=False, force=force), SimulateParams()
+    )
     assert found.converged and found.pose.centres[5, 0] > 5.0 * SPACING
 
 
@@ -152,8 +161,8 @@ def test_pieces_are_laid_as_near_as_their_supports_allow(hinges: list[int]) -> N
 def test_all_or_nearly_all_held(backend: str, free_hubs: int) -> None:
     """Nothing, or hardly anything, is left to seek: still an equilibrium, with its softest motions and other shapes."""
     count = 8
-    model, start = ArmModel.of(row(count, closed=True), VERO), shaken(ring(count), 0.001, 0.1)
-    loads = Loads.of(count, supports=np.arange(count - free_hubs))
+    model, start = ArmModel.from_assembly(row(count, closed=True), VERO), shaken(ring(count), 0.001, 0.1)
+    loads = Loads.for_spirals(count, supports=np.arange(count - free_hubs))
     system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres), backend)
     found = solve(model, start, loads, SimulateParams(), system=system)
     assert found.converged
@@ -165,12 +174,12 @@ def test_all_or_nearly_all_held(backend: str, free_hubs: int) -> None:
 
 
 def test_forces_that_turn_an_unsupported_piece_are_refused() -> None:
-    model, force = ArmModel.of(row(4), VERO), np.zeros((4, 3))
+    model, force = ArmModel.from_assembly(row(4), VERO), np.zeros((4, 3))
     force[0, 2], force[3, 2] = 0.01, -0.01
     with pytest.raises(FlexMapsError, match="turn a piece"):
-        solve(model, straight(4), Loads.of(4, force=force), SimulateParams())
+        solve(model, straight(4), Loads.for_spirals(4, force=force), SimulateParams())
     # pulled apart along its length it only grows longer
     force[:] = 0.0
     force[0, 0], force[3, 0] = -0.01, 0.01
-    found = solve(model, straight(4), Loads.of(4, force=force), SimulateParams())
+    found = solve(model, straight(4), Loads.for_spirals(4, force=force), SimulateParams())
     assert found.converged and np.ptp(found.pose.centres[:, 0]) > 3 * SPACING

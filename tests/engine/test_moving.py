@@ -12,7 +12,7 @@ from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals.design import uniform
-from flexmaps.engine.spirals.painting import Stroke, painted
+from flexmaps.engine.spirals.painting import Stroke, paint_spirals
 from flexmaps.engine.spirals.spiral import opposite_sides
 from flexmaps.engine.surface import shapes
 
@@ -39,7 +39,7 @@ def test_moved_points_are_those_of_panels_made_anew(border: str, most: int, monk
     inner &= inner[opposite_sides(mesh)[0]].all(axis=1)
     weight = np.where(inner & (np.arange(len(inner)) % 7 == 0), 0.6, 0.0)
     for brush in ("softer", "along"):
-        design = painted(design, brush, weight, Stroke(direction=np.eye(3)[0]))
+        design = paint_spirals(design, brush, weight, Stroke(direction=np.eye(3)[0]))
         before = panels.solid.vertices
         panels.follow(design)
         anew = MovingPanels(replace(design)).solid
@@ -49,7 +49,7 @@ def test_moved_points_are_those_of_panels_made_anew(border: str, most: int, monk
         np.testing.assert_allclose(panels.solid.vertices, anew.vertices, atol=1e-8)
         assert 1e-4 < np.abs(panels.solid.vertices - before).max() < 0.02
     for brush in ("stiffer", "softer", "along"):  # border and all
-        design = painted(design, brush, np.full(len(inner), 0.7), Stroke(direction=np.eye(3)[0]))
+        design = paint_spirals(design, brush, np.full(len(inner), 0.7), Stroke(direction=np.eye(3)[0]))
         before = areas(panels.solid, len(inner))
         panels.follow(design)
         anew = MovingPanels(replace(design)).solid
@@ -61,7 +61,7 @@ def test_moved_points_are_those_of_panels_made_anew(border: str, most: int, monk
             np.testing.assert_allclose(panels.solid.vertices, anew.vertices, atol=1e-8)
 
 
-def areas(made: solids.Solid, quads: int) -> np.ndarray:
+def areas(made: solids.PolygonSolid, quads: int) -> np.ndarray:
     """Square metres of all faces of every quad as seen from above, by the trapezes under their sides."""
     first = np.cumsum(made.sizes) - made.sizes
     onward = np.arange(1, len(made.corners) + 1)

@@ -12,7 +12,7 @@ from flexmaps.engine.fabrication.nesting import strips
 from flexmaps.engine.fabrication.nesting.covering import covering
 from flexmaps.engine.fabrication.nesting.outlines import grown
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, pack, used_length
-from flexmaps.engine.fabrication.nesting.search import Search
+from flexmaps.engine.fabrication.nesting.search import NestingSearch
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity
@@ -96,9 +96,9 @@ def test_where_sheets_are_as_few_as_can_be_the_search_goes_on(monkeypatch):
         asked.append(self.spent())
         return packing
 
-    monkeypatch.setattr(Search, "fill", fill)
-    monkeypatch.setattr(Search, "emptied", lambda self, packing: packing)
-    monkeypatch.setattr(Search, "shortened", lambda self, packing, share, fine=False: packing)
+    monkeypatch.setattr(NestingSearch, "fill", fill)
+    monkeypatch.setattr(NestingSearch, "emptied", lambda self, packing: packing)
+    monkeypatch.setattr(NestingSearch, "shortened", lambda self, packing, share, fine=False: packing)
     nesting.nest([square] * 4, params)
     assert len(asked) == nesting.PATIENCE
 
@@ -116,7 +116,7 @@ def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(
     def solutions(self, task, seconds):
         told.append((task["seconds"], len(task["items"][0][1])))
         now[0] += task["seconds"]
-        yield nest_process.Strip(0.9 ** len(told) * 100.0, {})
+        yield nest_process.PackedStrip(0.9 ** len(told) * 100.0, {})
 
     monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
     monkeypatch.setattr(strips, "cores", lambda: 1)
@@ -240,7 +240,7 @@ def test_the_fullest_sheet_that_is_known_is_kept_where_nothing_fuller_fits(monke
     """With answers by hand: every set fits at first, none later. What covers most is not tried first, for it hardly ever fits."""
     random, asked = np.random.default_rng(2), []
     shapes = [np.array([[0, 0], [w, 0], [w, h], [0, h]]) for w, h in random.uniform(0.05, 0.2, (12, 2))]
-    one = Search(shapes, SheetParams(nesting_seconds=1e4), Progress())
+    one = NestingSearch(shapes, SheetParams(nesting_seconds=1e4), Progress())
 
     def area(members):
         return float(one.area[list(members)].sum())
@@ -248,7 +248,7 @@ def test_the_fullest_sheet_that_is_known_is_kept_where_nothing_fuller_fits(monke
     def on_a_sheet(sets):
         asked.append(sets)
         fits = len(asked) == 1
-        return {m: nest_process.Strip(0.5, {i: (0.0, np.zeros(2)) for i in m}) if fits else None for m in sets}
+        return {m: nest_process.PackedStrip(0.5, {i: (0.0, np.zeros(2)) for i in m}) if fits else None for m in sets}
 
     monkeypatch.setattr(one.strips, "on_a_sheet", on_a_sheet)
     try:
@@ -266,11 +266,11 @@ def test_the_fullest_sheet_that_is_known_is_kept_where_nothing_fuller_fits(monke
 def test_what_makes_two_sets_as_long_is_not_tried_again(monkeypatch):
     """With answers by hand: whatever holds the first two panels is 700 mm long, other sets are longer than a sheet too."""
     square, asked = 0.2 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), []
-    one = Search([square] * 6, SheetParams(nesting_seconds=1e4), Progress())
+    one = NestingSearch([square] * 6, SheetParams(nesting_seconds=1e4), Progress())
 
     def on_a_sheet(sets):
         asked.extend(sets)
-        return {m: nest_process.Strip(0.7 if {0, 1} <= m else 0.7 + 0.01 * sum(m), {}) for m in sets}
+        return {m: nest_process.PackedStrip(0.7 if {0, 1} <= m else 0.7 + 0.01 * sum(m), {}) for m in sets}
 
     monkeypatch.setattr(one.strips, "on_a_sheet", on_a_sheet)
     tries = [frozenset(m) for m in ((0, 1, 2), (0, 2, 3), (0, 1, 3), (0, 1, 4), (0, 2, 4))]
@@ -307,7 +307,7 @@ def test_a_sheet_is_emptied_where_the_others_have_room(monkeypatch):
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
     monkeypatch.setattr(strips, "TURN", 5)  # the machine may be busy
-    one = Search(shapes, params, Progress())
+    one = NestingSearch(shapes, params, Progress())
     try:
         packing = one.emptied(rough)
     finally:

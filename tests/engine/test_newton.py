@@ -225,8 +225,8 @@ NAMES = ("first shift", "first turn", "second shift", "second turn")
 @pytest.mark.parametrize("kind", ["arm", "arm with curving", "rod"])
 def test_every_block_of_a_joint(kind: str) -> None:
     assembly, pose = _joint()
-    made = RodModel.of(assembly, MATERIALS["vero"])
-    model = made if kind == "rod" else ArmModel.of(assembly, MATERIALS["vero"], curving="curving" in kind)
+    made = RodModel.from_assembly(assembly, MATERIALS["vero"])
+    model = made if kind == "rod" else ArmModel.from_assembly(assembly, MATERIALS["vero"], curving="curving" in kind)
     assert _wrong(model, pose, lambda hessian: hessian) == []
 
 
@@ -240,7 +240,7 @@ def test_a_wrong_block_is_named(row: int, column: int) -> None:
         return out
 
     first, second = sorted((row, column))
-    found = _wrong(ArmModel.of(assembly, MATERIALS["vero"]), pose, spoilt)
+    found = _wrong(ArmModel.from_assembly(assembly, MATERIALS["vero"]), pose, spoilt)
     assert found == [f"Hessian by {NAMES[first]} and {NAMES[second]}"]
 
 

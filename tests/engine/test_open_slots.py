@@ -15,7 +15,7 @@ from flexmaps.engine.mechanics.arms.slots_in_space import slots_in_space
 from flexmaps.engine.mechanics.arms.tip_beams import hub_ends
 from flexmaps.engine.mechanics.arms.tip_motion import TipMotions, tip_motions
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
-from flexmaps.engine.optimisation.open_slots import Opening
+from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.work import Work
@@ -33,7 +33,7 @@ NARROW = 0.0006  # metres
 @lru_cache(maxsize=2)
 def simulated(name: str, twist: float) -> Simulation:
     """Alike spirals on a surface, in their equilibrium."""
-    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
     made = uniform(found.flat, found.design.params, width=0.0016, twist=twist)
     return simulate(made, found.mesh, VERO, SimulateParams(), quick=True)
 
@@ -58,7 +58,7 @@ def test_tips_move_as_their_hubs_and_spirals_say(dome) -> None:
     design, pose, width, twist = dome
     rng, h = np.random.default_rng(3), 1e-4
     model = model_of(design, width, twist)
-    known = TipMotions.of(model.assembly, model.compliance.values, model.compliance_by, model.at_joint, pose)
+    known = TipMotions.from_assembly(model.assembly, model.compliance.values, model.compliance_by, model.at_joint, pose)
     pairs = model.assembly.pairs
 
     def tips(model: ArmModel, pose: Pose) -> np.ndarray:
@@ -98,7 +98,7 @@ def test_narrow_slots_are_estimated_to_a_tenth_of_a_millimetre(clockwise) -> Non
         found = simulate(made, found.target, VERO, SimulateParams(), quick=True)
     design, pose = found.design, found.equilibrium.pose
     measured = slots_in_space(design, bent(design, pose)).width[: 4 * len(design.twist)]
-    opening = dataclasses.replace(Opening.of(design), width=NARROW)
+    opening = dataclasses.replace(SlotRequirement.from_design(design), width=NARROW)
     told = opening.at(model_of(design, design.width, design.twist), pose).found
     # the outer arm of slot k is arm k + 1, or arm k
     slot = told.arms[:, 0] if clockwise else told.arms[:, 1]
@@ -122,7 +122,7 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
         pose, slots = at_rest.equilibrium.pose, slots_in_space(made, bent(made, at_rest.equilibrium.pose))
         model = model_of(made, made.width, made.twist)
         if opening is None:
-            opening = dataclasses.replace(Opening.of(made), width=NARROW)
+            opening = dataclasses.replace(SlotRequirement.from_design(made), width=NARROW)
             measured = opening.with_excess(model, pose, slots)
         for one in (opening, measured):
             told, least = one.at(model, pose).found, np.full(4 * count, np.inf)
@@ -142,7 +142,7 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
 
 def test_estimated_widths_follow_hubs_and_spirals(dome) -> None:
     design, pose, width, twist = dome
-    opening = dataclasses.replace(Opening.of(design), width=0.0008)
+    opening = dataclasses.replace(SlotRequirement.from_design(design), width=0.0008)
     rng, h = np.random.default_rng(5), 1e-5
     here = opening.at(model_of(design, width, twist), pose)
     assert len(here.found.values) > 50 and len(set(here.found.t)) > len(PLACES) // 2
@@ -176,7 +176,7 @@ def test_gradient_of_a_search_that_keeps_slots_open(arms) -> None:
         Work(),
     )
     whole = dataclasses.replace(task.problem(found.design), build=lambda a, _: build_model(a, VERO, "arm", quick=True))
-    wide = dataclasses.replace(Opening.of(found.design), width=0.0015)
+    wide = dataclasses.replace(SlotRequirement.from_design(found.design), width=0.0015)
     whole = dataclasses.replace(whole, opening=wide, simulate=SimulateParams(tolerance=1e-11))
     x = np.random.default_rng(4).uniform(0.2, 0.8, len(found.design.twist) * whole.space.each)
     here = whole.at(x, target_pose(found.target, found.design.flat.corners))
@@ -192,7 +192,7 @@ def test_gradient_of_a_search_that_keeps_slots_open(arms) -> None:
 
 def test_the_cost_begins_smoothly_and_goes_on_straight(dome) -> None:
     design, pose, width, twist = dome
-    here = Opening.of(design).at(model_of(design, width, twist), pose)
+    here = SlotRequirement.from_design(design).at(model_of(design, width, twist), pose)
 
     def cost(missing: float) -> tuple[float, float, float]:
         found = dataclasses.replace(
@@ -224,7 +224,7 @@ def test_hubs_end_where_the_slots_of_regular_spirals_do() -> None:
 
 @pytest.mark.thorough
 def test_optimised_spirals_keep_their_slots_open() -> None:
-    found = job.run(PolygonMesh.of(shapes.make("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     physics, closed = SimulateParams(), {}
     for keep in (False, True):
         params = OptimiseParams(codesign=False, strain_share=0.0, open_slots=keep, iterations=30)

@@ -14,12 +14,12 @@ from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.inverse import Point, Problem
+from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
-from flexmaps.engine.optimisation.reach import NAMES, reach
+from flexmaps.engine.optimisation.reach import NAMES, find_limits
 from flexmaps.engine.optimisation.search import Task
-from flexmaps.engine.optimisation.terms import LENIENT, Bearing
+from flexmaps.engine.optimisation.terms import LENIENT, StrainLimit
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
@@ -27,7 +27,7 @@ from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals.constraints import FREE, Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, fitted, uniform
+from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable, uniform
 from flexmaps.engine.spirals.slots import twist_bound
 from flexmaps.engine.spirals.spiral import alike
 from flexmaps.engine.surface import shapes
@@ -39,7 +39,7 @@ EXACT = SimulateParams(tolerance=1e-11)
 
 @lru_cache(maxsize=2)
 def made(name: str = "dome") -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
@@ -54,17 +54,17 @@ def problem(
     groups: int = 1,
     kept: bool = False,
     wishes: bool = False,
-) -> tuple[Problem, Point]:
+) -> tuple[InverseProblem, DesignPoint]:
     design, mesh = made()
     assembly = of_design(design)
     held = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if supports else None
-    loads = Loads.of(assembly.size, supports=held)
+    loads = Loads.for_spirals(assembly.size, supports=held)
     wanted = Wishes(np.array([2, 7]), mesh.centroids[[2, 7]] + [0.0, 0.004, 0.01]) if wishes else None
     aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports, wishes=wanted)
     asked = Constraints(kept=np.arange(0, assembly.size, 3)) if kept else FREE
-    space = DesignSpace.of(design, assembly, groups, constraints=asked)
-    bearing = None if strain is None else Bearing(VERO, strain)
-    whole = Problem(
+    space = DesignSpace.from_design(design, assembly, groups, constraints=asked)
+    bearing = None if strain is None else StrainLimit(VERO, strain)
+    whole = InverseProblem(
         assembly, space, aim, loads, lambda a, _: build_model(a, VERO, model, quick=True), EXACT, smoothness, bearing
     )
     x = np.random.default_rng(4).uniform(0.2, 0.8, assembly.size * space.each)
@@ -113,7 +113,7 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
 
 
-def _with_second_order(whole: Problem, curving: np.ndarray | None) -> Problem:
+def _with_second_order(whole: InverseProblem, curving: np.ndarray | None) -> InverseProblem:
     """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None leaves it out."""
 
     def build(assembly: Assembly, progress: Progress) -> ElasticModel:
@@ -149,7 +149,7 @@ def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
     points = [first, *(whole.at(rng.uniform(0.2, 0.8, len(first.x)), start) for _ in range(3))]
     assert not whole.at(1.0 - first.x, start, iterations=1).equilibrium.converged
 
-    def value(point: Point, t: float) -> float:
+    def value(point: DesignPoint, t: float) -> float:
         return whole.at(point.x + t * direction, point.equilibrium.pose).value
 
     for point in points:
@@ -163,11 +163,11 @@ def test_points_keep_their_derivatives_whatever_came_after_them() -> None:
 def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     _, here = problem()
     step = np.full_like(here.x, 1e-3)
-    assert here.equilibrium.spare == inverse.MARGIN
+    assert here.equilibrium.spare == inverse.MIN_STABILITY
     trace = Trace()
     assert optimisers._take_step(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
     # no equilibrium under load is stiffer than its convex part in every way
-    monkeypatch.setattr(inverse, "MARGIN", 1.1)
+    monkeypatch.setattr(inverse, "MIN_STABILITY", 1.1)
     assert optimisers._take_step(here, step, here.moves(step), trace, SILENT) is None and trace.unstable == 1
     # but where the present one has no more to spare either, as at a start, there is no other way
     edge = dataclasses.replace(here, equilibrium=dataclasses.replace(here.equilibrium, spare=0.0))
@@ -209,7 +209,7 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
 @pytest.mark.parametrize("groups", [1, 2, 4])
 def test_every_point_of_the_box_can_be_cut(groups: int) -> None:
     design, _ = made()
-    space = DesignSpace.of(design, of_design(design), groups)
+    space = DesignSpace.from_design(design, of_design(design), groups)
     rng = np.random.default_rng(7)
     for _ in range(3):
         x = rng.uniform(0.0, 1.0, len(design.width) * space.each)
@@ -234,7 +234,7 @@ def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
     """The target is the equilibrium of a random smooth design: both optimisers must come near to it from a uniform start."""
     design, mesh = made()
     slope = np.clip((mesh.centroids[:, 0] - mesh.centroids[:, 0].min()) / np.ptp(mesh.centroids[:, 0]), 0.0, 1.0)
-    secret = fitted(design.flat, design.params, alike(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
+    secret = make_fabricable(design.flat, design.params, alike(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
     whole, here = problem()
     wanted = whole.at(whole.space.coordinates(secret.width, secret.twist), here.equilibrium.pose).equilibrium.pose
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
@@ -263,9 +263,9 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     assert found.finished and found.after.equilibrium.converged
     assert seen and seen[-1].vertices.shape == mesh.vertices.shape
     # the result is as it was asked for: cutting it again changes nothing
-    again = fitted(found.design.flat, design.params, found.design.width, found.design.twist)
+    again = make_fabricable(found.design.flat, design.params, found.design.width, found.design.twist)
     assert again.twist == pytest.approx(found.design.twist, abs=1e-6)
-    limits = reach(found)
+    limits = find_limits(found)
     assert len(limits.kind) == len(mesh.quads) and limits.kind.max() < len(NAMES)
     assert limits.share.sum() == pytest.approx(1.0) and limits.advice.endswith(".")
     assert sum(limits.report()["spirals"].values()) == len(mesh.quads)
@@ -278,7 +278,9 @@ def test_a_further_run_never_ends_worse() -> None:
     for _ in range(3):
         found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
         design = found.design
-        before, after = (optimise.Found(one, found.point).merit(LENIENT) for one in (found.before, found.after))
+        before, after = (
+            optimise.SimulatedResult(one, found.point).merit(LENIENT) for one in (found.before, found.after)
+        )
         # equilibria are found to a tolerance
         assert after <= before * (1.0 + 1e-6)
 
@@ -294,7 +296,7 @@ def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
     ahead = np.roll(index, -1, axis=0)
     quads = np.stack([index, ahead, np.roll(ahead, -1, axis=1), np.roll(index, -1, axis=1)], axis=-1)
     mesh = shapes.subdivided(QuadMesh(points.reshape(-1, 3), quads.reshape(-1, 4)))
-    found = job.run(PolygonMesh.of(mesh), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(mesh), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
@@ -326,11 +328,11 @@ def test_the_end_is_told() -> None:
 
 
 def test_work_is_counted_not_timed() -> None:
-    usual, large = Work.of(1500, 1.0).limit, Work.of(6000, 1.0).limit
+    usual, large = Work.for_spirals(1500, 1.0).limit, Work.for_spirals(6000, 1.0).limit
     assert usual is not None and large is not None
     assert 18.0 < usual < 25.0 and 60.0 < large < 90.0  # the whole stage promises 25 and 90 s
-    assert Work.of(12000, 0.5).limit == pytest.approx(large)
-    endless, short = Work.of(100, 0.0), Work.of(100, 1.0)
+    assert Work.for_spirals(12000, 0.5).limit == pytest.approx(large)
+    endless, short = Work.for_spirals(100, 0.0), Work.for_spirals(100, 1.0)
     for work in (endless, short):
         work.add(1e6, 100)
     assert short.over and not endless.over

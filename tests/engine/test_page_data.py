@@ -18,7 +18,7 @@ from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels, s
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose
-from flexmaps.engine.params import ObjectSettings, changed
+from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.runs import job, page_data, report, report_page, share_page
 from flexmaps.engine.runs.page_data import Packed, Shown, unpacked
@@ -28,12 +28,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-SETTINGS = changed(ObjectSettings(), {"page.coming": "AT_ONCE"})
+SETTINGS = with_values(ObjectSettings(), {"page.coming": "AT_ONCE"})
 NASTY = "</script><script>alert(1)</script><!-- & \u2028 ]]> <b>\"'"
 
 
 def result(name: str, until: str = "simulate"):
-    return job.run(PolygonMesh.of(shapes.make(name)), SETTINGS, stop_after=until)
+    return job.run(PolygonMesh.from_quads(shapes.make(name)), SETTINGS, stop_after=until)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def test_packed_numbers_come_back_to_half_a_step(rows, step):
 def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     """Of the simulated pose and its elastic arms: hubs, and corners of the arms."""
     found = request.getfixturevalue(name)
-    made, arrays = read(page_data.text(Shown.of(found), SETTINGS, "it"))
+    made, arrays = read(page_data.text(Shown.from_result(found), SETTINGS, "it"))
     pose, count = found.simulation.equilibrium.pose, len(found.mesh.quads)
     centres, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
     patch = arrays["patch"].ravel().astype(int)
@@ -117,7 +117,7 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
         centres[hubs] = own @ turn.T + track["places"][-1]
         rotations[hubs] = turn @ Rotation.from_quat(arrays[f"turns {panel}"][-1].reshape(-1, 4)).as_matrix()
     assert np.abs(centres - 1e3 * pose.centres).max() < 0.05
-    true = Skin.of(found.design, pose)
+    true = Skin.from_design(found.design, pose)
     arm = np.repeat(np.arange(4 * count), arrays["sections"].ravel().astype(int))
     assert (arm == true.arm).all()
     left, right = 1e-3 * arrays["flat"][:, :2], 1e-3 * arrays["flat"][:, 2:]
@@ -137,12 +137,12 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
 @pytest.mark.thorough
 def test_a_thousand_spirals_take_less_than_three_megabytes(large):
     assert len(large.mesh.quads) > 1000
-    text = page_data.text(Shown.of(large), ObjectSettings(), "it")  # with the stages, which take the most
+    text = page_data.text(Shown.from_result(large), ObjectSettings(), "it")  # with the stages, which take the most
     assert len(share_page.page(text, "it", {}, {})) < 3e6
 
 
 def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
-    made, arrays = read(page_data.text(Shown.of(dome), SETTINGS, "it"))
+    made, arrays = read(page_data.text(Shown.from_result(dome), SETTINGS, "it"))
     layout = dome.flat.layout
     assert [panel["name"] for panel in made["panels"]] == [panel_name(panel["step"] + 1) for panel in made["panels"]]
     assert sorted(panel["step"] for panel in made["panels"]) == list(range(len(layout.patches)))
@@ -154,7 +154,7 @@ def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
 
 
 def test_colours_are_the_values_that_the_maps_show(dome):
-    made, arrays = read(page_data.text(Shown.of(dome), SETTINGS, "it"))
+    made, arrays = read(page_data.text(Shown.from_result(dome), SETTINGS, "it"))
     measured = report_page.measured(dome)
     scales = {one["name"]: one for one in made["colourings"]}
     assert set(scales) == {"distance", "strain", "stiffness"}
@@ -173,7 +173,7 @@ def test_stiffness_goes_with_the_third_power_of_the_thickness(dome):
 
 
 def test_what_was_not_simulated_lies_flat(dome):
-    found = Shown.of(replace(dome, simulation=None, limits=None))
+    found = Shown.from_result(replace(dome, simulation=None, limits=None))
     made, arrays = read(page_data.text(found, SETTINGS, "it"))
     assert not made["simulated"] and made["length"] == 0.0
     assert [one["name"] for one in made["colourings"]] == ["stiffness"]
@@ -186,7 +186,7 @@ def test_what_was_not_simulated_lies_flat(dome):
 
 
 def test_values_that_were_spoilt_have_no_colours(dome):
-    found = Shown.of(dome)
+    found = Shown.from_result(dome)
     spoilt = replace(found.measured, distance=np.full(len(dome.mesh.quads), np.nan))
     made, _ = read(page_data.text(replace(found, measured=spoilt), SETTINGS, "it"))
     assert {one["name"] for one in made["colourings"]} == {"strain", "stiffness"}
@@ -195,13 +195,13 @@ def test_values_that_were_spoilt_have_no_colours(dome):
 @pytest.mark.parametrize("name", ["quad", "two_bodies"])
 def test_the_smallest_piece_and_one_of_two_bodies(name):
     found = result(name, "spirals" if name == "quad" else "simulate")
-    made, arrays = read(page_data.text(Shown.of(found), ObjectSettings(), "it"))
+    made, arrays = read(page_data.text(Shown.from_result(found), ObjectSettings(), "it"))
     assert len(made["tracks"]) == len(made["panels"]) == len(made["seams"]) == len(found.flat.layout.patches)
     assert arrays["sections"].shape == (4 * len(found.mesh.quads), 1)
 
 
 def test_without_spirals_there_is_no_view():
-    assert Shown.of(result("dome", "merge")) is None
+    assert Shown.from_result(result("dome", "merge")) is None
 
 
 def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
@@ -216,7 +216,7 @@ def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
 
 @pytest.mark.parametrize("kind", ["share", "report"])
 def test_no_name_gets_out_of_its_place(dome, kind):
-    text = page_data.text(Shown.of(dome), SETTINGS, NASTY)
+    text = page_data.text(Shown.from_result(dome), SETTINGS, NASTY)
     assert "<" not in text and json.loads(text)["title"] == NASTY
     described = report.build(dome, source=NASTY + ".obj", settings=SETTINGS)
     if kind == "share":
@@ -233,7 +233,7 @@ def test_no_name_gets_out_of_its_place(dome, kind):
 
 
 def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
-    whole = share_page.page(page_data.text(Shown.of(dome), SETTINGS, "it"), "it", {}, {})
+    whole = share_page.page(page_data.text(Shown.from_result(dome), SETTINGS, "it"), "it", {}, {})
     page = Page(whole)
     policy = next(meta["content"] for meta in page.meta if meta.get("http-equiv") == "Content-Security-Policy")
     assert policy is not None and policy.startswith("default-src 'none'")
@@ -247,7 +247,7 @@ def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
 
 
 def test_all_steps_are_there_on_paper(dome):
-    shown = Shown.of(dome)
+    shown = Shown.from_result(dome)
     text = page_data.text(shown, SETTINGS, "it")
     layout = dome.design.flat.layout
     words = share_page.steps_in_words(text)

@@ -14,10 +14,10 @@ from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import ChooseParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.constraints import Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, outside, uniform
-from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, painted
-from flexmaps.engine.spirals.room import Room
-from flexmaps.engine.spirals.touching import touching
+from flexmaps.engine.spirals.design import SpiralDesign, unfabricable_quads, uniform
+from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, paint_spirals
+from flexmaps.engine.spirals.room import ClearanceModel
+from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import symmetries
@@ -28,7 +28,7 @@ POM = MATERIALS["pom"]
 @lru_cache(maxsize=2)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
     found = job.run(
-        PolygonMesh.of(shapes.make(name, edge)),
+        PolygonMesh.from_quads(shapes.make(name, edge)),
         Settings(choose=ChooseParams(goal="panels")),
         edge=0.02,
         stop_after="spirals",
@@ -49,12 +49,12 @@ def test_whatever_is_painted_can_be_cut() -> None:
         brush = rng.choice([name for name in BRUSHES if name != "stiffness"])
         stroke = Stroke(bool(rng.integers(2)), rng.normal(size=3))
         weight = spot(mesh, int(rng.integers(len(mesh.quads))), rng.uniform(0.03, 0.15))
-        after = painted(design, str(brush), weight, stroke)
+        after = paint_spirals(design, str(brush), weight, stroke)
         still = weight == 0.0
         assert (after.width[still] == design.width[still]).all() and (after.twist[still] == design.twist[still]).all()
         design = after
-    assert not Room.of(design.flat, design.params).closed(design.width, design.twist).any()
-    assert not len(outside(design)) and not len(touching(design.outlines()))
+    assert not ClearanceModel.from_flat(design.flat, design.params).closed(design.width, design.twist).any()
+    assert not len(unfabricable_quads(design)) and not len(find_contacts(design.outlines()))
     assert np.ptp(design.width) > 0.5e-3  # something was painted at all
 
 
@@ -66,25 +66,25 @@ def test_brushes_do_what_their_names_say() -> None:
     assert before is not None
     for brush, more in (("stiffer", True), ("softer", False)):
         for inverted in (False, True):
-            after = stiffness(painted(design, brush, weight, Stroke(inverted)), POM)
+            after = stiffness(paint_spirals(design, brush, weight, Stroke(inverted)), POM)
             assert after is not None
             assert ((after > before)[inside] == (more is not inverted)).all()
     even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
-    wider = painted(even, "width", weight)
+    wider = paint_spirals(even, "width", weight)
     assert (wider.width[inside] > even.width[inside]).all() and (wider.twist == even.twist).all()
-    wound = painted(design, "twist", weight, Stroke(inverted=True))
+    wound = paint_spirals(design, "twist", weight, Stroke(inverted=True))
     assert (wound.twist[inside] < design.twist[inside]).all() and (wound.width == design.width).all()
 
 
 def test_along_widens_the_arms_that_lie_along_and_thins_those_across() -> None:
     design, _ = made()
     narrow = replace(design, width=np.full_like(design.width, 1.5e-3), twist=np.zeros_like(design.twist))
-    spokes = Canvas.of(narrow).spokes
+    spokes = Canvas.from_design(narrow).spokes
     level = np.abs(spokes[..., 2]).max(axis=1, keepdims=True) < 0.2 * np.abs(spokes).max(axis=(1, 2))[:, None]
     along = level & (np.abs(spokes[..., 0]) > 2.0 * np.abs(spokes[..., 1]))
     across = level & (np.abs(spokes[..., 1]) > 2.0 * np.abs(spokes[..., 0]))
-    ahead = painted(narrow, "along", np.ones(len(along)), Stroke(direction=np.array([1.0, 0.0, 0.0])))
-    aside = painted(narrow, "along", np.ones(len(along)), Stroke(True, np.array([1.0, 0.0, 0.0])))
+    ahead = paint_spirals(narrow, "along", np.ones(len(along)), Stroke(direction=np.array([1.0, 0.0, 0.0])))
+    aside = paint_spirals(narrow, "along", np.ones(len(along)), Stroke(True, np.array([1.0, 0.0, 0.0])))
     assert along.any() and across.any()
     assert (ahead.width[along] > 1.6e-3).all() and (ahead.width[across] < 1.4e-3).all()
     assert (aside.width[along] < 1.4e-3).all() and (aside.width[across] > 1.6e-3).all()
@@ -98,7 +98,7 @@ def test_a_symmetric_stroke_gives_a_symmetric_design() -> None:
     one = spot(mesh, 5, 0.08)
     weight = np.maximum(one, one[mirror.quads])
     for brush in ("stiffer", "width", "twist"):
-        after = painted(even, brush, 0.3 * weight)
+        after = paint_spirals(even, brush, 0.3 * weight)
         np.testing.assert_allclose(after.width.mean(axis=1)[mirror.quads], after.width.mean(axis=1), rtol=1e-9)
         np.testing.assert_allclose(after.twist[mirror.quads], after.twist, rtol=1e-9)
         assert np.ptp(after.width) + np.ptp(after.twist) > 1e-4
@@ -108,7 +108,7 @@ def test_smoothing_lowers_the_variation_and_leaves_even_spirals_as_they_are() ->
     design, mesh = made()
     rng = np.random.default_rng(2)
     even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
-    same = painted(even, "smooth", np.ones(len(even.twist)))
+    same = paint_spirals(even, "smooth", np.ones(len(even.twist)))
     np.testing.assert_allclose(same.width, even.width, rtol=1e-12)
     pairs = mesh.edge_quads[~mesh.border]
     rough = replace(
@@ -121,29 +121,29 @@ def test_smoothing_lowers_the_variation_and_leaves_even_spirals_as_they_are() ->
             [float(((v[pairs[:, 0]] - v[pairs[:, 1]]) ** 2).sum()) for v in (width, rough.twist)]
             + [float(np.ptp(rough.width, axis=1).mean())]
         )
-        rough = painted(rough, "smooth", np.ones(len(rough.twist)))
+        rough = paint_spirals(rough, "smooth", np.ones(len(rough.twist)))
     assert (np.diff(np.array(variation), axis=0) < 0.0).all()
 
 
 def test_a_level_of_stiffness_orders_the_spirals() -> None:
     design, mesh = made()
     level = np.clip(mesh.centroids[:, 0] / np.ptp(mesh.centroids[:, 0]) + 0.5, 0.0, 1.0)
-    after = painted(design, "stiffness", np.ones(len(level)), Stroke(level=level))
+    after = paint_spirals(design, "stiffness", np.ones(len(level)), Stroke(level=level))
     found = stiffness(after, POM)
     assert found is not None
     assert np.corrcoef(np.argsort(np.argsort(level)), np.argsort(np.argsort(found)))[0, 1] > 0.95
     with pytest.raises(FlexMapsError, match="needs a stiffness"):
-        painted(design, "stiffness", np.ones(len(level)))
+        paint_spirals(design, "stiffness", np.ones(len(level)))
     with pytest.raises(FlexMapsError, match="no brush 'stif'"):
-        painted(design, "stif", np.ones(len(level)))
+        paint_spirals(design, "stif", np.ones(len(level)))
     with pytest.raises(FlexMapsError, match="a weight"):
-        painted(design, "softer", np.full(len(level), np.nan))
+        paint_spirals(design, "softer", np.full(len(level), np.nan))
 
 
 def test_stiffness_of_a_part_is_that_of_the_whole() -> None:
     design, mesh = made()
     before = stiffness(design, POM)
-    after = painted(design, "stiffer", spot(mesh, 7, 0.05))
+    after = paint_spirals(design, "stiffer", spot(mesh, 7, 0.05))
     changed = (after.width != design.width).any(axis=1) | (after.twist != design.twist)
     assert before is not None and 0 < changed.sum() < len(changed)
     np.testing.assert_allclose(renewed(before, after, POM, changed), stiffness(after, POM), rtol=1e-12)
@@ -153,7 +153,7 @@ def test_stiffness_of_a_part_is_that_of_the_whole() -> None:
 def test_the_optimiser_leaves_protected_spirals_exactly_as_they_are(codesign: bool) -> None:
     design, mesh = made()
     kept = np.flatnonzero(spot(mesh, 12, 0.06) > 0.0)
-    mine = painted(design, "stiffer", np.where(np.isin(np.arange(len(design.twist)), kept), 0.7, 0.0))
+    mine = paint_spirals(design, "stiffer", np.where(np.isin(np.arange(len(design.twist)), kept), 0.7, 0.0))
     params = OptimiseParams(iterations=3, codesign=codesign, smoothness=0.01, strain_share=0.0, open_slots=False)
     found = optimise(mine, mesh, POM, params, SimulateParams(), constraints=Constraints(kept=kept), prove=False)
     assert found.start == "given"  # painted spirals are where it starts, though others may lie nearer

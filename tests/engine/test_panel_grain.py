@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.optimisation import panel_grain
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -20,7 +20,7 @@ ENDS = np.flatnonzero(np.isin(np.arange(24) % 6, (0, 5)))
 @pytest.fixture(scope="module")
 def settings():
 
-    return changed(Settings(), BIRCH | {"optimise.codesign": False, "simulate.tolerance": 1e-9})
+    return with_values(Settings(), BIRCH | {"optimise.codesign": False, "simulate.tolerance": 1e-9})
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def piece(settings):
     corner = np.arange(35).reshape(5, 7)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
     mesh = QuadMesh(points, quads)
-    made = job.run(PolygonMesh.of(mesh), settings, stop_after="check")
+    made = job.run(PolygonMesh.from_quads(mesh), settings, stop_after="check")
     cut = np.abs(mesh.vertices[mesh.edges][..., 1]).max(axis=1) < 1e-9
     made = job.go_on(job.flattened(made, cut, settings.layout), settings, ("spirals",))
     assert len(made.flat.layout.patches) == 2
@@ -91,9 +91,9 @@ def test_chosen_turns_are_never_farther_and_stay_on_the_sheet(piece, settings):
 
 def test_optimising_turns_panels_only_where_it_is_asked_to_and_there_is_a_grain(piece, settings):
     piece = replace(piece, supports=ENDS)
-    made = job.go_on(piece, changed(settings, {"optimise.grain": "free"}), ("optimise",))
+    made = job.go_on(piece, with_values(settings, {"optimise.grain": "free"}), ("optimise",))
     assert np.abs(made.flat.points - piece.flat.points).max() > 1e-3
     assert np.array_equal(made.design.flat.points, made.flat.points)
     for more in ({"optimise.grain": "common"}, {"optimise.grain": "free", "material.material": "pom"}):
-        plain = job.go_on(piece, changed(settings, more), ("optimise",))
+        plain = job.go_on(piece, with_values(settings, more), ("optimise",))
         assert np.array_equal(plain.flat.points, piece.flat.points)

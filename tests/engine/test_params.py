@@ -14,9 +14,9 @@ from flexmaps.engine.params import (
     RegulariseParams,
     SheetParams,
     SpiralParams,
-    changed,
     refuse_crossed,
     shown_values,
+    with_values,
 )
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
@@ -66,7 +66,7 @@ def test_values_of_another_kind(block, f):
     for value in wrong:
         _refused(partial(kind, **{f.name: value}), label)
     for value in wrong_text:
-        _refused(partial(changed, ObjectSettings(), {f"{block.name}.{f.name}": value}), label)
+        _refused(partial(with_values, ObjectSettings(), {f"{block.name}.{f.name}": value}), label)
 
 
 @pytest.mark.parametrize(("block", "f"), FIELDS, ids=NAMES)
@@ -81,13 +81,13 @@ def test_values_out_of_bounds(block, f):
 def test_what_is_shown_can_be_given_back():
     shown = shown_values(ObjectSettings())
     flat = {f"{section}.{name}": value for section, block in shown.items() for name, value in block.items()}
-    assert shown_values(changed(ObjectSettings(), flat)) == shown
-    assert shown_values(changed(ObjectSettings(), {name: str(value) for name, value in flat.items()})) == shown
+    assert shown_values(with_values(ObjectSettings(), flat)) == shown
+    assert shown_values(with_values(ObjectSettings(), {name: str(value) for name, value in flat.items()})) == shown
 
 
 def test_settings_that_bound_each_other():
     text = _refused(
-        lambda: changed(ObjectSettings(), {"spiral.twist_min": 300, "spiral.twist_max": 60}), "Smallest twist"
+        lambda: with_values(ObjectSettings(), {"spiral.twist_min": 300, "spiral.twist_max": 60}), "Smallest twist"
     )
     assert "Largest twist 60" in text
     assert "settings of spiral" in text
@@ -95,7 +95,7 @@ def test_settings_that_bound_each_other():
     assert SpiralParams(width_min=0.002, width_max=0.002 * (1 - 1e-8)).width_min == 0.002  # single precision
     _refused(lambda: SheetParams(sheet_width=0.01), "nothing but margin")
     # both change at once: the order does not matter
-    assert changed(ObjectSettings(), {"spiral.width_min": 5, "spiral.width_max": 6}).spiral.width_max == 0.006
+    assert with_values(ObjectSettings(), {"spiral.width_min": 5, "spiral.width_max": 6}).spiral.width_max == 0.006
 
 
 @pytest.mark.parametrize(("low", "high", "remedy"), BOUNDS, ids=[f"{low} {high}" for low, high, _ in BOUNDS])
@@ -103,7 +103,8 @@ def test_settings_of_two_sections_that_bound_each_other(low, high, remedy):
     least = shown_values(ObjectSettings())[high.split(".")[0]][high.split(".")[1]]
     wide = {"spiral.slot_min": 10} if high != "spiral.slot_min" else {}  # or that bound would be met first
     there = {
-        name: changed(ObjectSettings(), wide | {low: least * factor}) for name, factor in (("same", 1), ("above", 1.5))
+        name: with_values(ObjectSettings(), wide | {low: least * factor})
+        for name, factor in (("same", 1), ("above", 1.5))
     }
     blocks = {name: {f.name: getattr(s, f.name) for f in fields(s)} for name, s in there.items()}
     sections = {low.split(".")[0], high.split(".")[0]}
@@ -117,16 +118,16 @@ def test_settings_of_two_sections_that_bound_each_other(low, high, remedy):
 
 
 def test_a_stage_that_makes_something_refuses_settings_that_cross_before_it_begins():
-    crossed = changed(ObjectSettings(), {"cut.kerf_holes": 0.5})
+    crossed = with_values(ObjectSettings(), {"cut.kerf_holes": 0.5})
     flat = job.run(
-        PolygonMesh.of(shapes.make("strip")), crossed, stop_after="split"
+        PolygonMesh.from_quads(shapes.make("strip")), crossed, stop_after="split"
     )  # has nothing to do with the cutter
     with pytest.raises(FlexMapsError, match=r"Kerf, holes 0\.5 mm is above Smallest slot 0\.3 mm"):
         job.go_on(flat, crossed, ["spirals"])
 
 
 def test_what_the_message_says_of_bounds():
-    text = _refused(lambda: changed(ObjectSettings(), {"sheet.seed": math.inf}), "Seed")
+    text = _refused(lambda: with_values(ObjectSettings(), {"sheet.seed": math.inf}), "Seed")
     assert "a whole number from 0 to 2147483647" in text
     assert "from 0.1 mm to 50 mm" in _refused(lambda: SpiralParams(thickness="2"), "Thickness")  # type: ignore[arg-type]
     assert "a whole number" in _refused(lambda: RegulariseParams(iterations=2.5), "Iterations")  # type: ignore[arg-type]

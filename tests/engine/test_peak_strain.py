@@ -18,7 +18,7 @@ from flexmaps.engine.mechanics.arms.strain_changes import (
     largest,
     strained_arms,
 )
-from flexmaps.engine.mechanics.assembly import Assembly, Cut
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
@@ -68,7 +68,7 @@ def test_bending_of_a_curved_bar_by_the_exact_solution(curvature: float) -> None
 
     # the saturated curvature is what the sections use
     free = curvature / (1.0 - (curvature / SATURATION) ** 4) ** 0.25
-    at = Curvature.of(np.array([free]))
+    at = Curvature.evaluate(np.array([free]))
     assert at.bend[0] == pytest.approx(curvature)
     for side, radius in ((1.0, inside), (-1.0, outside)):
         found = -(0.5 * side - at.off * at.bend) / (at.off * (1.0 - 0.5 * side * at.bend))
@@ -77,9 +77,9 @@ def test_bending_of_a_curved_bar_by_the_exact_solution(curvature: float) -> None
 
 def test_functions_of_the_curvature_have_exact_derivatives() -> None:
     product = np.linspace(-6.0, 6.0, 1201)
-    found = Curvature.of(product)
+    found = Curvature.evaluate(product)
     for name in ("bend", "log", "off"):
-        slope = fourth_order(lambda t, n=name: getattr(Curvature.of(product + t), n), 1e-3)
+        slope = fourth_order(lambda t, n=name: getattr(Curvature.evaluate(product + t), n), 1e-3)
         assert getattr(found, name + "_by") == pytest.approx(slope, abs=1e-8), name
     assert found.log == pytest.approx(found.log[::-1]) and found.off[600] == pytest.approx(1.0 / 12.0)
 
@@ -90,16 +90,16 @@ def test_functions_of_the_curvature_have_exact_derivatives() -> None:
 )
 def test_torsion_of_rectangles_against_tabled_values(ratio: float, constant: float, shear: float) -> None:
     """Timoshenko and Goodier, section 109: M = k1 G theta a^3 b and M = k2 tau a^2 b, the shorter side being a."""
-    tall, wide = (Torsion.of(np.array([w]), h) for w, h in ((0.002, 0.002 * ratio), (0.002 * ratio, 0.002)))
+    tall, wide = (Torsion.evaluate(np.array([w]), h) for w, h in ((0.002, 0.002 * ratio), (0.002 * ratio, 0.002)))
     for found, middle in ((tall, 1), (wide, 2)):
         assert 1.0 / found.values[0, 0] == pytest.approx(constant * 0.002**4 * ratio, rel=3e-3)
         assert 1.0 / found.values[middle, 0] == pytest.approx(shear * 0.002**3 * ratio, rel=3e-3)
     width = np.geomspace(0.0003, 0.02, 200)
-    slope = fourth_order(lambda t: Torsion.of(width * (1.0 + t), 0.002).values, 1e-4) / width
-    assert Torsion.of(width, 0.002).slopes == pytest.approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
+    slope = fourth_order(lambda t: Torsion.evaluate(width * (1.0 + t), 0.002).values, 1e-4) / width
+    assert Torsion.evaluate(width, 0.002).slopes == pytest.approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
     # wider than high, sections hardly warp; narrow ones by a quarter of width times height (thin plates)
-    assert Torsion.of(np.array([0.0002]), 0.002).values[3, 0] == pytest.approx(0.25 * 0.0002 * 0.002, rel=0.1)
-    assert Torsion.of(np.array([0.004]), 0.002).values[3, 0] < 1e-3 * 0.004 * 0.002
+    assert Torsion.evaluate(np.array([0.0002]), 0.002).values[3, 0] == pytest.approx(0.25 * 0.0002 * 0.002, rel=0.1)
+    assert Torsion.evaluate(np.array([0.004]), 0.002).values[3, 0] < 1e-3 * 0.004 * 0.002
 
 
 def test_straight_arms_are_cantilevers() -> None:
@@ -153,7 +153,7 @@ def test_derivatives_by_wrenches_and_numbers(material: Material) -> None:
     assert found.by_numbers[:, GRAIN].any() == (material is BIRCH)
 
 
-def joints(count: int, *, clockwise: bool = False, cut: Cut | None = Cut(0.15, 0.00015)) -> Assembly:  # noqa: B008
+def joints(count: int, *, clockwise: bool = False, cut: CutSettings | None = CutSettings(0.15, 0.00015)) -> Assembly:  # noqa: B008
     """Joints of unlike arms in unlike quads, each between two spirals of its own."""
     rng, lever = np.random.default_rng(5), np.zeros((count, 2, 3))
     lever[:, 0, 0], lever[:, 1, 0] = 0.012, -0.012

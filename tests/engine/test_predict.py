@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 from flexmaps.engine.choosing import lines
-from flexmaps.engine.choosing.judge import Idea, Laid, Piece, lay
-from flexmaps.engine.choosing.predict import Start, predicted
+from flexmaps.engine.choosing.judge import Idea, Laid, LayoutProblem, lay
+from flexmaps.engine.choosing.predict import PredictionStart, predicted
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
-from flexmaps.engine.optimisation.inverse import Point
+from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.params import Settings
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -29,9 +29,9 @@ def sheet(height: float, across: int = 8, along: int = 6) -> QuadMesh:
 
 
 @cache
-def dome() -> tuple[Piece, dict[str, Laid]]:
+def dome() -> tuple[LayoutProblem, dict[str, Laid]]:
     """A dome with three of its layouts: whole and halved both ways."""
-    piece = Piece(sheet(0.03), Settings())
+    piece = LayoutProblem(sheet(0.03), Settings())
     ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
     for name, cut in lines.drawn(piece.mesh, 2, []):
         ideas[f"{name}, {int(cut.sum())} edges"] = cut
@@ -40,7 +40,7 @@ def dome() -> tuple[Piece, dict[str, Laid]]:
 
 
 def test_a_flat_sheet_is_matched() -> None:
-    piece = Piece(sheet(0.0), Settings())
+    piece = LayoutProblem(sheet(0.0), Settings())
     laid = lay(piece, Idea(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
     assert laid is not None and predicted(piece, laid.flat) < 1e-6
 
@@ -49,7 +49,7 @@ def test_no_search_begins_nearer_than_is_predicted() -> None:
     """The design that prediction begins with, simulated by itself, lies no nearer than the prediction."""
     piece, layouts = dome()
     for laid in layouts.values():
-        start = Start.from_layout(piece, laid.flat)
+        start = PredictionStart.from_layout(piece, laid.flat)
         design = SpiralDesign(laid.flat, piece.settings.spiral, *start.spirals)
         found = simulate(design, piece.mesh, piece.settings.material.chosen, piece.settings.simulate)
         near = predicted(piece, laid.flat, start)
@@ -60,7 +60,7 @@ def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: py
     piece, layouts = dome()
     near = [predicted(piece, laid.flat) for laid in layouts.values()]
 
-    def beyond(self: FlatProblem, x: np.ndarray, inner: Point) -> np.ndarray:
+    def beyond(self: FlatProblem, x: np.ndarray, inner: DesignPoint) -> np.ndarray:
         return np.concatenate([x[: self.own], np.resize([0.0, 1.0, 1.0], len(x) - self.own)])
 
     monkeypatch.setattr(FlatProblem, "within", beyond)
@@ -70,7 +70,7 @@ def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: py
 
 def test_it_hardly_matters_which_layout_gives_the_start() -> None:
     piece, layouts = dome()
-    starts = [Start.from_layout(piece, laid.flat) for laid in layouts.values()]
+    starts = [PredictionStart.from_layout(piece, laid.flat) for laid in layouts.values()]
     for laid in layouts.values():
         several = [predicted(piece, laid.flat, start) for start in starts]
         assert max(several) < 1.5 * min(several)

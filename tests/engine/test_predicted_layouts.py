@@ -11,9 +11,9 @@ import pytest
 from flexmaps.engine.choosing import choose as choosing
 from flexmaps.engine.choosing import search as searching
 from flexmaps.engine.choosing.decide import hopeful, pick
-from flexmaps.engine.choosing.judge import LONG, WHOLE, Idea, Judged, Laid, Piece, lay
-from flexmaps.engine.choosing.predict import Start, foreseen, predicted
-from flexmaps.engine.choosing.search import Search, creeping, key
+from flexmaps.engine.choosing.judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, lay
+from flexmaps.engine.choosing.predict import PredictionStart, foreseen, predicted
+from flexmaps.engine.choosing.search import LayoutSearch, creeping, key
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
@@ -21,10 +21,10 @@ from flexmaps.engine.workers import Workers
 
 
 @pytest.fixture(scope="module")
-def layouts() -> tuple[Piece, list[Laid]]:
+def layouts() -> tuple[LayoutProblem, list[Laid]]:
     """A ball in its six faces, in three pairs of them, and in two times three."""
     mesh = shapes.make("cubesphere")
-    piece, out = Piece(mesh, Settings()), mesh.centroids - mesh.centroids.mean(axis=0)
+    piece, out = LayoutProblem(mesh, Settings()), mesh.centroids - mesh.centroids.mean(axis=0)
     face = 2 * np.abs(out).argmax(axis=1) + (np.take_along_axis(out, np.abs(out).argmax(axis=1)[:, None], 1)[:, 0] > 0)
     one, two = mesh.edge_quads.T
     made = []
@@ -35,18 +35,18 @@ def layouts() -> tuple[Piece, list[Laid]]:
     return piece, made
 
 
-def test_a_layout_is_judged_by_what_is_predicted_of_it(layouts: tuple[Piece, list[Laid]]) -> None:
+def test_a_layout_is_judged_by_what_is_predicted_of_it(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
     piece, made = layouts
-    start = Start.from_layout(piece, made[0].flat)
+    start = PredictionStart.from_layout(piece, made[0].flat)
     for laid in made:
         one = foreseen(piece, start, laid)
         assert one is not None and one.rms == predicted(piece, laid.flat, start) and one.share == 0.0
         assert one.cut_length is None and one.largest >= one.rms and one.spirals[0].shape == (len(piece.mesh.quads), 4)
 
 
-def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[Piece, list[Laid]]) -> None:
+def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
     piece, (six, three, two) = layouts
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.008), (three, 0.016), (two, 0.05)):
         search.known[key(laid)] = _judged(laid, rms, 0.0)
     assert [one.laid for one in search.judged] == [six, three, two], "only six panels are predicted to hold 1 %"
@@ -60,20 +60,20 @@ def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[
     assert search.expected == pytest.approx(1.5), "the worst of several"
 
 
-def _judged(laid: Laid, rms: float, share: float) -> Judged:
+def _judged(laid: Laid, rms: float, share: float) -> JudgedLayout:
     count = len(laid.flat.layout.mesh.quads)
     spirals = np.zeros((count, 4)), np.zeros(count)
     empty = np.zeros(count)
-    return Judged(laid, rms, rms, 0.5, None, empty, empty.astype(int), "", share, None, None, spirals, laid.flat)
+    return JudgedLayout(laid, rms, rms, 0.5, None, empty, empty.astype(int), "", share, None, None, spirals, laid.flat)
 
 
 @pytest.mark.parametrize(("near", "panels"), [(0.017, 3), (0.0195, 3), (0.022, 6)])
 def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
-    layouts: tuple[Piece, list[Laid]], near: float, panels: int
+    layouts: tuple[LayoutProblem, list[Laid]], near: float, panels: int
 ) -> None:
     """Nothing holds 1 %: six panels come to 1.6 %, three with fewer joints less near."""
     piece, (six, three, two) = layouts
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     judged = [_judged(six, 0.016, LONG), _judged(three, near, LONG), _judged(two, 0.05, LONG)]
     found = pick(search, judged, two)
     assert found.laid.panels == panels
@@ -93,12 +93,12 @@ def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
     ],
 )
 def test_an_optimised_layout_stays_unless_another_comes_nearer(
-    layouts: tuple[Piece, list[Laid]], given: int, others: dict[int, float], panels: int
+    layouts: tuple[LayoutProblem, list[Laid]], given: int, others: dict[int, float], panels: int
 ) -> None:
     """Optimised it came to 2 %; searches of others ended at these shares of the size."""
     piece, made = layouts
     laid = dict(zip((6, 3, 2), made, strict=True))
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     judged = [_judged(laid[given], 0.02, WHOLE), *(_judged(laid[n], rms, LONG) for n, rms in others.items())]
     assert pick(search, sorted(judged, key=search.key), laid[given]).laid.panels == panels
 
@@ -114,12 +114,12 @@ def test_an_optimised_layout_stays_unless_another_comes_nearer(
     ],
 )
 def test_only_layouts_that_would_be_taken_are_searched(
-    layouts: tuple[Piece, list[Laid]], given: int, other: int, rms: float, worth: bool
+    layouts: tuple[LayoutProblem, list[Laid]], given: int, other: int, rms: float, worth: bool
 ) -> None:
     """The given layout was optimised and came to 2 %; of the other one this is predicted."""
     piece, made = layouts
     laid = dict(zip((6, 3, 2), made, strict=True))
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     one = _judged(laid[other], rms, 0.0)
     search.known[key(laid[other])] = one
     assert hopeful(search, one), "nothing was optimised"
@@ -138,11 +138,11 @@ def test_only_layouts_that_would_be_taken_are_searched(
     ],
 )
 def test_a_second_search_is_for_layouts_that_it_may_decide_on(
-    layouts: tuple[Piece, list[Laid]], rms: float, strain: float, again: bool
+    layouts: tuple[LayoutProblem, list[Laid]], rms: float, strain: float, again: bool
 ) -> None:
     """The given layout was optimised and came to 2 %."""
     piece, (six, three, _) = layouts
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     found = replace(_judged(six, rms, LONG), strain=strain)
     for laid, one in ((three, _judged(three, 0.02, WHOLE)), (six, found)):
         search.known[key(laid)] = search.proved[key(laid)] = one
@@ -150,9 +150,9 @@ def test_a_second_search_is_for_layouts_that_it_may_decide_on(
     assert found.proved == (strain <= 1.0)
 
 
-def test_layouts_are_searched_for_that_are_expected_to_be_better(layouts: tuple[Piece, list[Laid]]) -> None:
+def test_layouts_are_searched_for_that_are_expected_to_be_better(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
     piece, (six, three, two) = layouts
-    search = Search(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
+    search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.015), (three, 0.03), (two, 0.02)):
         search.known[key(laid)] = _judged(laid, rms, 0.0)
     search.proved[key(two)] = _judged(two, 0.02, WHOLE)

@@ -12,7 +12,7 @@ import pytest
 from flexmaps.engine.choosing import prospects
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.optimisation.reach import reach
+from flexmaps.engine.optimisation.reach import find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate
@@ -26,7 +26,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 @lru_cache(maxsize=1)
 def saddle() -> Simulation:
     """A saddle of evenly soft spirals, which is far from its target."""
-    made = job.run(PolygonMesh.of(shapes.make("saddle")), Settings(), edge=0.02, stop_after="spirals")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="spirals")
     assert made.flat is not None
     design = uniform(made.flat, Settings().spiral)
     found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
@@ -54,14 +54,14 @@ def told(
     monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None))
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
     found = saddle()
-    return prospects.prospects(found, reach(found), Settings()), held
+    return prospects.prospects(found, find_limits(found), Settings()), held
 
 
 def test_nothing_is_tried_within_the_match_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
     now = saddle().match["rms_percent"]
     monkeypatch.setattr(prospects, "_holding", lambda *_: pytest.fail("tried"))
     near = Settings(choose=replace(Settings().choose, match=1.01 * now))
-    assert prospects.prospects(saddle(), reach(saddle()), near) is None
+    assert prospects.prospects(saddle(), find_limits(saddle()), near) is None
 
 
 def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -91,7 +91,7 @@ def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(prospects, "optimise", search)
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: pytest.fail("searched"))
-    assert list(prospects.prospects(saddle(), reach(saddle()), Settings()) or ()) == ["lowest"] and len(held) == 1
+    assert list(prospects.prospects(saddle(), find_limits(saddle()), Settings()) or ()) == ["lowest"] and len(held) == 1
 
 
 def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -111,10 +111,13 @@ def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.Monkey
     monkeypatch.setattr(prospects, "judge", judged)
     monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
     monkeypatch.setattr(prospects, "with_cuts", lambda *_: iter(()))
-    told = prospects.prospects(found, reach(found), Settings(), supports=np.array([0, 1])) or {}
+    told = prospects.prospects(found, find_limits(found), Settings(), supports=np.array([0, 1])) or {}
     assert told == {"round": pytest.approx(0.1)} and len(tried) == 1
     piece, laid = tried[0]
-    sharpest = [turns(PolygonMesh.of(mesh), sides_of(PolygonMesh.of(mesh))).max() for mesh in (made.mesh, piece.mesh)]
+    sharpest = [
+        turns(PolygonMesh.from_quads(mesh), sides_of(PolygonMesh.from_quads(mesh))).max()
+        for mesh in (made.mesh, piece.mesh)
+    ]
     assert sharpest[0] == pytest.approx(np.pi / 2) and sharpest[1] <= SHARP
     np.testing.assert_array_equal(laid.cut, made.flat.layout.cut)
 
@@ -123,7 +126,7 @@ def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(prospects, "_held", lambda *_: pytest.fail("held elsewhere"))
     monkeypatch.setattr(prospects, "_cut", lambda *_: 0.1)
     found = saddle()
-    assert list(prospects.prospects(found, reach(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
+    assert list(prospects.prospects(found, find_limits(found), Settings(), supports=np.array([0, 1]))) == ["cut"]
 
 
 @pytest.mark.thorough
@@ -133,7 +136,7 @@ def test_the_full_search_comes_as_near_as_is_told() -> None:
     from flexmaps.engine.mechanics.loads import LOWEST, standing
     from flexmaps.engine.optimisation.optimise import optimise
 
-    made = job.run(PolygonMesh.of(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
     assert made.simulation is not None and made.limits is not None and made.design is not None
     found = prospects.prospects(made.simulation, made.limits, Settings()) or {}
     settings = Settings()

@@ -19,7 +19,7 @@ from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
 from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
 from flexmaps.engine.surface.quadrangulation.rounding import rounded
 from flexmaps.engine.surface.quadrangulation.seamless import _kernel
-from flexmaps.engine.surface.quadrangulation.separation import NOTHING, Apart
+from flexmaps.engine.surface.quadrangulation.separation import NOTHING, PositiveSums
 
 t = sys.modules["flexmaps_triangles"]
 
@@ -199,7 +199,7 @@ def test_rounding_keeps_pairs_apart(seed):
     size = 6
     matrix = np.eye(size) + 0.1 * np.ones((size, size))
     right = matrix @ (np.random.default_rng(seed).uniform(-1, 1) + 0.25 * np.arange(size))
-    chain = Apart(np.diff(np.eye(size), axis=0), np.ones(size - 1))
+    chain = PositiveSums(np.diff(np.eye(size), axis=0), np.ones(size - 1))
     assert not chain.hold(rounded(matrix, right, NOTHING))
     got = rounded(matrix, right, chain)
     assert chain.hold(got)
@@ -207,7 +207,7 @@ def test_rounding_keeps_pairs_apart(seed):
 
 
 def test_what_cannot_be_kept_apart_is_left():
-    impossible = Apart(np.array([[1.0], [-1.0]]), np.ones(2))
+    impossible = PositiveSums(np.array([[1.0], [-1.0]]), np.ones(2))
     assert rounded(np.eye(1), np.zeros(1), impossible) == 0
 
 

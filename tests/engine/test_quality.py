@@ -8,7 +8,7 @@ from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, refine, requad
-from flexmaps.engine.surface.remeshing.mend import Target, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, of_rows
 
 
 def cylinder(turn: float, n: int = 24) -> QuadMesh:
@@ -40,7 +40,7 @@ def cube(n: int) -> PolygonMesh:
     return of_rows(places / n, index.reshape(-1)[np.concatenate(rows)])
 
 
-def as_target(quads: PolygonMesh) -> Target:
+def as_target(quads: PolygonMesh) -> TargetSurface:
     return requad.target_of(quads)
 
 

@@ -105,7 +105,7 @@ def test_a_plate_with_holes_is_one_panel() -> None:
     assert len(whole.interiors) == 49
     assert whole.area == pytest.approx(mesh.areas.sum(), rel=1e-6)
     # and it can be cut as such: one outline, 49 holes of the surface among those round the inner vertices
-    result = job.begin(PolygonMesh.of(mesh))
+    result = job.begin(PolygonMesh.from_quads(mesh))
     result = job.go_on(job.replace(result, flat=made), Settings(), ("spirals", "sheets"))
     assert result.sheets is not None
     inner = int((~mesh.on_border).sum())
@@ -190,7 +190,7 @@ def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
     for seamless in (True, False):
         params = LayoutParams(seamless=seamless)
         made = merge.merge(trace.trace(mesh, params), params)
-        result = job.replace(job.begin(PolygonMesh.of(mesh)), flat=made)
+        result = job.replace(job.begin(PolygonMesh.from_quads(mesh)), flat=made)
         found = job.go_on(result, Settings(layout=params), ("spirals", "simulate")).simulation
         assert found is not None
         assert bool(made.layout.cut.any()) is not seamless

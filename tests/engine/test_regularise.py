@@ -192,7 +192,7 @@ def test_warped_quads_are_pressed_flat():
 
 def test_lines_of_a_box():
     cube = shapes.voxels(np.ones((8, 6, 4), dtype=bool))
-    guide = Guide.of(cube, True)
+    guide = Guide.from_mesh(cube, True)
     assert guide.fixed.sum() == 8
     assert len(guide.sliding) == 4 * (7 + 5 + 3)
     assert len(guide.line_edges) == 4 * (8 + 6 + 4)

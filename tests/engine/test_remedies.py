@@ -32,9 +32,9 @@ def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
     thickness = 0.003
     before = bent(thickness, radius)
     assert 1.0 < before < remedies.MOST
-    times = remedies.larger(before, soft=False)
+    times = remedies.size_factor(before, soft=False)
     assert 1.0 - remedies.STEP < bent(thickness, times * radius) <= 1.0
-    sheet = remedies.thinner(thickness, times)
+    sheet = remedies.thinner_sheet(thickness, times)
     assert sheet is not None and bent(sheet, radius) <= 1.0
     share = 10.0 ** (math.log10(sheet) % 1.0)
     assert min(abs(share - usual) for usual in remedies.SERIES) < 1e-6
@@ -44,26 +44,26 @@ def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
 
 def test_where_no_strain_says_how_much_it_is_a_modest_step() -> None:
     for strain in (None, 0.0, 0.7):
-        assert remedies.larger(strain, soft=True) == remedies.FIRST_FACTOR
-    assert remedies.larger(1.4, soft=True) == 1.4
-    assert remedies.larger(50.0, soft=False) == remedies.MOST
-    assert remedies.thinner(0.0001, 1.25) is None  # the thinnest that can be asked for
-    assert remedies.thinner(0.002, 1.0) == pytest.approx(0.0015)
-    assert remedies.thinner(0.0021, 1.0) == pytest.approx(0.002)
-    assert remedies.finer(240) == 480 and remedies.finer(99_999) is None
+        assert remedies.size_factor(strain, soft=True) == remedies.FIRST_FACTOR
+    assert remedies.size_factor(1.4, soft=True) == 1.4
+    assert remedies.size_factor(50.0, soft=False) == remedies.MOST
+    assert remedies.thinner_sheet(0.0001, 1.25) is None  # the thinnest that can be asked for
+    assert remedies.thinner_sheet(0.002, 1.0) == pytest.approx(0.0015)
+    assert remedies.thinner_sheet(0.0021, 1.0) == pytest.approx(0.002)
+    assert remedies.quad_count(240) == 480 and remedies.quad_count(99_999) is None
 
 
 def test_what_cannot_be_followed_is_left_out() -> None:
-    every = remedies.amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.003, quads=100)
+    every = remedies.remedy_amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.003, quads=100)
     assert every == {"cut": None, "larger": 1.35, "thinner": 2.0, "finer": 200}
-    least = remedies.amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.0001, quads=90_000)
+    least = remedies.remedy_amounts(remedies.REMEDIES, strain=1.33, soft=False, thickness=0.0001, quads=90_000)
     assert least == {"cut": None, "larger": 1.35}
 
 
 def test_blocks_of_earlier_versions_tell_of_a_cut_in_their_sentence_alone() -> None:
-    assert remedies.of_block({"advice": "a cut there would help"}) == {"cut": None}
-    assert remedies.of_block({"advice": "a larger object would help"}) == {}
-    assert remedies.of_block({"advice": "a cut", "remedies": {"larger": 1.25, "of another version": 3}}) == {
+    assert remedies.read_block({"advice": "a cut there would help"}) == {"cut": None}
+    assert remedies.read_block({"advice": "a larger object would help"}) == {}
+    assert remedies.read_block({"advice": "a cut", "remedies": {"larger": 1.25, "of another version": 3}}) == {
         "larger": 1.25
     }
 
@@ -118,7 +118,7 @@ def test_every_kind_has_its_remedies(kind: str, wanted: list[str]) -> None:
 def dome() -> Result:
     """In as few panels as the limits allow, so that its arms are strained."""
     few = Settings(choose=ChooseParams(goal="panels"))
-    return job.run(PolygonMesh.of(shapes.make("dome")), few, edge=0.02, stop_after="spirals")
+    return job.run(PolygonMesh.from_quads(shapes.make("dome")), few, edge=0.02, stop_after="spirals")
 
 
 def on_sheets_of(side: float) -> Settings:
@@ -129,7 +129,7 @@ def on_sheets_of(side: float) -> Settings:
 def test_as_much_larger_as_is_advised_the_arms_bear_their_strain() -> None:
     """The advice scales the solved shape; the larger piece is fitted and solved anew."""
     start, before = dome(), strained_by(1.42)
-    told = reaching.reach(before).report()["remedies"]
+    told = reaching.find_limits(before).report()["remedies"]
     assert 1.2 < told["larger"] < 1.6, "about as much as it is strained too much"
     about = np.array([0.1, -0.2, 0.3])
     larger = job.enlarged(start, told["larger"], about, on_sheets_of(1.0))
@@ -143,14 +143,14 @@ def test_as_much_larger_as_is_advised_the_arms_bear_their_strain() -> None:
     after = simulate(larger.design, larger.mesh, before.material, SimulateParams())
     assert after.strain is not None and after.strain.max() == pytest.approx(1.0 / STRAIN_MARGIN, rel=0.08)
     if after.strain.max() <= 1.0 / STRAIN_MARGIN:
-        assert "larger" not in reaching.reach(after).remedies
+        assert "larger" not in reaching.find_limits(after).remedies
 
 
 def test_of_as_thin_a_sheet_as_is_advised_the_arms_bear_their_strain() -> None:
     """The next thicker one of the series does not do; both are solved anew."""
     start, before = dome(), strained_by(1.15)
     assert start.design is not None
-    told = reaching.reach(before).report()["remedies"]["thinner"]
+    told = reaching.find_limits(before).report()["remedies"]["thinner"]
     usual = sorted(round(share * decade, 6) for share in remedies.SERIES for decade in (0.1, 1.0))
     sheets = [sheet for sheet in usual if told <= sheet < 1e3 * before.assembly.thickness]
     strains = {}

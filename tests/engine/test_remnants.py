@@ -158,13 +158,13 @@ def test_a_piece_on_a_remnant(tmp_path: Path) -> None:
     from flexmaps.engine.fabrication import estimates, sheets
     from flexmaps.engine.fabrication.writers import dxf
     from flexmaps.engine.materials import MATERIALS
-    from flexmaps.engine.params import CostParams, Settings, changed
+    from flexmaps.engine.params import CostParams, Settings, with_values
     from flexmaps.engine.runs import job
     from flexmaps.engine.surface import shapes as surfaces
     from flexmaps.engine.surface.mesh import PolygonMesh
 
-    settings = changed(Settings(), {"sheet.nesting": "FAST", "sheet.remnants": str(as_dxf(tmp_path / "a.dxf"))})
-    result = job.run(PolygonMesh.of(surfaces.make("quad", 0.06)), settings)
+    settings = with_values(Settings(), {"sheet.nesting": "FAST", "sheet.remnants": str(as_dxf(tmp_path / "a.dxf"))})
+    result = job.run(PolygonMesh.from_quads(surfaces.make("quad", 0.06)), settings)
     made = result.sheets
     assert made is not None and result.design is not None and made.packing.remnants
     assert sheets.sheets_report(made)["remnants"] == ["a"]

@@ -12,7 +12,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import coverage, requad, soundness
-from flexmaps.engine.surface.remeshing.mend import Target, mended, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, mended, of_rows
 
 RADIUS = 0.5
 OWN = requad.OWN
@@ -136,9 +136,11 @@ def tried(monkeypatch: pytest.MonkeyPatch, works: Callable[[float, float, float]
     """What is tried along the curvature of a box, in how many maps at most, where ``works`` tells what gives quads."""
     hows: list[tuple[float, float, float]] = []
 
-    def own(surface: PolygonMesh, whole: Target, count: int, how: tuple, progress: Progress) -> requad.Judged | str:
+    def own(
+        surface: PolygonMesh, whole: TargetSurface, count: int, how: tuple, progress: Progress
+    ) -> requad.SoundQuads | str:
         hows.append(how)
-        return requad.Judged(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
+        return requad.SoundQuads(surface, (0, 0, 0), 1.0) if works(*how) else "The map folds over itself"
 
     monkeypatch.setattr(requad, "OWN", OWN)
     monkeypatch.setattr(requad, "MAPS", maps)
@@ -223,7 +225,7 @@ def poor(quads: PolygonMesh) -> set[str]:
     return {f.code for f in check.findings(quads) if f.is_error}
 
 
-def sphere_target() -> Target:
+def sphere_target() -> TargetSurface:
     return requad.target_of(halved(ball(24)))
 
 
@@ -366,7 +368,7 @@ def test_quads_of_a_part_of_the_surface_are_taken_where_there_are_no_others(monk
     assert [finding.code for finding in found.findings] == ["surface-missed"]
     found = requad.requad(halved(ball(8)), 96, Balls(parts=1))
     assert not found.findings and requad.is_closed(found.polygons)
-    judged = requad.Judged(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
+    judged = requad.SoundQuads(ball(6), (0, 0, 0), 1.0)  # a body that cuts itself has lost no more than what was inside
     assert requad._BodySearch(both(ball(8), ball(8, (0.3, 0.0, 0.0))), 216, Balls(), "")._with_losses(judged) is judged
 
 

@@ -10,7 +10,7 @@ from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation import rests
-from flexmaps.engine.simulation.other_rests import other_rests
+from flexmaps.engine.simulation.other_rests import find_other_rests
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 @pytest.fixture(scope="module")
 def saddle() -> Simulation:
-    found = job.run(PolygonMesh.of(shapes.make("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make("saddle", 0.05)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     held = np.flatnonzero(found.mesh.centroids[:, 2] < found.mesh.centroids[:, 2].min() + 0.005)
     return simulate(
@@ -33,7 +33,7 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
     other = saddle.others[0]
     assert other.energy > saddle.equilibrium.energy and rests.lower_rest(saddle.equilibrium, saddle.others) is None
     higher = dataclasses.replace(saddle, equilibrium=other, others=[])
-    found = other_rests(higher, SimulateParams(clamped=False))
+    found = find_other_rests(higher, SimulateParams(clamped=False))
     assert found.others[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
     told = [one for one in found.findings if one.code in rests.RESTS]
     assert len(told) == 1 and told[0].faces and "less energy" in told[0].message
@@ -55,7 +55,7 @@ def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target
 
 
 def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
-    again = other_rests(saddle, SimulateParams(clamped=False))
+    again = find_other_rests(saddle, SimulateParams(clamped=False))
     assert again.assembled is None  # the target's pose leads to the simulated rest
     assert all(one.code not in rests.RESTS for one in again.findings)
     higher = dataclasses.replace(saddle, assembled=saddle.others[0])
@@ -91,10 +91,10 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
     both = [system.pattern.matrix(system.values(of)).toarray() for of in (here.hessian, here.convex)]
     softest = float(eigh(*both, eigvals_only=True, subset_by_index=(0, 0))[0])
     assert not [one for one in saddle.findings if one.code == "about-to-snap"]
-    monkeypatch.setattr(rests, "SNAPPING", 0.95 * softest)
-    assert not len(rests.snapping(saddle.equilibrium, saddle.softest)[0])
-    monkeypatch.setattr(rests, "SNAPPING", 1.05 * softest)
-    moving, share = rests.snapping(saddle.equilibrium, saddle.softest)
+    monkeypatch.setattr(rests, "SNAP_STIFFNESS", 0.95 * softest)
+    assert not len(rests.snapping_spirals(saddle.equilibrium, saddle.softest)[0])
+    monkeypatch.setattr(rests, "SNAP_STIFFNESS", 1.05 * softest)
+    moving, share = rests.snapping_spirals(saddle.equilibrium, saddle.softest)
     assert len(moving) and share == pytest.approx(softest, rel=1e-4)
     assert (
         "about-to-snap"

@@ -19,17 +19,17 @@ from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import Firmness
+from flexmaps.engine.optimisation.firmness import StabilityRequirement
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.open_slots import Opening
-from flexmaps.engine.optimisation.terms import Bearing
+from flexmaps.engine.optimisation.open_slots import SlotRequirement
+from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import ChooseParams, Settings, SimulateParams, SpiralParams
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals import design as designs
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -44,7 +44,7 @@ def polygon(outline):
 @lru_cache(maxsize=4)
 def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh]:
     settings = Settings(spiral=RIM, choose=ChooseParams(goal="panels"))
-    found = job.run(PolygonMesh.of(shapes.make(name, edge)), settings, edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make(name, edge)), settings, edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
@@ -52,7 +52,9 @@ def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh
 @pytest.mark.parametrize("material", ["vero", "birch"])
 def test_derivatives_that_are_found_later_are_those_found_at_once(material):
     whole = of_design(made()[0])
-    at_once, later = (ArmModel.of(whole, MATERIALS[material], curving=False, slopes=slopes) for slopes in (True, False))
+    at_once, later = (
+        ArmModel.from_assembly(whole, MATERIALS[material], curving=False, slopes=slopes) for slopes in (True, False)
+    )
     assert later.compliance.by is None
     np.testing.assert_array_equal(later.compliance.values, at_once.compliance.values)
     for part in (lambda model: model, lambda model: model.without_strips, lambda model: model.of_rim):
@@ -112,7 +114,7 @@ def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
 def test_strips_and_necks_are_beams(flat_grid):
     flat = flat_grid(3, 1)
     plain = dataclasses.replace(RIM, rim_hole=0.0)
-    model = ArmModel.of(of_design(designs.uniform(flat, plain, width=0.0015, twist=1.0)), VERO)
+    model = ArmModel.from_assembly(of_design(designs.uniform(flat, plain, width=0.0015, twist=1.0)), VERO)
     whole = model.assembly
     straight = np.flatnonzero(np.abs(np.linalg.norm(whole.lever, axis=2).sum(axis=1) - 0.02) < 1e-9)
     straight = straight[straight >= whole.ties.stop]
@@ -170,19 +172,19 @@ def test_forces_and_stiffness_are_differences_of_the_energy():
 def problem(share: float, groups: int, opening: float | None, soft: float = 0.0) -> tuple[FlatProblem, Pose]:
     whole, mesh = made()
     assembly = of_design(whole)
-    space = DesignSpace.of(whole, assembly, groups)
+    space = DesignSpace.from_design(whole, assembly, groups)
     found = FlatProblem(
         assembly=assembly,
         space=space,
         target=Target(assembly.pairs, mesh.centroids),
-        loads=Loads.of(assembly.size),
+        loads=Loads.for_spirals(assembly.size),
         build=lambda a, _: build_model(a, VERO, "arm", quick=True),
         simulate=SimulateParams(tolerance=1e-11),
-        bearing=Bearing(VERO, share) if share else None,
-        room=Room.of(whole.flat, whole.params),
-        opening=None if opening is None else dataclasses.replace(Opening.of(whole), width=opening),
-        flat=FlatRange.of(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, space.free, border=False),
-        firmness=Firmness(soft, enough=0.999, modes=3) if soft else None,
+        bearing=StrainLimit(VERO, share) if share else None,
+        room=ClearanceModel.from_flat(whole.flat, whole.params),
+        opening=None if opening is None else dataclasses.replace(SlotRequirement.from_design(whole), width=opening),
+        flat=FlatRange.from_patches(whole.flat, 0.5, 0.035, 0.06, 1e-3, whole.flat, space.free, border=False),
+        firmness=StabilityRequirement(soft, enough=0.999, modes=3) if soft else None,
     )
     return found, target_pose(mesh, whole.flat.corners)
 
@@ -213,7 +215,7 @@ def test_the_optimisers_gradient_is_a_difference(options):
 
 def test_rooms_beside_arms_at_the_rim_follow_the_design():
     whole, _ = made()
-    room, rng, size = Room.of(whole.flat, RIM), np.random.default_rng(2), whole.width.size
+    room, rng, size = ClearanceModel.from_flat(whole.flat, RIM), np.random.default_rng(2), whole.width.size
     way = rng.normal(size=size + len(whole.twist)) * np.repeat([1e-3, 0.1], [size, len(whole.twist)])
 
     def value(t: float) -> float:

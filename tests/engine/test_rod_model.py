@@ -123,7 +123,7 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
     design = np.column_stack([rng.uniform(0.0012, 0.0018, (one.size, 4)), rng.uniform(0.5, 1.5, one.size)])
 
     def model(design: np.ndarray) -> RodModel:
-        return RodModel.of(one.redesigned(design[:, :4], design[:, 4]), material("vero"))
+        return RodModel.from_assembly(one.redesigned(design[:, :4], design[:, 4]), material("vero"))
 
     def forces(design: np.ndarray) -> np.ndarray:
         varied = model(design)
@@ -181,7 +181,7 @@ def test_mirrored_spirals_have_mirrored_energies(net):
     mirrored = replace(one, lever=one.lever @ flip, axes=flip @ one.axes @ flip, clockwise=True)
     pose = _shaken(pose, 0.4, np.random.default_rng(6))
     there = Pose(pose.centres @ flip, flip @ pose.rotations @ flip)
-    first, second = RodModel.of(one, material("vero")), RodModel.of(mirrored, material("vero"))
+    first, second = RodModel.from_assembly(one, material("vero")), RodModel.from_assembly(mirrored, material("vero"))
     assert second.energy(second.start(there)) == pytest.approx(first.energy(first.start(pose)), rel=1e-12)
     np.testing.assert_allclose(second.torsion(second.start(there)), -first.torsion(first.start(pose)), atol=1e-12)
 
@@ -366,5 +366,5 @@ def test_spirals_outside_the_parameters_are_named(net):
     one, _ = net
     width = one.width.copy()
     width[[3, 7]] = 0.004
-    (found,) = RodModel.of(replace(one, width=width), material("vero")).beyond()
+    (found,) = RodModel.from_assembly(replace(one, width=width), material("vero")).beyond()
     assert found.quantity == "width / thickness" and found.spirals.tolist() == [3, 7]

@@ -9,14 +9,14 @@ import pytest
 import shapely
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import of_design
-from flexmaps.engine.optimisation.bounds import lowest
+from flexmaps.engine.optimisation.bounds import narrowest_per_pair
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals import pairs, spiral
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.opening import opened
-from flexmaps.engine.spirals.room import Room
+from flexmaps.engine.spirals.opening import open_gaps
+from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.spirals.spiral import alike
 
 WIDE = 6.0  # rooms: all that is near in any way
@@ -39,7 +39,7 @@ def case(flat_grid, request):
     )
     params = replace(SpiralParams(), clockwise=request.param)
     rng = np.random.default_rng(5)
-    return Room.of(flat, params), flat, rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(2.0, 5.0, 12)
+    return ClearanceModel.from_flat(flat, params), flat, rng.uniform(0.001, 0.002, (12, 4)), rng.uniform(2.0, 5.0, 12)
 
 
 def _kinds(room, terms):
@@ -83,7 +83,7 @@ def test_derivatives_agree_with_differences(case, kind, by):
 
 def test_the_barrier_is_smooth_and_infinite_where_a_room_is_closed(flat_grid):
     flat = flat_grid(3, 3, move=lambda p: _sheared(p, 0.3))
-    room, rng = Room.of(flat, SpiralParams()), np.random.default_rng(7)
+    room, rng = ClearanceModel.from_flat(flat, SpiralParams()), np.random.default_rng(7)
     width, twist = rng.uniform(0.001, 0.002, (9, 4)), rng.uniform(4.0, 7.0, 9)
     while room.closed(width, twist).any():
         twist = np.where(room.closed(width, twist), 0.95 * twist, twist)
@@ -120,7 +120,7 @@ def test_the_narrowest_places_alone_are_those_among_all(case, below):
     for most in (1.5, 3.0, 4.0, 5.0, 6.0):
         twist = rng.uniform(0.3 * most, most, 12)
         every, alone = (
-            lowest(room.terms(width, twist, below=below, flat=True, least=least)) for least in (False, True)
+            narrowest_per_pair(room.terms(width, twist, below=below, flat=True, least=least)) for least in (False, True)
         )
         assert alone.arms.tolist() == every.arms.tolist()
         assert (room.closed(width, twist).sum() > 0) == bool((every.value < 0.0).any())
@@ -134,7 +134,10 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     flat = flat_grid(4, 4, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
     width, twist = np.full((16, 4), 0.001), rng.uniform(1.0, 4.0, 16)
     params = replace(SpiralParams(), clockwise=clockwise)
-    room, terms = Room.of(flat, params), Room.of(flat, params).terms(width, twist, below=12.0)
+    room, terms = (
+        ClearanceModel.from_flat(flat, params),
+        ClearanceModel.from_flat(flat, params).terms(width, twist, below=12.0),
+    )
     least: dict[tuple[int, int], float] = {}
     for (
         (one, _, two, _),
@@ -170,7 +173,7 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
     """Where no gap is in the way, to just where the model ends; spirals that nothing is joined to are left."""
     flat = flat_grid(4, 3, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
     params = replace(SpiralParams(), clockwise=clockwise)
-    room, width, wound = Room.of(flat, params), alike(np.full(12, 0.002)), np.full(12, 9.0)
+    room, width, wound = ClearanceModel.from_flat(flat, params), alike(np.full(12, 0.002)), np.full(12, 9.0)
     none = np.zeros(len(room.need), dtype=bool)
     room = replace(room, pairs=room.pairs.of(none), need=room.need[none], sharpest=np.full(48, -np.inf))
 
@@ -180,7 +183,7 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
 
     assert beyond(wound) and room.closed(width, wound).all()
     free = np.ones(12, dtype=bool)
-    same, twist = opened(room, np.full(12, 0.001), width, wound, free)
+    same, twist = open_gaps(room, np.full(12, 0.001), width, wound, free)
     assert (same == width).all() and not beyond(twist) and beyond(1.01 * twist)
     assert not room.closed(width, twist).any()
-    assert (opened(room.by_gaps, np.full(12, 0.001), width, wound, free)[1] == wound).all()
+    assert (open_gaps(room.by_gaps, np.full(12, 0.001), width, wound, free)[1] == wound).all()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation.bounds import Rooms, bounded_step
-from flexmaps.engine.optimisation.scaling import Bending
+from flexmaps.engine.optimisation.bounds import LinearClearances, bounded_step
+from flexmaps.engine.optimisation.scaling import CurvatureEstimate
 
 SIZE = 200
 
@@ -20,7 +20,7 @@ def spread(seed: int, decades: float) -> np.ndarray:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_become_alike(seed: int) -> None:
-    matrix, bending = spread(seed, 8.0), Bending(SIZE)
+    matrix, bending = spread(seed, 8.0), CurvatureEstimate(SIZE)
     for _ in range(3):
         bending.refine(lambda way: matrix @ way)
     unit = bending.units(0.0, 0.0)
@@ -30,7 +30,7 @@ def test_rows_become_alike(seed: int) -> None:
 
 
 def test_a_matrix_that_changes_is_followed() -> None:
-    matrix, bending = spread(4, 8.0), Bending(SIZE)
+    matrix, bending = spread(4, 8.0), CurvatureEstimate(SIZE)
     bending.refine(lambda way: matrix @ way)
     before = bending.units(0.0, 0.0)
     bending.refine(lambda way: 100.0 * (matrix @ way))
@@ -40,7 +40,7 @@ def test_a_matrix_that_changes_is_followed() -> None:
 
 
 def test_what_hardly_bends_moves_no_farther_than_from_end_to_end() -> None:
-    bending = Bending(SIZE)
+    bending = CurvatureEstimate(SIZE)
     bending.refine(lambda way: 0.0 * way)
     unit = bending.units(0.4, 0.0)
     # all coordinates, by one box each, change the objective by half of its value
@@ -49,7 +49,7 @@ def test_what_hardly_bends_moves_no_farther_than_from_end_to_end() -> None:
 
 
 def test_steps_in_these_units_come_much_nearer() -> None:
-    matrix, bending, rng = spread(5, 8.0), Bending(SIZE), np.random.default_rng(5)
+    matrix, bending, rng = spread(5, 8.0), CurvatureEstimate(SIZE), np.random.default_rng(5)
     bending.refine(lambda way: matrix @ way)
     # every coordinate has its share in the fall, the more softly it bends the farther it goes
     exact = rng.choice([-1.0, 1.0], SIZE) / np.sqrt(np.diag(matrix))
@@ -58,7 +58,7 @@ def test_steps_in_these_units_come_much_nearer() -> None:
     best = 0.5 * float(gradient @ exact)
 
     def share(units: np.ndarray | None) -> float:
-        step = bounded_step(x, gradient, lambda way: matrix @ way, Rooms.none(SIZE), 20, units)
+        step = bounded_step(x, gradient, lambda way: matrix @ way, LinearClearances.none(SIZE), 20, units)
         return float(gradient @ step + 0.5 * step @ matrix @ step) / best
 
     assert share(bending.units(0.0, 0.0)) > 0.95

@@ -13,9 +13,9 @@ from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report, stages
 from flexmaps.engine.scanning import compare, reading
-from flexmaps.engine.scanning.poses import Fit, Poses
+from flexmaps.engine.scanning.poses import Poses, ScanFit
 from flexmaps.engine.scanning.reading import Scan
-from flexmaps.engine.scanning.surface import Surface, Table
+from flexmaps.engine.scanning.surface import ClosestPoints, TriangleSurface
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from scipy.spatial.transform import Rotation
@@ -175,11 +175,13 @@ def test_points_alone_are_read_and_a_mesh_is_sampled(tmp_path):
 def test_distances_from_the_table_are_those_of_the_tree():
     mesh = shapes.make("torus")
     vertices = mesh.vertices - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    surface = Surface.of(mesh.moved(vertices), np.zeros(3), float(np.linalg.norm(np.ptp(vertices, axis=0))))
+    surface = TriangleSurface.from_mesh(
+        mesh.moved(vertices), np.zeros(3), float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    )
     points = np.random.default_rng(0).uniform(surface.vertices.min(axis=0), surface.vertices.max(axis=0), (3000, 3))
     squared = igl.point_mesh_squared_distance(points, surface.vertices, surface.triangles)[0]
     np.testing.assert_allclose(surface(points)[1], np.sqrt(squared), atol=1e-9)
-    quick = np.abs(Table(surface)(points)[1])
+    quick = np.abs(ClosestPoints(surface)(points)[1])
     assert np.quantile(np.abs(quick - np.sqrt(squared)), 0.9) < 0.003
 
 
@@ -202,10 +204,12 @@ def test_a_step_along_a_twist_is_the_matrix_exponential():
 def test_the_cost_falls_as_its_gradient_says():
     """A Gauss-Newton step of a pose near the right one lessens the cost until it is at rest."""
     mesh = shapes.make("saddle")
-    surface = Surface.of(mesh, mesh.vertices.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0))))
+    surface = TriangleSurface.from_mesh(
+        mesh, mesh.vertices.mean(axis=0), float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    )
     points = true_points(mesh, 500, np.random.default_rng(1))
     points = (points - mesh.vertices.mean(axis=0)) / float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-    fit = Fit(surface, points, np.ones(500))
+    fit = ScanFit(surface, points, np.ones(500))
     start = Poses(Rotation.from_rotvec([[0.02, -0.03, 0.01]]).as_matrix(), np.array([[0.01, 0.0, -0.01]]))
     cost = [float(fit.cost(fit.fitted(start, 0.05, k), 0.05)[0]) for k in range(8)]
     assert all(b <= a + 1e-12 for a, b in pairwise(cost)) and cost[-1] < 1e-4 * cost[0]
@@ -222,7 +226,7 @@ def test_a_comparison_can_be_stopped():
 
 def test_it_is_a_stage_that_a_new_simulation_drops():
     settings = ObjectSettings()
-    made = job.run(PolygonMesh.of(shapes.make("saddle")), settings, stop_after="spirals")
+    made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), settings, stop_after="spirals")
     with pytest.raises(FlexMapsError, match="no scan"):
         job.go_on(made, settings, ("compare",))
     scan, _, _ = scanned(made.mesh, 15, 5)

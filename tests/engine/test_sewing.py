@@ -34,7 +34,7 @@ def triangles(name: str) -> PolygonMesh:
 
 
 def quads(name: str) -> PolygonMesh:
-    return PolygonMesh.of(shapes.make(name))
+    return PolygonMesh.from_quads(shapes.make(name))
 
 
 def soup(mesh: PolygonMesh, noise: float, seed: int) -> PolygonMesh:

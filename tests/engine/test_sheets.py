@@ -361,7 +361,7 @@ def test_a_smaller_sheet_after_the_layout_is_refused_where_the_panels_could_be_c
 
 
 def test_the_job_refuses_sheets_smaller_than_its_layout():
-    result = job.run(PolygonMesh.of(shapes.make("strip")), Settings(), stop_after="spirals")
+    result = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="spirals")
     smaller = Settings(sheet=SheetParams(sheet_width=0.07, sheet_height=0.06))
     with pytest.raises(FlexMapsError, match="make the layout again"):
         job.go_on(result, smaller, ["sheets"])

@@ -55,7 +55,7 @@ def joined(skin: Skin) -> np.ndarray:
 
 def test_it_ends_as_the_elastic_arms_do(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
     wanted = sections(panels, panels.placed(bent(made, pose), pose))
     found = skin.placed(pose, joined(skin), made.params.thickness)
     there = np.isfinite(wanted)
@@ -65,7 +65,7 @@ def test_it_ends_as_the_elastic_arms_do(piece):
 
 def test_it_begins_flat(piece):
     made, pose = piece
-    panels, skin = panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
     places = arrange.side_by_side(made.flat)
     wanted = sections(panels, panels.flat(places))
     centres = np.c_[made.arms.centre + places[made.flat.layout.patch_of], np.zeros(len(made.width))]
@@ -77,7 +77,7 @@ def test_it_begins_flat(piece):
 
 def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
     made, pose = rimmed
-    rim, skin = RimMesh.of(made), Skin.of(made, pose)
+    rim, skin = RimMesh.from_design(made), Skin.from_design(made, pose)
     assert rim is not None and skin.strip is not None
     order, half = np.argsort(rim.quad, kind="stable"), 0.5 * made.params.thickness
     place, up = rim.placed(bent(made, pose))
@@ -96,12 +96,12 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     """Poses that no simulation has seen: arms are where a beam would be, as nearly as can be seen."""
     made, pose = piece
     layout, count = made.flat.layout, len(made.width)
-    mesh, panels, skin = layout.mesh, panel_mesh(made, detail_of(made)), Skin.of(made, pose)
+    mesh, panels, skin = layout.mesh, panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
     flat = Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
     inner = ~mesh.border
     inside = ~layout.cut[inner]
     pairs, lever = mesh.edge_quads[inner], rest_joints(mesh, made.flat.corners)[0]
-    here = Blend.of(flat, pose, pairs[inside], lever[inside]).at(0.5)
+    here = Blend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
     closed = np.zeros(len(skin.tip))
     closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
     wanted = sections(panels, panels.placed(bent(made, here, closed=inside), here))

@@ -72,7 +72,7 @@ def test_flat_slots_are_those_between_polygons(flat_grid, clockwise):
     rng = np.random.default_rng(4)
     flat = flat_grid(3, 3, 0.02, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))
     width, twist = np.repeat(rng.uniform(0.0008, 0.0016, 9), 4).reshape(9, 4), rng.uniform(6.0, 8.0, 9)
-    made = design.fitted(flat, replace(PARAMS, clockwise=clockwise), width, twist)
+    made = design.make_fabricable(flat, replace(PARAMS, clockwise=clockwise), width, twist)
     arms = bent(made, flat_pose(made))
     found = slots_in_space(made, arms)
     own = 4 * len(width)

@@ -39,7 +39,7 @@ def needle(flat_grid: Callable[..., FlatPatches]) -> FlatPatches:
 def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: FlatPatches) -> None:
     made = design.uniform(needle, SpiralParams())
     assert np.flatnonzero(made.solid).tolist() == [5 * SIZE + 5]
-    assert not len(design.outside(made))
+    assert not len(design.unfabricable_quads(made))
     far = np.ones(len(made.twist), dtype=bool)
     far[[5 * SIZE + 5, *(np.array([4, 6]) * SIZE + 5), 5 * SIZE + 4, 5 * SIZE + 6]] = False
     usual = design.uniform(needle, SpiralParams()).twist[0]
@@ -64,14 +64,14 @@ def test_it_is_known_again_by_its_widths_alone(needle: FlatPatches) -> None:
     made = design.uniform(needle, SpiralParams())
     stored = made.width.astype(np.float32).astype(float)
     assert (solid.without_spiral(stored, made.params) == made.solid).all()
-    again = design.fitted(needle, made.params, stored, made.twist)
-    assert (again.solid == made.solid).all() and not len(design.outside(again))
+    again = design.make_fabricable(needle, made.params, stored, made.twist)
+    assert (again.solid == made.solid).all() and not len(design.unfabricable_quads(again))
 
 
 def test_a_brush_leaves_it_alone(needle: FlatPatches) -> None:
     made = design.uniform(needle, SpiralParams())
     for brush in ("stiffer", "softer", "smooth", "width"):
-        assert (painting.painted(made, brush, np.ones(len(made.twist))).solid == made.solid).all()
+        assert (painting.paint_spirals(made, brush, np.ones(len(made.twist))).solid == made.solid).all()
 
 
 def test_more_than_one_in_a_hundred_are_refused_with_a_count_that_would_do(
@@ -88,7 +88,7 @@ def test_more_than_one_in_a_hundred_are_refused_with_a_count_that_would_do(
 @pytest.mark.parametrize("share", [0.08, 0.01])
 def test_neighbours_make_room_and_outlines_stay(flat_grid: Callable[..., FlatPatches], share: float) -> None:
     flat = flat_grid(SIZE, SIZE, move=needled(5, 5, share))
-    moved = wider.widened(flat, np.array([5 * SIZE + 5]))
+    moved = wider.enlarge_quads(flat, np.array([5 * SIZE + 5]))
     rim = np.unique(flat.layout.flat_corners[flat.layout.outline_sides])
     assert np.array_equal(moved.points[rim], flat.points[rim])
     corners = moved.corners @ np.array([1.0, 1j])

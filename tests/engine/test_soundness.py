@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.surface.remeshing import soundness
 from flexmaps.engine.surface.remeshing.bodies import target_of
-from flexmaps.engine.surface.remeshing.mend import Target, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, of_rows
 
 
 def tube(around: int = 12, rings: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -37,8 +37,8 @@ def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, 
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
 
-def triangle_target(points: np.ndarray) -> Target:
-    return Target(np.column_stack([points, np.zeros(len(points))]), np.array([[0, 1, 2]]))
+def triangle_target(points: np.ndarray) -> TargetSurface:
+    return TargetSurface(np.column_stack([points, np.zeros(len(points))]), np.array([[0, 1, 2]]))
 
 
 def test_one_large_triangle_has_points_all_over_it() -> None:
@@ -53,7 +53,7 @@ def test_one_large_triangle_has_points_all_over_it() -> None:
 
 def test_border_vertices_are_put_onto_corners_that_were_cut_off() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
-    whole = Target(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    whole = TargetSurface(square, np.array([[0, 1, 2], [0, 2, 3]]))
     n = np.linspace(0.0, 1.0, 6)
     x, y = (one.ravel() for one in np.meshgrid(n, n))
     k = (np.arange(5)[:, None] * 6 + np.arange(5)).ravel()

@@ -131,7 +131,7 @@ def test_a_sheet_without_room_for_a_quad_is_refused(flat_grid):
 
 def test_the_main_job_cuts_to_size_before_the_spirals():
     settings = Settings(sheet=SheetParams(sheet_width=0.16, sheet_height=0.12))
-    result = job.run(PolygonMesh.of(shapes.make("dome", 0.02)), settings, edge=0.02, stop_after="split")
+    result = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.02)), settings, edge=0.02, stop_after="split")
     assert all(_fits(p, settings.sheet) for p in _pieces(result.flat))
     assert "split" in result.seconds
     assert result.design is None

@@ -151,7 +151,7 @@ def ring():
     made = design.SpiralDesign(flat, SpiralParams(thickness=0.001), np.full((COUNT, 4), 0.002), np.full(COUNT, 2.0))
     assembly = of_design(made)
     model = build_model(assembly, POM, "arm")
-    rest = solve(model, target_pose(mesh, flat.corners), Loads.of(COUNT), SimulateParams())
+    rest = solve(model, target_pose(mesh, flat.corners), Loads.for_spirals(COUNT), SimulateParams())
     assert rest.converged
     return made, assembly, rest
 

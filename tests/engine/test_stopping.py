@@ -23,7 +23,7 @@ VERO = MATERIALS["vero"]
 
 @lru_cache(maxsize=1)
 def made() -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.of(shapes.make("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
@@ -44,7 +44,7 @@ def test_stopping_keeps_the_best_so_far() -> None:
 @pytest.mark.parametrize("steps", [2, 14], ids=["before any stage has ended", "later"])
 def test_what_a_stop_leaves_is_what_a_simulation_finds(steps: int) -> None:
     design, mesh = made()
-    looks: list[optimise.Look] = []
+    looks: list[optimise.OptimisationStep] = []
     progress = Progress(shown=looks.append, stopped=lambda: len(looks) > steps)
     found = optimise.optimise(design, mesh, VERO, OptimiseParams(stop=1e-6), SimulateParams(), progress=progress)
     assert not found.finished

@@ -19,11 +19,11 @@ def test_of_sets_tried_at_once_those_after_the_first_that_fits_are_given_up(monk
     def solutions(self, task, seconds):
         pair = [int(name) for name, *_ in task["items"]]
         if pair == [0, 1]:
-            yield nest_process.Strip(0.9, {})
+            yield nest_process.PackedStrip(0.9, {})
             return
         if pair == [2, 3]:
             begun.wait(30)
-            yield nest_process.Strip(0.5, {})
+            yield nest_process.PackedStrip(0.5, {})
             return
         begun.set()
         while True:
@@ -50,7 +50,7 @@ def test_a_strip_that_gains_nothing_is_given_up(monkeypatch, gain, whole):
         for k in range(round(10 * task["seconds"])):
             now[0] += 0.1
             told.append(now[0])
-            yield nest_process.Strip(0.7 * (1.0 - gain) ** k, {})
+            yield nest_process.PackedStrip(0.7 * (1.0 - gain) ** k, {})
 
     monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
     monkeypatch.setattr(strips, "HOPELESS", np.inf)
@@ -73,7 +73,7 @@ def test_the_shortest_strip_of_several_starts_counts(monkeypatch):
 
     def solutions(self, task, seconds):
         told.append(task["seed"])
-        yield nest_process.Strip(lengths[task["seed"]], {})
+        yield nest_process.PackedStrip(lengths[task["seed"]], {})
 
     monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
     monkeypatch.setattr(strips, "cores", lambda: 2)
@@ -99,7 +99,7 @@ def test_no_set_is_tried_for_longer_than_there_is_time(monkeypatch):
 
     def solutions(self, task, seconds):
         told.append(task["seconds"])
-        yield nest_process.Strip(0.6, {})  # 590 mm are free: near enough for finer outlines
+        yield nest_process.PackedStrip(0.6, {})  # 590 mm are free: near enough for finer outlines
 
     monkeypatch.setattr(nest_process.Worker, "solutions", solutions)
     monkeypatch.setattr(strips.time, "monotonic", lambda: 100.0)

@@ -47,7 +47,7 @@ def settings() -> ObjectSettings:
 
 @pytest.fixture(scope="module")
 def made(settings: ObjectSettings) -> Result:
-    return job.run(PolygonMesh.of(shapes.make("strip")), settings)
+    return job.run(PolygonMesh.from_quads(shapes.make("strip")), settings)
 
 
 def there(result: Result) -> set[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.optimisation.terms import MAX_MULTIPLIER, Bearing, Excess, Rows
+from flexmaps.engine.optimisation.terms import MAX_MULTIPLIER, Rows, StrainLimit, StrainTerm
 from scipy.sparse import csr_array, eye_array
 
 JOINTS = 3
@@ -17,11 +17,11 @@ def strains() -> np.ndarray:
     return np.random.default_rng(4).uniform(0.2, 1.8, size=(JOINTS, 2))
 
 
-def excess(strains: np.ndarray, pushes: float) -> Excess:
+def excess(strains: np.ndarray, pushes: float) -> StrainTerm:
     """Of strains that are themselves the coordinates."""
-    bearing = Bearing(MATERIALS["vero"], 1.0, pushes=np.full((JOINTS, 2), pushes))
+    bearing = StrainLimit(MATERIALS["vero"], 1.0, pushes=np.full((JOINTS, 2), pushes))
     sizes = csr_array(bearing.limit * eye_array(strains.size))
-    return Excess(bearing, bearing.limit * strains, lambda arms: Rows(csr_array((len(arms), 6)), sizes[arms]))
+    return StrainTerm(bearing, bearing.limit * strains, lambda arms: Rows(csr_array((len(arms), 6)), sizes[arms]))
 
 
 def test_its_gradient_against_differences(strains: np.ndarray) -> None:

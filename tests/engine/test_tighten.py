@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from flexmaps.engine.choosing.judge import Laid, Piece, judge
+from flexmaps.engine.choosing.judge import Laid, LayoutProblem, judge
 from flexmaps.engine.choosing.predict import predicted
 from flexmaps.engine.choosing.tighten import MOST, tightened
 from flexmaps.engine.params import Settings
@@ -21,21 +21,21 @@ NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
 
 
 @pytest.fixture(name="sphere", scope="module")
-def _sphere() -> tuple[Piece, PatchLayout, FlatPatches]:
+def _sphere() -> tuple[LayoutProblem, PatchLayout, FlatPatches]:
     mesh = shapes.make("cubesphere")
     layout = trace(mesh, SETTINGS.layout)
-    held = Piece(mesh, SETTINGS)
+    held = LayoutProblem(mesh, SETTINGS)
     return held, layout, merge(layout, SETTINGS.layout)
 
 
-def reached(piece: Piece, flat: FlatPatches) -> float:
+def reached(piece: LayoutProblem, flat: FlatPatches) -> float:
     """What a short search leaves of the distance, as a share of the size."""
     found = judge(piece, Laid(flat, "", 1))
     assert found is not None
     return found.rms
 
 
-def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
     assert tightened(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
     expected = flat.layout.notes["expected_percent"]
@@ -44,7 +44,7 @@ def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[Piece, PatchLay
     assert tightened(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
 
 
-def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
     more = tightened(piece, layout, flat, NEAR)
     few = len(flat.layout.patches)
@@ -54,7 +54,7 @@ def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[Piece, PatchLay
     assert reached(piece, more) < reached(piece, flat)
 
 
-def test_an_end_from_outside_ends_it(sphere: tuple[Piece, PatchLayout, FlatPatches]) -> None:
+def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     from flexmaps.engine.errors import Cancelled
 
     piece, layout, flat = sphere

@@ -9,7 +9,7 @@ from flexmaps.engine.mechanics.arms.pieces import POISSON, answers
 from flexmaps.engine.mechanics.arms.slot_estimate import Slots
 from flexmaps.engine.mechanics.arms.tip_beams import BentByTips, Pair, Pull, TipBeams
 from flexmaps.engine.spirals.blends import NUMBERS
-from flexmaps.engine.spirals.lines import Lines
+from flexmaps.engine.spirals.lines import ArmCurves
 
 PIECES, FILLET, THICKNESS, COUNT = 10, 3e-4, 0.002, 40
 ROWS = np.arange(COUNT)
@@ -29,8 +29,8 @@ def random_arms(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def bent(numbers: np.ndarray, motion: np.ndarray) -> BentByTips:
     both = numbers[:, 0:2], numbers[:, 2:4], numbers[:, 6:8]
-    lines = Lines.of(np.zeros(len(numbers), complex), numbers[:, 4], numbers[:, 5], both, 0.15)
-    return TipBeams.of(lines, FILLET, THICKNESS, PIECES).bent(motion)
+    lines = ArmCurves.from_arms(np.zeros(len(numbers), complex), numbers[:, 4], numbers[:, 5], both, 0.15)
+    return TipBeams.from_lines(lines, FILLET, THICKNESS, PIECES).bent(motion)
 
 
 def test_tips_move_as_asked_by_the_general_beam() -> None:
@@ -66,7 +66,7 @@ def test_what_places_do_follows_motions_and_numbers() -> None:
         pairs = (field.beams.flat[ROWS, piece], station), (here, point), (pace, velocity)
         return out + sum((np.conj(by) * x).real for x, by in pairs) + hub * field.beams.hub + half * wide
 
-    pull = Pull(*(Pair.of(x) for x in vectors), station, hub, point, velocity, half)
+    pull = Pull(*(Pair.from_vectors(x) for x in vectors), station, hub, point, velocity, half)
     for told, steps, which in zip(bent(numbers, motion).pulled(t, piece, pull), (MOTION_STEPS, STEPS), (1, 0)):
         for k, step in enumerate(steps):
             ahead, behind = [numbers, motion], [numbers, motion]

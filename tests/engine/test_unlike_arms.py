@@ -22,7 +22,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.touching import touching
+from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes
 
 KERF = 0.0001
@@ -62,7 +62,7 @@ def case(request, pattern):
     flat = flatten.flatten(layout, LayoutParams())
     params, count = SpiralParams(clockwise=request.param == "saddle"), len(mesh.quads)
     width = _widths(pattern, count, params.width_min, params.width_max)
-    made = design.fitted(flat, params, width, np.random.default_rng(12).uniform(0.0, 8.0, count))
+    made = design.make_fabricable(flat, params, width, np.random.default_rng(12).uniform(0.0, 8.0, count))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), cut=CutParams(kerf_outline=KERF, kerf_holes=KERF))
     return mesh, made, cut
 
@@ -76,14 +76,14 @@ def test_what_is_drawn_is_what_was_asked_for(case):
     _, made, _ = case
     spread = np.ptp(made.width, axis=1) / (made.params.width_max - made.params.width_min)
     assert np.median(spread) > 0.5 and not len(made.thin)
-    assert np.median(made.twist) > 1.0 and not len(design.outside(made))
+    assert np.median(made.twist) > 1.0 and not len(design.unfabricable_quads(made))
 
 
 def test_panels_are_whole_and_can_be_cut(case):
     _, made, cut = case
     slot, arm = made.params.slot_min, made.params.width_min
     assert cut.slot_min >= 0.999 * slot
-    assert not len(touching(list(cut.connections.outlines)))
+    assert not len(find_contacts(list(cut.connections.outlines)))
     for plain in made.outlines():
         polygon = _polygon(plain.outer, plain.holes)
         assert polygon.is_valid
@@ -219,7 +219,7 @@ def test_the_film_of_the_assembly_is_finite(pattern):
     mesh, layout = _layout("saddle")
     flat = flatten.flatten(layout, LayoutParams())
     width = _widths(pattern, len(mesh.quads), 0.001, 0.002)
-    made = design.fitted(flat, SpiralParams(), width, np.full(len(width), 2.0))
+    made = design.make_fabricable(flat, SpiralParams(), width, np.full(len(width), 2.0))
     count = len(flat.layout.patches)
     table = np.c_[0.4 * np.arange(count), np.zeros((count, 2))]
     pose = target_pose(mesh, flat.corners)

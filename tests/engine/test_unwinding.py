@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.materials import STRAINED, material
 from flexmaps.engine.optimisation import found as found_module
-from flexmaps.engine.optimisation.found import Found, opened, reduce_twist
+from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist
 from flexmaps.engine.optimisation.optimisers import STOPPED, Trace
 from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
 from flexmaps.engine.optimisation.work import Work
@@ -22,23 +22,25 @@ from flexmaps.engine.surface import shapes
 
 
 @pytest.fixture(scope="module")
-def wound() -> tuple[Task, Found]:
+def wound() -> tuple[Task, SimulatedResult]:
     """A dome of spirals wound so far that slots close, as a search would have left it."""
     mesh, pom = shapes.make("dome"), material("pom")
     flat, count = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
     params = SpiralParams(width_min=0.0006)
-    made = design.fitted(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
+    made = design.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
     task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
     at_rest = simulate(made, mesh, pom, SimulateParams())
     problem = task.problem(made)
     point = problem.at(problem.space.coordinates(made.width, made.twist), at_rest.equilibrium.pose)
-    return task, Found(at_rest, point, np.inf)
+    return task, SimulatedResult(at_rest, point, np.inf)
 
 
 def test_slots_open_and_the_shape_hardly_changes(wound):
     task, found = wound
     before = found.simulation
-    after = opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
+    after = open_closed_slots(
+        Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT
+    ).simulation
     assert len(before.slots().closed) > 20  # or this shows nothing
     assert len(after.slots().closed) < 0.25 * len(before.slots().closed)
     assert (after.design.twist <= before.design.twist).all()
@@ -56,7 +58,9 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     closed = []
     for searches in (0, found_module.MAX_SEARCHES):
         monkeypatch.setattr(found_module, "MAX_SEARCHES", searches)
-        after = opened(Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT).simulation
+        after = open_closed_slots(
+            Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT
+        ).simulation
         assert after.strain.max() <= limit
         closed.append(len(after.slots().closed))
     assert closed[0] > 10 and closed[1] < 0.2 * closed[0]
@@ -69,7 +73,7 @@ def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, ask
     monkeypatch.setattr(found_module, "STRAINED", 1.02 * float(found.simulation.strain.max()))
     search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
     left = iter(range(asks))
-    assert opened(search, found, Progress(None, lambda: next(left, None) is None)) is found
+    assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
     assert search.trace.ended == STOPPED
 
 
@@ -92,7 +96,7 @@ def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
     found = wound[1]
     simulation, count = found.simulation, len(found.simulation.design.twist)
 
-    def strained(strain: np.ndarray) -> Found:
+    def strained(strain: np.ndarray) -> SimulatedResult:
         other = replace(simulation)
         other.__dict__["strain"] = strain
         return replace(found, simulation=other)

@@ -23,7 +23,7 @@ def test_of_a_panel_that_lies_flat_spirals_change_nothing_and_it_is_said(name: s
     offsets = np.zeros((len(mesh.quads), 3))
     offsets[0, 2] = 0.01
     params = OptimiseParams(iterations=2, codesign=False)
-    wanted = Wishes.of(mesh, offsets)
+    wanted = Wishes.from_offsets(mesh, offsets)
     found = optimise(
         uniform(flat, SpiralParams()), mesh, MATERIALS["vero"], params, SimulateParams(), wishes=wanted, prove=False
     ).report()

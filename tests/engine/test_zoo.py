@@ -40,7 +40,7 @@ def test_the_families_are_what_their_names_say(zoo: ModuleType):
     assert away.max() < 0.05 * catenoid.median_edge
     assert np.isfinite(away).all()
     with pytest.raises(FlexMapsError, match="one side"):
-        check.as_quad_mesh(PolygonMesh.of(zoo.smooth.twisted_ring(24, 2, 0.5)))
+        check.as_quad_mesh(PolygonMesh.from_quads(zoo.smooth.twisted_ring(24, 2, 0.5)))
 
 
 def record(quads: int, **more: object) -> dict:

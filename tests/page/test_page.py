@@ -15,7 +15,7 @@ from flexmaps.engine.display.panel_mesh import panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import detail_of
 from flexmaps.engine.mechanics.arms.bent import bent
-from flexmaps.engine.params import ObjectSettings, changed
+from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.runs import job, page_data, report, report_page
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface import shapes
@@ -26,18 +26,18 @@ READY = "window.flexmaps || document.querySelector('.needed')"
 # reading a pixel waits until all is drawn
 DRAWN = """(() => { const gl = flexmaps.page.view.renderer.getContext();
                     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); })()"""
-SETTINGS = changed(ObjectSettings(), {"spiral.border": "rim"})
+SETTINGS = with_values(ObjectSettings(), {"spiral.border": "rim"})
 SIZES = ("desktop", "phone")
 pytestmark = pytest.mark.timeout(600)  # drawn by software, maybe on a busy machine
 
 
 def result(name: str) -> Result:
-    return job.run(PolygonMesh.of(shapes.make(name)), SETTINGS, stop_after="simulate", supports="lowest")
+    return job.run(PolygonMesh.from_quads(shapes.make(name)), SETTINGS, stop_after="simulate", supports="lowest")
 
 
 def written(found: Result, folder: Path, name: str) -> Path:
     """The folder with both pages of a result."""
-    shown = page_data.Shown.of(found)
+    shown = page_data.Shown.from_result(found)
     assert shown is not None
     text = page_data.text(shown, SETTINGS, name)
     described = report.build(found, source=f"{name}.obj", settings=SETTINGS)
@@ -109,7 +109,7 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         arms = panels.placed(bent(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
         drawn[panels.used[used]] = arms[used]
         assert 1e3 * np.nanmax(np.linalg.norm(1e-3 * corners[: len(drawn)] - drawn, axis=1)) < 0.05
-        rim = RimMesh.of(piece.design)
+        rim = RimMesh.from_design(piece.design)
         assert rim is not None
         order = np.argsort(rim.quad, kind="stable")
         place, up = (values[order] for values in rim.placed(bent(piece.design, pose)))

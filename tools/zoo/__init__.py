@@ -33,7 +33,7 @@ class Surface:
     def polygons(self) -> PolygonMesh:
         """The surface as it would come from a file."""
         made = self.make()
-        return PolygonMesh.of(made) if isinstance(made, QuadMesh) else made
+        return PolygonMesh.from_quads(made) if isinstance(made, QuadMesh) else made
 
 
 def _of(make: Callable[..., QuadMesh | PolygonMesh], *arguments: object, **options: object) -> Surface:

@@ -9,7 +9,7 @@ from html import escape
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.display.drawing import Drawing, Shapes, Strokes
+from flexmaps.engine.display.drawing import Drawing, FilledShapes, Strokes
 from flexmaps.engine.runs import job, report_page
 from PIL import Image, ImageDraw
 
@@ -42,15 +42,15 @@ def strip(result: job.Result, distortion: float) -> bytes:
 
 def _drawn(drawing: Drawing) -> Image.Image:
     """The shapes and outlines of a drawing, without its words, as large as a picture may be."""
-    shapes = [item for item in drawing.items if isinstance(item, Shapes | Strokes)]
-    points = np.concatenate([(s.points if isinstance(s, Shapes) else s.ends).reshape(-1, 2) for s in shapes[:-1]])
+    shapes = [item for item in drawing.items if isinstance(item, FilledShapes | Strokes)]
+    points = np.concatenate([(s.points if isinstance(s, FilledShapes) else s.ends).reshape(-1, 2) for s in shapes[:-1]])
     low, high = points.min(axis=0), points.max(axis=0)
     factor = FINE * float(np.min((np.array(SIZE) - 6) / np.maximum(high - low, 1e-9)))
     width, height = np.ceil((high - low) * factor).astype(int) + 2 * FINE
     picture = Image.new("RGB", (int(width), int(height)), "white")
     pen = ImageDraw.Draw(picture)
     for item in shapes:
-        if isinstance(item, Shapes):
+        if isinstance(item, FilledShapes):
             for outline, fill in zip((item.points - low) * factor + FINE, (255 * item.fills).astype(int).tolist()):
                 pen.polygon([tuple(p) for p in outline.tolist()], fill=tuple(fill))
         else:

@@ -20,7 +20,7 @@ _FINE = 5e-7  # maximum distance of chords from arcs in metres
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class ConnectorGaps:
     """Gaps between the finished parts of every connector in metres; a key has a row for each of its sockets.
 
     joint : index into ``Connections.connectors``
@@ -34,7 +34,7 @@ class Fit:
     overlap: Float[np.ndarray, " rows"]
 
 
-def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:
+def fit(design: SpiralDesign, made: Connections, kerf: float) -> ConnectorGaps:
     """Cut all panels and keys along the paths for a kerf in metres, and put every joint together.
 
     The paths are those that would be written to files; shapely derives the remaining material from them alone.
@@ -44,7 +44,7 @@ def fit(design: SpiralDesign, made: Connections, kerf: float) -> Fit:
     for index, connector in enumerate(made.connectors):
         rows += [(index, *row) for row in _joint(design, connector, panels, kerf)]
     table = np.array(rows).reshape(-1, 4)
-    return Fit(table[:, 0].astype(int), table[:, 1], table[:, 2], table[:, 3])
+    return ConnectorGaps(table[:, 0].astype(int), table[:, 1], table[:, 2], table[:, 3])
 
 
 def _blank(outline: Outline) -> Any:
@@ -62,7 +62,8 @@ def _joint(
 
     a = connector.made
     halves = [
-        Halves.of(design, np.array([q]), np.array([k])) for q, k in zip(connector.faces, connector.sides, strict=True)
+        Halves.from_arms(design, np.array([q]), np.array([k]))
+        for q, k in zip(connector.faces, connector.sides, strict=True)
     ]
     point, way = _point_along(Throughs(halves[0], halves[1]), -a.shift)
     point += 1j * way * a.aside

@@ -193,7 +193,7 @@ class _Choice:
     placed: np.ndarray
 
 
-class _Search:
+class _Attempts:
     """Iterator over the attempts of all joints, in order per joint and many joints at once."""
 
     def __init__(self, space: FreeSpace):
@@ -240,7 +240,7 @@ class _Search:
 
 def _choose(space: FreeSpace, progress: Progress) -> list[_Choice | None]:
     """Return for every joint the first attempt with room, or None."""
-    search = _Search(space)
+    search = _Attempts(space)
     every = list(range(len(space.joints.edge)))
     found = search.next(every, progress.part(0.0, 0.9), first=True)
     chosen = [found[joint] for joint in every]

@@ -20,7 +20,7 @@ from ...params import ConnectorParams
 from ...progress import SILENT, Progress
 from ...spirals.contours import Tips
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import slot_needed
+from ...spirals.slots import min_slot_width
 from ...spirals.spiral import LEFT, RIGHT, edge
 from .path import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
@@ -114,7 +114,7 @@ class FreeSpace:
     def __init__(self, design: SpiralDesign, params: ConnectorParams, mill: float = 0.0, progress: Progress = SILENT):
         self.design, self.params, self.mill = design, params, mill
         self.joints = joints(design)
-        self.slot = slot_needed(design.params)
+        self.slot = min_slot_width(design.params)
         # rounded more finely than any cutter can cut, so that many joints share few shapes
         width = design.arms.joint_width[self.joints.quad[:, 0], self.joints.side[:, 0]]
         self.width = np.floor(width / STEP + 1e-6) * STEP
@@ -125,7 +125,7 @@ class FreeSpace:
     def through(self) -> Throughs:
         """The arms through all joints, seen from their first halves."""
         quad, side = self.joints.quad, self.joints.side
-        return Throughs(*(Halves.of(self.design, quad[:, k], side[:, k]) for k in range(2)))
+        return Throughs(*(Halves.from_arms(self.design, quad[:, k], side[:, k]) for k in range(2)))
 
     def sizes(self, joint: int, kind: str = "dovetail") -> tuple[Size, ...]:
         """Return the sizes that connectors of this joint may have, largest first."""

@@ -95,7 +95,7 @@ class Halves:
     end: Float[np.ndarray, " arms"]
 
     @staticmethod
-    def of(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> Halves:
+    def from_arms(design: SpiralDesign, quad: Int[np.ndarray, " arms"], side: Int[np.ndarray, " arms"]) -> Halves:
         """Return the arms ``side`` of ``quad`` as halves of joints."""
         roots = design.roots
         single = design.arms.one_by_one(quad, side)

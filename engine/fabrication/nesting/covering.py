@@ -21,13 +21,13 @@ def covering(points: Float[np.ndarray, "corners 2"], count: int) -> Float[np.nda
     point outwards is removed by extending its neighbours until they meet. Changes that would make the outline cross
     itself are skipped, so more corners may remain.
     """
-    ring = _Ring(points)
+    ring = _SimplifiedOutline(points)
     while ring.left > count and (change := ring.least()) is not None:
         ring.make(*change)
     return ring.points()
 
 
-class _Ring:
+class _SimplifiedOutline:
     """A closed outline from which corners are removed, and a queue of possible changes, least area first.
 
     Corners keep their index in the first outline, counter-clockwise; ``ends`` are the next corners. Removed corners and

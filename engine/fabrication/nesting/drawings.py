@@ -43,7 +43,7 @@ FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill
 
 
 @dataclass
-class Drawing:
+class LineDrawing:
     """The lines of a drawing.
 
     lines : points (N, 2) in mm, y upwards, and whether the line is closed
@@ -56,7 +56,7 @@ class Drawing:
     outside: set[str] = field(default_factory=set)
 
 
-def read_dxf(path: Path, unit: float) -> Drawing:
+def read_dxf(path: Path, unit: float) -> LineDrawing:
     """Read every visible line of a DXF drawing; ``unit`` is the length in mm of a unit if the file names none."""
     import ezdxf
 
@@ -67,10 +67,10 @@ def read_dxf(path: Path, unit: float) -> Drawing:
         factor = DXF_UNITS[code] if code else unit
         frozen = {layer.dxf.name.lower() for layer in document.layers if layer.is_frozen()}
         off = {layer.dxf.name.lower() for layer in document.layers if layer.is_off()}
-        made = Drawing(unitless=not code)
+        made = LineDrawing(unitless=not code)
         filled: list[tuple[np.ndarray, bool]] = []
         for kind, points, closed in _visible(
-            document.modelspace(), _Place(document.blocks, frozen, off, FLAT / factor)
+            document.modelspace(), _DrawingContext(document.blocks, frozen, off, FLAT / factor)
         ):
             if len(points) < 2:
                 made.outside.add(kind)
@@ -117,7 +117,7 @@ def _with_classes(data: bytes) -> bytes:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _DrawingContext:
     """Context in which entities are drawn.
 
     blocks : of the document
@@ -134,7 +134,7 @@ class _Place:
     depth: int = 0
 
 
-def _visible(entities: Iterable[Any], place: _Place) -> Iterator[tuple[str, np.ndarray, bool]]:
+def _visible(entities: Iterable[Any], place: _DrawingContext) -> Iterator[tuple[str, np.ndarray, bool]]:
     """Yield the kind of every visible entity, its points (N, 2) in the unit of the drawing, and whether it is closed.
 
     Blocks are expanded by their transforms here: entities on layer 0 belong to the layer of the block, and a circle in
@@ -189,7 +189,7 @@ def _spline(spline: Any, distance: float) -> np.ndarray:
     return points
 
 
-def read_svg(path: Path, unit: float) -> Drawing:
+def read_svg(path: Path, unit: float) -> LineDrawing:
     """Read every visible line of an SVG drawing; ``unit`` is the length in mm of a unit if the file names none."""
     from svgelements import SVG, Close, Shape
     from svgelements import Path as Curve
@@ -199,7 +199,7 @@ def read_svg(path: Path, unit: float) -> Drawing:
         if document.tag not in ("svg", "{http://www.w3.org/2000/svg}svg"):
             raise ValueError("no SVG")
         tree = SvgTree(document, unit)
-        made = Drawing(unitless=tree.unitless, outside=tree.outside)
+        made = LineDrawing(unitless=tree.unitless, outside=tree.outside)
         source = io.BytesIO(ElementTree.tostring(tree.root))
         for shape in SVG.parse(source, width=1.0, height=1.0, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"

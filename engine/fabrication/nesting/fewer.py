@@ -24,7 +24,7 @@ from ...patches.flattening.flatten import FlatPatches
 from ...patches.flattening.report import forced_notes, symmetry_kept
 from ...patches.layout import PatchLayout
 from ...patches.splitting.runs import chord_areas, straight_runs
-from ...patches.splitting.split import Piece, allowed
+from ...patches.splitting.split import SinglePatch, allowed
 from ...progress import SILENT, Progress
 from ...spirals.rim import rim_depth
 from ...surface.checking.finding import counted
@@ -308,7 +308,7 @@ class _Cutting:
         share = chord_areas(points)[tails[:, None], heads] / whole
         share = np.minimum(share, 1.0 - share)
         cost = np.where(tails[:, None] < heads, runs.cost, np.inf)
-        piece, found = Piece.of(flat, patch), list[np.ndarray]()
+        piece, found = SinglePatch.from_patch(flat, patch), list[np.ndarray]()
         for low, high in pairwise(SHARES):
             some = np.where((share > low) & (share <= high), cost, np.inf)
             kept: list[tuple[int, int]] = []

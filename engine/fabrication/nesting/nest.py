@@ -17,9 +17,9 @@ from ...params import SheetParams
 from ...progress import SILENT, Progress
 from .odd import on_remnants
 from .packing import Packing, pack, used_length
-from .process import Strip, python
+from .process import PackedStrip, python
 from .remnants import read
-from .search import Search
+from .search import NestingSearch
 from .strips import FINE_SECONDS, TURN
 
 PATIENCE = 4  # successive orders without an improvement before the time per set is doubled
@@ -50,7 +50,7 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
     if params.nesting != "TRUE" or not available() or not 2 <= len(shapes) <= MANY:
         return rough
-    search = Search(shapes, params, progress.part(0.1, 1.0))
+    search = NestingSearch(shapes, params, progress.part(0.1, 1.0))
     try:
         return _search_packings(search, rough)
     finally:
@@ -59,7 +59,7 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
 
 def strip(
     shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, seconds: float, progress: Progress = SILENT
-) -> Strip | None:
+) -> PackedStrip | None:
     """Pack closed outlines (M, 2), metres, into the shortest strip found in some seconds.
 
     It begins at 0 and is as high as a sheet without margins. None without spyrrow, or if a shape is larger than the
@@ -67,7 +67,7 @@ def strip(
     """
     if not available():
         return None
-    search = Search(shapes, params, progress)
+    search = NestingSearch(shapes, params, progress)
     try:
         return search.strip(max(TURN, round(seconds)))
     finally:
@@ -83,7 +83,7 @@ def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Pack
     return Packing(sheet, rotation, shift, np.concatenate([odd.sizes, whole.sizes]), odd.remnants)
 
 
-def _search_packings(search: Search, rough: Packing) -> Packing:
+def _search_packings(search: NestingSearch, rough: Packing) -> Packing:
     """Return the best packing that the search finds, or the rough one."""
     shapes, params = search.shapes, search.params
     tops, idle = [(search.needed(rough), rough)], 0
@@ -105,7 +105,7 @@ def _search_packings(search: Search, rough: Packing) -> Packing:
     return _compact(search, rough, [one for _, one in tops if len(one.sizes) == len(tops[0][1].sizes)])
 
 
-def _compact(search: Search, rough: Packing, tops: list[Packing]) -> Packing:
+def _compact(search: NestingSearch, rough: Packing, tops: list[Packing]) -> Packing:
     """Compact the emptiest sheet of each packing and return the best packing.
 
     The emptiest sheet of the best packing is compacted again with fine outlines if time is left.

@@ -20,7 +20,7 @@ from ...workers import python
 
 
 @dataclass(frozen=True, eq=False)
-class Strip:
+class PackedStrip:
     """A packed strip.
 
     width : its length, metres
@@ -38,7 +38,7 @@ class Worker:
         self.process: subprocess.Popen[str] | None = None
         self.lines: queue.Queue[str] = queue.Queue()
 
-    def solutions(self, task: dict[str, Any], seconds: float) -> Iterator[Strip | None]:
+    def solutions(self, task: dict[str, Any], seconds: float) -> Iterator[PackedStrip | None]:
         """Yield every better strip, and None repeatedly in between, until the task ends or ``seconds`` have elapsed."""
         begin = time.monotonic()
         try:
@@ -62,7 +62,7 @@ class Worker:
             if not line.strip():
                 return
             width, places = json.loads(line)
-            yield Strip(
+            yield PackedStrip(
                 width * 1e-3, {int(i): (float(np.radians(turn)), 1e-3 * np.array(move)) for i, turn, move in places}
             )
         self.stop()

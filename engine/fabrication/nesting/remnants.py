@@ -14,7 +14,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from .drawings import MAX_BYTES, Drawing, read_dxf, read_svg
+from .drawings import MAX_BYTES, LineDrawing, read_dxf, read_svg
 from .rings import areas
 
 SEPARATOR = ";"  # separates the files in a setting; names of drawings do not contain it
@@ -87,7 +87,7 @@ def read_file(path: Path, unit: str = "mm") -> list[Remnant]:
     return _pieces(path, drawing, unit)
 
 
-def _pieces(path: Path, drawing: Drawing, unit: str) -> list[Remnant]:
+def _pieces(path: Path, drawing: LineDrawing, unit: str) -> list[Remnant]:
     """Return the areas enclosed by the lines of a drawing, with a remark for every guess."""
     import shapely
 

@@ -21,7 +21,7 @@ from ...progress import Progress
 from ...surface.checking.finding import counted
 from .outlines import HULLS, SPREAD, hull_area
 from .packing import Packing, pack
-from .process import Strip
+from .process import PackedStrip
 from .strips import TURN, Strips
 
 LAST = 0.25  # minimum share of the time limit for compacting the emptiest sheet
@@ -46,7 +46,7 @@ class _Set:
     area: float
 
 
-class Search:
+class NestingSearch:
     """Results for the sets of panels tried so far, and the remaining time."""
 
     def __init__(self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress):
@@ -335,11 +335,11 @@ class Search:
             rotation[i], shift[i] = turn, move
         return Packing(packing.sheet, rotation, shift, packing.sizes)
 
-    def strip(self, seconds: int) -> Strip | None:
+    def strip(self, seconds: int) -> PackedStrip | None:
         """Return the shortest strip found with all panels, from 0 and as high as a sheet without its margins."""
         return None if self.large else self.strips.shortest(frozenset(range(len(self.shapes))), seconds)
 
-    def _set(self, found: Strip | None) -> _Set | None:
+    def _set(self, found: PackedStrip | None) -> _Set | None:
         """Place the panels of a strip on a sheet; None if the strip is longer."""
         if found is None or found.width > self.free[0]:
             return None

@@ -18,7 +18,7 @@ from ...params import SheetParams
 from ...workers import WAIT, cores
 from .outlines import grown
 from .packing import least_box, lying_box, turn_that_fits
-from .process import Strip, Worker
+from .process import PackedStrip, Worker
 
 STEP = 5.0  # degrees between the orientations tried for a panel
 BAY = 0.012  # metres; bays narrower than twice this, or than half of the narrowest panel, are closed
@@ -130,7 +130,7 @@ class Strips:
         wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
         return wide, np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
 
-    def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], Strip | None]:
+    def on_a_sheet(self, sets: Sequence[frozenset[int]]) -> dict[frozenset[int], PackedStrip | None]:
         """Return the shortest strip found for each set of panels, None where there is none.
 
         As soon as a strip fits on a sheet, later sets are given up and left out of the result.
@@ -147,11 +147,11 @@ class Strips:
             if not stop.is_set() or self.fits(future.result())
         }
 
-    def fits(self, strip: Strip | None) -> bool:
+    def fits(self, strip: PackedStrip | None) -> bool:
         """Return whether there is a strip and it is no longer than a sheet."""
         return strip is not None and strip.width <= float(self.free[0])
 
-    def shortest(self, members: frozenset[int], seconds: int, fine: bool = False) -> Strip | None:
+    def shortest(self, members: frozenset[int], seconds: int, fine: bool = False) -> PackedStrip | None:
         """Return the shortest strip of some panels that all cores find in some seconds; it begins at 0.
 
         ``fine`` selects the fine outlines. Every core restarts repeatedly, because starts differ by more than a longer
@@ -169,7 +169,7 @@ class Strips:
 
     def _best_of_starts(
         self, members: frozenset[int], end: float, turn: int, stop: Event, start: int, fine: bool
-    ) -> Strip | None:
+    ) -> PackedStrip | None:
         """Return the shortest strip of repeated starts of ``turn`` seconds while time is left and starts improve it."""
         shapes, best, gained = self._fine_outlines(members) if fine else self.simple, None, True
         while gained and (best is None or time.monotonic() + turn <= end) and not stop.is_set():
@@ -179,7 +179,7 @@ class Strips:
         return best
 
     def _wait(
-        self, futures: Sequence[Future[Strip | None]], stops: Sequence[Event], panels: int, one: bool = True
+        self, futures: Sequence[Future[PackedStrip | None]], stops: Sequence[Event], panels: int, one: bool = True
     ) -> None:
         """Wait for all sets or, with ``one``, for all sets before the first that fits; stop them if the user cancels."""
         try:
@@ -196,7 +196,7 @@ class Strips:
                 stop.set()
             raise
 
-    def _lay_on_one_sheet(self, members: frozenset[int], stop: Event) -> Strip | None:
+    def _lay_on_one_sheet(self, members: frozenset[int], stop: Event) -> PackedStrip | None:
         """Return a strip of panels with simplified outlines, or with fine ones if those only just do not fit."""
         length, fine = float(self.free[0]), int(self.params.nesting_seconds / FINE)
         found = self._solve(
@@ -228,7 +228,7 @@ class Strips:
         shapes: dict[int, np.ndarray],
         hopeless: float = np.inf,
         start: int = 0,
-    ) -> Strip | None:
+    ) -> PackedStrip | None:
         """Return spyrrow's shortest feasible strip for some panels, which begins at 0; None without one.
 
         It stops when a strip is shorter than ``enough`` metres, is longer than ``hopeless`` metres after half of its
@@ -263,4 +263,4 @@ class Strips:
             return None
         self.answered = True
         places = {i: (turn, shift - 0.5 * self.separation) for i, (turn, shift) in best.places.items()}
-        return Strip(best.width - self.separation, places)
+        return PackedStrip(best.width - self.separation, places)

@@ -14,7 +14,7 @@ from ...patches.joining import panel_numbers
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from ...spirals.contours import Hubs
+from ...spirals.contours import SlotRoots
 from ...spirals.spiral import Arms, centre_line, width_at
 from .lettering import along, length, straight
 
@@ -102,7 +102,7 @@ def seam_labels(layout: PatchLayout) -> dict[tuple[int, int], str]:
 def make_labels(
     layout: PatchLayout,
     arms: Arms,
-    hubs: Hubs,
+    hubs: SlotRoots,
     params: SheetParams,
     taken: Float[np.ndarray, "quads 4"] | None = None,
     progress: Progress = SILENT,
@@ -148,7 +148,7 @@ def make_labels(
     return Labels(tuple(map(tuple, strokes)), placed, left_out, tuple(map(tuple, on_hubs)), tuple(small))
 
 
-def hub_circles(arms: Arms, roots: Hubs) -> Float[np.ndarray, " quads"]:
+def hub_circles(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
     """Return the radius in metres of the circle about every hub's centre that its four fillets leave free."""
     return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
 
@@ -170,7 +170,7 @@ def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple
 class _Lines:
     """Free part of every arm for letters, from its joint to its hub."""
 
-    def __init__(self, arms: Arms, hubs: Hubs, taken: np.ndarray, progress: Progress):
+    def __init__(self, arms: Arms, hubs: SlotRoots, taken: np.ndarray, progress: Progress):
         self.taken = taken
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
         points, widths = [], []

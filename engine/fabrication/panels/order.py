@@ -18,7 +18,7 @@ _MAX_ROUNDS = 8  # rounds of reversing parts and choosing start points; later on
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
+class CutGroup:
     """Curves that are cut one after the other.
 
     group : cuts of one group are consecutive
@@ -48,7 +48,7 @@ class Cut:
 class _Tour:
     """Cuts in an order, each with its start node."""
 
-    def __init__(self, cuts: Sequence[Cut], begin: complex, progress: Progress):
+    def __init__(self, cuts: Sequence[CutGroup], begin: complex, progress: Progress):
         self.cuts, self.begin = cuts, begin
         self.nodes = [c.nodes @ np.array([1.0, 1.0j]) for c in progress.each(cuts, ORDER)]
         # a closed cut ends where it begins, an open cut at its other end
@@ -153,7 +153,7 @@ class _Tour:
 
 
 def in_order(
-    cuts: Sequence[Cut], begin: complex = 0.0, progress: Progress = SILENT
+    cuts: Sequence[CutGroup], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:
     """Return the curves of some cuts in an order with short travel, and where the last one ends (x + iy, metres).
 

@@ -15,7 +15,7 @@ from ...params import CutParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve, arc_points
 from .kerf import without_short
-from .order import Cut, in_order
+from .order import CutGroup, in_order
 
 WAY = "the way of the cutter"
 _STARTS, _SHARES = 24, (1.0, 0.5)  # start points tried for a lead-in, and shares of its length
@@ -27,7 +27,7 @@ _ANGLES = np.radians([25.0, 45.0, 65.0, 90.0])  # angles between a lead-in and i
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class SheetCuts:
     """The cuts of one sheet, in this order.
 
     engraved, inner, outer : open and closed curves; outlines with holding tabs are in parts
@@ -50,7 +50,7 @@ def plan(
     size: tuple[float, float],
     cut: CutParams,
     progress: Progress = SILENT,
-) -> Runs:
+) -> SheetCuts:
     """Plan the cuts of one sheet along closed paths beside the material, with the requested tabs and lead-ins.
 
     The holes of a panel are cut consecutively, and all holes before the first outline, in a short tour.
@@ -75,11 +75,11 @@ def plan(
         missing = sum(c is None for c in (*led, *(c for some in out for c in some)))
         inner = [(h if c is None else c, panel) for (h, panel), c in zip(inner, led, strict=True)]
         pieces = [[p if c is None else c for p, c in zip(*both, strict=True)] for both in zip(pieces, out, strict=True)]
-    strokes = [Cut((c,), i, turns=True) for i, c in enumerate(labels)]
+    strokes = [CutGroup((c,), i, turns=True) for i, c in enumerate(labels)]
     engraved, here = in_order(strokes, 0.0, progress.part(0.7, 0.8))
-    first, here = in_order([Cut((h,), panel) for h, panel in inner], here, progress.part(0.8, 0.9))
-    last, _ = in_order([Cut(tuple(p), i) for i, p in enumerate(pieces)], here, progress.part(0.9, 1.0))
-    return Runs(engraved, first, last, missing, tabs)
+    first, here = in_order([CutGroup((h,), panel) for h, panel in inner], here, progress.part(0.8, 0.9))
+    last, _ = in_order([CutGroup(tuple(p), i) for i, p in enumerate(pieces)], here, progress.part(0.9, 1.0))
+    return SheetCuts(engraved, first, last, missing, tabs)
 
 
 # -- lead-ins --------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from ...params import BaseParams
 from ...spirals.arcs import Curve, biarcs
 from ...spirals.caps import Cap, caps, stumps
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import slot_needed
+from ...spirals.slots import min_slot_width
 from ...spirals.spiral import LEFT, RIGHT, edge
 from ...surface.checking.finding import counted
 from ...surface.mesh import QuadMesh
@@ -233,7 +233,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     """Raise ``FlexMapsError`` if a foot is closer to another foot or an arm of its panel than the smallest slot."""
     import shapely
 
-    slot, layout = 0.999 * slot_needed(design.params), design.flat.layout
+    slot, layout = 0.999 * min_slot_width(design.params), design.flat.layout
     mask: Bool[np.ndarray, "quads 4"] = np.zeros(design.width.shape, dtype=bool)
     mask.ravel()[[foot.cap.arm for foot in feet]] = True
     bare = replace(design, feet=caps(design.arms, stumps(design.roots), mask, layout.patch_of))

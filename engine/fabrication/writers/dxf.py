@@ -14,12 +14,12 @@ import numpy as np
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from .operations import FRAME, OPERATIONS, Drawn, Operation, frame, on_sheet
+from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, frame, on_sheet
 
 FLAT = 1e-4  # minimum bulge; FreeCAD loses polylines with flatter arcs, and a chord of 20 mm is then 1 um off
 
 
-def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R2010, which stores its units.
 
     Parameters
@@ -43,7 +43,7 @@ def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) ->
     path.write_text(_framed(document, parts), encoding=document.output_encoding)
 
 
-def write_r12(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R12, which programs of all cutters read, with one entity per node.
 
     Parameters as for ``write``.
@@ -73,7 +73,7 @@ def _framed(document: Any, entities: Sequence[str]) -> str:
     return "".join([before, mark, *entities, after])
 
 
-def _document(sheets: Drawn, index: int, version: str) -> Any:
+def _document(sheets: DrawableSheets, index: int, version: str) -> Any:
     """Return a document with header and layers for one sheet."""
     import ezdxf
     from ezdxf import units
@@ -107,7 +107,7 @@ def _quiet() -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _entities(sheets: Drawn, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
+def _entities(sheets: DrawableSheets, index: int, progress: Progress) -> Iterator[tuple[str, Curve]]:
     """Yield the layer name and curve of every cut and of the frame."""
     for operation, curves in on_sheet(sheets, index, progress):
         for curve in curves:

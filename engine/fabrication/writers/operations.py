@@ -11,10 +11,10 @@ from ...params import CutParams, SheetParams
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from ..nesting.packing import Packing
-from ..panels.toolpath import Runs
+from ..panels.toolpath import SheetCuts
 
 
-class Drawn(Protocol):
+class DrawableSheets(Protocol):
     """Input of the flat files: ``CutSheets``, or other sheets with known cuts."""
 
     @property
@@ -25,7 +25,7 @@ class Drawn(Protocol):
     def cut(self) -> CutParams: ...
     @property
     def count(self) -> int: ...
-    def runs(self, index: int, progress: Progress = SILENT) -> Runs: ...
+    def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts: ...
 
 
 class Operation(NamedTuple):
@@ -48,7 +48,7 @@ ORIGIN = 0.005  # extent in x and y of the mark at the origin of a sheet, metres
 WRITING = "writing the sheets"  # text of the progress
 
 
-def frame(sheets: Drawn, index: int) -> list[Curve]:
+def frame(sheets: DrawableSheets, index: int) -> list[Curve]:
     """Return the edge of one sheet and a stroke from its lower left corner inwards; empty if not requested."""
     if not sheets.params.frame:
         return []
@@ -62,7 +62,9 @@ def frame(sheets: Drawn, index: int) -> list[Curve]:
     return [*lines, Curve(np.array([[0.0, 0.0], [ORIGIN, ORIGIN]]), np.zeros(2), closed=False)]
 
 
-def on_sheet(sheets: Drawn, index: int, progress: Progress = SILENT) -> Iterator[tuple[Operation, Iterator[Curve]]]:
+def on_sheet(
+    sheets: DrawableSheets, index: int, progress: Progress = SILENT
+) -> Iterator[tuple[Operation, Iterator[Curve]]]:
     """Yield every operation with its curves on one sheet; ``progress`` advances as the curves are consumed."""
     runs = sheets.runs(index, progress.part(0.0, 0.5))
     curves = [runs.engraved, runs.inner, runs.outer]

@@ -17,7 +17,7 @@ from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
 from . import glyphs
-from .operations import Drawn, on_sheet
+from .operations import DrawableSheets, on_sheet
 
 POINT = 0.0254 / 72.0  # metres
 LARGEST = 14400.0  # points; larger pages need a larger unit
@@ -199,7 +199,7 @@ def _assemble(bodies: list[bytes]) -> bytes:
 # -- the sheets ----------------------------------------------------------------------------------------------------
 
 
-def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as a page of true size, a layer and a colour per operation."""
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)

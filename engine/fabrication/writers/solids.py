@@ -30,7 +30,7 @@ DEPTH = 0.2  # depth of letters as a share of the thickness: the hub keeps half 
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class TriangleSolid:
     """A closed triangle mesh with outward normals.
 
     vertices : metres
@@ -41,7 +41,7 @@ class Solid:
     triangles: Int[np.ndarray, "triangles 3"]
 
 
-def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> Solid:
+def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> TriangleSolid:
     """Extrude a panel from z = 0 to ``thickness`` metres, with the labels on its hubs as grooves.
 
     Every edge has exactly two triangles.
@@ -80,7 +80,9 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzl
         _walls([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
     ]
     vertices = np.concatenate([np.column_stack([points, np.full(len(points), z)]) for points, z in layers])
-    return Solid(f"{panel.kind} {panel.number}" if panel.number else panel.kind, vertices, np.concatenate(faces))
+    return TriangleSolid(
+        f"{panel.kind} {panel.number}" if panel.number else panel.kind, vertices, np.concatenate(faces)
+    )
 
 
 def _grooves(panel: Panel, polygon: Any, width: float) -> list[Any]:
@@ -150,7 +152,7 @@ def write_3mf(sheets: CutSheets, index: int, path: Path, progress: Progress = SI
     package_3mf(_solids(sheets, index, progress), path, progress)
 
 
-def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
+def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[TriangleSolid]:
     """Return the panels of one sheet as solids."""
     panels = sheets.on_sheet(index)
     solids = []
@@ -160,7 +162,7 @@ def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[Solid]:
     return solids
 
 
-def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def stl(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """Write all solids into one binary STL file, in millimetres."""
     count = sum(len(s.triangles) for s in solids)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("unused", "<u2")])
@@ -176,7 +178,7 @@ def stl(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = 
             stream.write(rows.tobytes())
 
 
-def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
+def package_3mf(solids: list[TriangleSolid], path: str | os.PathLike[str], progress: Progress = SILENT) -> None:
     """Write a 3MF package (3MF Core Specification 1.3) with one object per solid, in millimetres."""
     head = '<?xml version="1.0" encoding="UTF-8"?>\n'
     kinds = (
@@ -209,7 +211,7 @@ def package_3mf(solids: list[Solid], path: str | os.PathLike[str], progress: Pro
             stream.write(f"</resources><build>{items}</build></model>".encode())
 
 
-def _object(number: int, solid: Solid, progress: Progress) -> Iterator[str]:
+def _object(number: int, solid: TriangleSolid, progress: Progress) -> Iterator[str]:
     """Yield the XML of one object."""
     yield f'<object id="{number}" type="model" name="{solid.name}"><mesh><vertices>'
     for part in progress.part(0.0, 0.4).batches(len(solid.vertices), ROWS, WRITING):

@@ -11,13 +11,13 @@ import numpy as np
 from ... import MARK
 from ...progress import SILENT, Progress
 from ...spirals.arcs import Curve
-from .operations import FRAME, Drawn, frame, on_sheet
+from .operations import FRAME, DrawableSheets, frame, on_sheet
 
 UNITS = {"mm": 1e-3, "in": 0.0254}  # metres per unit
 DIGITS = {1e-3: 4, 0.0254: 6}  # decimals by unit: a tenth of a micrometre or finer
 
 
-def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) -> None:
+def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as SVG.
 
     Parameters
@@ -30,7 +30,7 @@ def write(sheets: Drawn, index: int, path: Path, progress: Progress = SILENT) ->
     path.write_text(text(sheets, index, progress), encoding="utf-8")
 
 
-def text(sheets: Drawn, index: int, progress: Progress = SILENT) -> str:
+def text(sheets: DrawableSheets, index: int, progress: Progress = SILENT) -> str:
     """Return the SVG document of one sheet."""
     size = sheets.packing.sizes[index]
     unit = UNITS[sheets.cut.svg_unit]

@@ -44,7 +44,7 @@ class Curvature:
     off_by: Float[np.ndarray, "*n"]
 
     @classmethod
-    def of(cls, product: Float[np.ndarray, "*n"]) -> Curvature:
+    def evaluate(cls, product: Float[np.ndarray, "*n"]) -> Curvature:
         """Evaluate the functions at products of curvature and width, which is positive to the left."""
         square = (product / SATURATION) ** 2
         fourth = 1.0 + square * square
@@ -89,7 +89,7 @@ class Torsion:
     slopes: Float[np.ndarray, "4 ..."]
 
     @classmethod
-    def of(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
+    def evaluate(cls, width: Float[np.ndarray, "*n"], height: float) -> Torsion:
         """Evaluate torsion functions and their slopes; width, height : metres."""
         spline, at = _torsion_spline(), np.log(width / height)
         scale = height ** np.array([-4.0, -3.0, -3.0, 2.0])

@@ -92,7 +92,7 @@ class BentArms:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
+class _ArmPieces:
     """The arms divided into pieces: ``hub`` and ``flat`` as in ``BentArms``.
 
     answer : (A, S, 6, 6) bend and stretch of every piece per wrench at the tip, in the joint's axes
@@ -151,7 +151,7 @@ def bent(
     progress : is updated and can cancel
     """
     progress(0.0, BENDING)
-    return Bender.of(design, material).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
+    return Bender.from_design(design, material).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,14 +163,14 @@ class Bender:
     size : metres, of a spiral; rim : the joints of the rim, if there is one
     """
 
-    pieces: _Pieces
+    pieces: _ArmPieces
     arm: Int[np.ndarray, "joints 2"]
     axes: Float[np.ndarray, "arms 3 3"]
     size: float
     rim: RimPieces | None = None
 
     @classmethod
-    def of(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
+    def from_design(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
         """Divide the arms of a design into pieces.
 
         Parameters
@@ -192,7 +192,7 @@ class Bender:
         own = _divide(design, axes[: 4 * len(mesh.quads)], material)
         more = rim.answer @ _block_axes(axes[4 * len(mesh.quads) :])[:, None]
         parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
-        return cls(_Pieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
+        return cls(_ArmPieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
 
     def bent(
         self,
@@ -232,7 +232,7 @@ class Bender:
 
 
 def _close_joints(
-    pieces: _Pieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
+    pieces: _ArmPieces, pose: Pose, axes: np.ndarray, load: np.ndarray, joint: np.ndarray, close: float
 ) -> None:
     """Update the wrenches (A, 6) so that the tips of joints (m, 2), pairs of arms, meet within ``close`` metres."""
     for _ in range(ROUNDS):
@@ -246,7 +246,7 @@ def _close_joints(
             break
 
 
-def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _Pieces:
+def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _ArmPieces:
     """Divide all arms into pieces of equal length in t; axes : (A, 3, 3) of their joints in the flat frames of their
     patches."""
     count = design.arms.radius.shape
@@ -275,7 +275,7 @@ def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
         POISSON if material is None else material.poisson,
         grain,
     )
-    return _Pieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _block_axes(axes)[:, None])
+    return _ArmPieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _block_axes(axes)[:, None])
 
 
 def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:
@@ -304,7 +304,7 @@ def _integrate(
 
 
 def _tip_states(
-    pieces: _Pieces, arm: np.ndarray, pose: Pose, load: np.ndarray
+    pieces: _ArmPieces, arm: np.ndarray, pose: Pose, load: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (n, 3), rotations (n, 3, 3) and compliances (n, 6, 6), in space, of the tips of arms (n,)."""
     answer, flat = pieces.answer[arm], pieces.flat[arm]
@@ -337,7 +337,7 @@ def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tu
     return share[:, None] * step, np.linalg.norm(miss[:, :3], axis=1) + np.linalg.norm(miss[:, 3:], axis=1) * 1e-3
 
 
-def _bend(pieces: _Pieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
+def _bend(pieces: _ArmPieces, pose: Pose, load: np.ndarray, some: Int[np.ndarray, " arms"]) -> BentArms:
     """Bend the arms ``some`` (n,) under loads (A, 6); the others stay zero."""
     strain = (pieces.answer[some] @ load[some, None, :, None])[..., 0]
     bend, stretch = np.ascontiguousarray(strain[..., :3]), np.ascontiguousarray(strain[..., 3:])

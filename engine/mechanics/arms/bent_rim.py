@@ -39,7 +39,7 @@ class RimPieces:
 
     @cached_property
     def _model(self) -> ArmModel:
-        return ArmModel.of(of_design(self.design), self.material, curving=False, slopes=False).of_rim
+        return ArmModel.from_assembly(of_design(self.design), self.material, curving=False, slopes=False).of_rim
 
     def settled(self, pose: Pose) -> Pose:
         """Add the nodes to a pose without them, in equilibrium between the hubs."""
@@ -62,7 +62,7 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
         line = np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
         width = np.array(rim.width) if arm != NECK else design.arms.joint_width[rim.quad, rim.side][:, None]
         length = np.broadcast_to(long[:, None] / STATIONS, (count, STATIONS))
-        beams = Beams.of(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
+        beams = Beams.from_points(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
         flat[:, arm] = line[:, ::2]
         answer[:, arm] = answers(
             beams.lever, beams.tangent, length, beams.width, design.params.thickness, known.poisson, grain

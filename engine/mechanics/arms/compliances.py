@@ -90,7 +90,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
         )
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
-    arms = CutArms.of(assembly, shape)
+    arms = CutArms.from_assembly(assembly, shape)
     added, by = more_compliant(arms, assembly.thickness, material, slopes)
     share = believable(arms, found.values, added)[:, None, None]
     added = added * share

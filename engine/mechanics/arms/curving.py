@@ -51,7 +51,7 @@ _INTEGRATION = _integration_matrix() / _WEIGHTS
 
 
 @dataclass(frozen=True, eq=False)
-class Arms:
+class CurvedArms:
     """Both arms of m joints, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
 
     begin : share of the radius at which the arm begins to bend; slope, joint, share : of its blended end, as in
@@ -80,13 +80,13 @@ class Arms:
     side: float
 
     @classmethod
-    def of(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> Arms:
+    def from_assembly(cls, assembly: Assembly, material: Material, compliance: np.ndarray) -> CurvedArms:
         """Collect the arms of an assembly; compliance : (m, 2, 6, 6) in the arms' own axes."""
         lever = np.einsum("ekji,ekj->eki", assembly.axes, assembly.lever)
         middle = 0.5 * (lever[:, 0] + lever[:, 1])
         to_joint = np.broadcast_to(np.eye(6), (len(lever), 6, 6)).copy()
         to_joint[:, :3, 3:] = -skew(middle)
-        cut = CutArms.of(assembly)
+        cut = CutArms.from_assembly(assembly)
         begin, slope, joint, share = (v.reshape(-1, 2) for v in (cut.roots[1], cut.slope, cut.joint, cut.share))
         shape = (assembly.radius, assembly.arm_width, assembly.twist[assembly.pairs], begin, slope, joint, share)
         side, axes = -1.0 if assembly.clockwise else 1.0, assembly.arm_axes
@@ -95,7 +95,7 @@ class Arms:
         rest = (assembly.to_grain, assembly.thickness, material, side)
         return cls(*shape, compliance, radial, centre, to_joint, *rest)
 
-    def part(self, joints: slice) -> Arms:
+    def part(self, joints: slice) -> CurvedArms:
         """Select joints."""
         names = (
             "radius",
@@ -129,7 +129,7 @@ class Stations:
     arm: Float[np.ndarray, "joints 2 stations 3"]
 
     @classmethod
-    def of(cls, arms: Arms) -> Stations:
+    def from_arms(cls, arms: CurvedArms) -> Stations:
         """Place the stations and compute the fields."""
         place, step, length, bend = _stations_along(arms)
         arm = -(arms.centre[:, :, None] + place)
@@ -180,7 +180,7 @@ class Stations:
 
 
 def second_order_strains(
-    arms: Arms,
+    arms: CurvedArms,
     at_joint: Float[np.ndarray, "joints 6 6"],
     lever: Float[np.ndarray, "joints 2 3"],
     progress: Progress = SILENT,
@@ -196,14 +196,14 @@ def second_order_strains(
         progress(start / len(out), "Second order of the strains")
         part = slice(start, start + BATCH)
         some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
-        found = Stations.of(some).bilinear(_wrench_and_turn(some, at_joint[part])).reshape(-1, 6, 36)
+        found = Stations.from_arms(some).bilinear(_wrench_and_turn(some, at_joint[part])).reshape(-1, 6, 36)
         out[part] = (some.to_joint @ found).reshape(-1, 6, 6, 6)
         for k in range(3):
             out[part, :3, 3 + k, 3:] -= _double_cross(np.broadcast_to(_EYE[k], apart.shape), apart)
     return out
 
 
-def _wrench_and_turn(arms: Arms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
+def _wrench_and_turn(arms: CurvedArms, at_joint: np.ndarray) -> Float[np.ndarray, "joints 9 6"]:
     """(m, 9, 6) derivatives of the wrench about the midpoint of the hubs (6), and of the turn (3), by the joint's strains."""
     turn = np.broadcast_to(np.eye(6)[3:], (len(at_joint), 3, 6))
     return np.concatenate([np.swapaxes(arms.to_joint, 1, 2) @ at_joint, turn], axis=1)
@@ -214,7 +214,7 @@ def _double_cross(turn: np.ndarray, way: np.ndarray) -> Float[np.ndarray, "joint
     return 0.5 * ((turn * way).sum(axis=-1)[..., None, None] * _EYE + outer(turn, way)) - outer(way, turn)
 
 
-def _stations_along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stations of both arms of every joint, in the joint's axes, from the edge of the hub outwards.
 
     Positions (m, 2, S, 3) m relative to the hub's centre, steps (m, 2, S, 3) m outwards, lengths (m, 2, S) m of the
@@ -241,7 +241,7 @@ def _stations_along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
         turns = _isotropic_turns(arms, width, length)
     else:
         angle = arms.side * (arms.grain[..., None] - np.angle(-ways[1]))
-        yields = Yielding.of(arms.material.orthotropy, angle, width, arms.thickness)
+        yields = Yielding.evaluate(arms.material.orthotropy, angle, width, arms.thickness)
         turns = tuple(length * part[0] for part in (yields.twist, yields.lift, yields.bend))
         mixed = length * yields.coupled[0]
         for i in range(3):
@@ -258,7 +258,7 @@ def _stations_along(arms: Arms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return place, step, length, bend
 
 
-def _isotropic_turns(arms: Arms, width: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _isotropic_turns(arms: CurvedArms, width: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Flexibilities of pieces in rad/(N m): turn per moment along the arm, out of the sheet and in the sheet."""
     height, youngs = arms.thickness, arms.material.youngs
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)

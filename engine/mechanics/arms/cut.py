@@ -90,7 +90,7 @@ class CutArms:
     grain: Float[np.ndarray, " n"]
 
     @classmethod
-    def of(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
+    def from_assembly(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
         """Both arms of every joint, joint by joint; ``shape`` replaces the shapes of the assembly (see ``shapes``)."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
@@ -153,7 +153,7 @@ def by_shapes(
     shape = shapes(assembly, material)
     n, count = len(shape), shape.shape[1]
     value, by = np.zeros((n, 6, 6)), np.zeros((n, count, 6, 6))
-    arms = CutArms.of(assembly, shape)
+    arms = CutArms.from_assembly(assembly, shape)
     rows = list(range(1 + count))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
@@ -219,7 +219,7 @@ def _sum_lines(
             out[:, rows] += sign * _line_compliance(place, pace, width, weight, thickness, material)
             continue
         turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + _GRAIN and count == 2 + _GRAIN}
-        grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.of, material.orthotropy)
+        grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.evaluate, material.orthotropy)
         out[:, rows] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
     return out
 

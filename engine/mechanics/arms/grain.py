@@ -66,7 +66,7 @@ class Yielding:
     coupled: np.ndarray
 
     @classmethod
-    def of(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+    def evaluate(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
         """Evaluate free sections; all arguments broadcast.
 
         known : moduli; angle : radians from the arm to the grain, positive to its left; width, height : metres
@@ -90,7 +90,7 @@ class Yielding:
     @classmethod
     def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
         """Flexibility of a section kept from warping minus the flexibility of a free section, without the isotropic part;
-        arguments as ``of``.
+        arguments as ``evaluate``.
 
         The section stays plane. With the stiffness Q, the inverse of S11, S16 and S66, it is Q11 h w^3 / 12 in the
         sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of it and torsion.
@@ -118,7 +118,7 @@ class Yielding:
     ) -> Yielding:
         """Flexibility of the whole hub of an arm minus the flexibility of an isotropic hub with this Poisson's ratio.
 
-        Arguments as ``of``, but the result is not per length.
+        Arguments as ``evaluate``, but the result is not per length.
         """
         s11, _, s66, s55 = _rotated_compliances(known, angle)
         more_level, more_upright = s66 - 2.0 * (1.0 + poisson) * s11, s55 - 2.0 * (1.0 + poisson) * s11
@@ -293,7 +293,7 @@ class GrainBeams:
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
         share[1 + _WIDTH] = 2.0 * (away / HUB_HOLDS) ** 2 * share[0]
         share[1 + _RADIUS] = -share[1 + _WIDTH] / radius
-        lines, free = _spiral(radius, twist, t), partial(Yielding.of, self.known)
+        lines, free = _spiral(radius, twist, t), partial(Yielding.evaluate, self.known)
         along = line_compliance(*lines, width, weight, angle, height, free)
         weight = weight * share[:1] + weight[:1] * share
         weight[0] = w[:, None] * share[0]

@@ -79,7 +79,7 @@ class SpatialMotion:
     across: Float[np.ndarray, " joints"]
 
     @classmethod
-    def of(cls, motion: JointMotion) -> SpatialMotion:
+    def from_joints(cls, motion: JointMotion) -> SpatialMotion:
         """Rotate a motion from the half-way frame to the axes of space."""
         gap, turn = (joints_last(times(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))

@@ -25,7 +25,7 @@ from ..newton_system import NewtonSystem
 from ..vectors import skew, times
 from . import stiffness
 from .compliances import ArmCompliances, arm_compliances
-from .curving import Arms, curved, moved_curving, second_order_strains, weighted
+from .curving import CurvedArms, curved, moved_curving, second_order_strains, weighted
 from .cut import by_shapes, shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
 from .sensitivity import JointChanges, convex_by_design
@@ -67,7 +67,7 @@ class ArmModel:
     name: str = "arm"
 
     @classmethod
-    def of(
+    def from_assembly(
         cls,
         assembly: Assembly,
         material: Material,
@@ -160,7 +160,7 @@ class ArmModel:
         second = None
         if curving:
             held = np.einsum("ekji,ekj->eki", assembly.axes, lever)
-            arms = Arms.of(assembly, material, compliance.values)
+            arms = CurvedArms.from_assembly(assembly, material, compliance.values)
             second = second_order_strains(arms, at_joint, held, progress)
         rest = beyond[:, 0] - beyond[:, 1]
         return cls(assembly, compliance, material, at_joint, lever, rest, stiffness, offset, second)
@@ -229,7 +229,7 @@ class ArmModel:
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
         pose, motion = state.pose.moved(step), state.motion
-        change = times(first_order(SpatialMotion.of(motion)), step[self.pairs].reshape(-1, 12))
+        change = times(first_order(SpatialMotion.from_joints(motion)), step[self.pairs].reshape(-1, 12))
         back = np.swapaxes(motion.middle, 1, 2)
         change = np.concatenate([times(back, change[:, :3]), times(back, change[:, 3:])], axis=1)
         return ArmState(pose, self.motion(pose), motion.vector + change)
@@ -251,7 +251,8 @@ class ArmModel:
         inner = self.wrenches(state)
         inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
         return times(
-            np.swapaxes(first_order(SpatialMotion.of(state.motion)), 1, 2), _rotate_to_space(state.motion, inner)
+            np.swapaxes(first_order(SpatialMotion.from_joints(state.motion)), 1, 2),
+            _rotate_to_space(state.motion, inner),
         )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
@@ -284,7 +285,7 @@ class ArmModel:
     def strain_rates(self, state: ArmState) -> Float[np.ndarray, "joints 6 12"]:
         """(m, 6, 12) derivatives of the strains, second-order term included, by the increments of both hubs."""
         slope, middle = _add_second_order(state.motion.vector, self.curving)[1], state.motion.middle
-        rates = first_order(SpatialMotion.of(state.motion)).reshape(-1, 2, 3, 12)
+        rates = first_order(SpatialMotion.from_joints(state.motion)).reshape(-1, 2, 3, 12)
         return slope @ (np.swapaxes(middle, 1, 2)[:, None] @ rates).reshape(-1, 6, 12)
 
     def convex_by_design(self, state: ArmState, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
@@ -305,7 +306,7 @@ class ArmModel:
     def changes(self, state: ArmState) -> JointChanges:
         """Derivatives of the joints' wrenches by the pose and the design; the second-order term counts as constant."""
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
-        return JointChanges.of(*known, state.motion, self.curving_at_joint)
+        return JointChanges.from_assembly(*known, state.motion, self.curving_at_joint)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
         return self.changes(state).gradient_by_design
@@ -346,7 +347,7 @@ def _expand_joints(
     inner = times(stiffness, strains)
     per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
     ahead = times(stiffness, strains + times(slope, predicted - motion.vector))
-    at = SpatialMotion.of(motion)
+    at = SpatialMotion.from_joints(motion)
     jacobian = first_order(at)
     back = np.swapaxes(jacobian, 1, 2)
     spread = np.zeros((len(base), 6, 6))

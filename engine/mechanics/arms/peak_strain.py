@@ -28,9 +28,19 @@ import numpy as np
 
 from ...arrays import Complex, Float
 from ...materials import Material
-from ...spirals.blends import ANGLE, MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, ramp
+from ...spirals.blends import (
+    ANGLE,
+    MATE_LEAN,
+    MATE_WIDTH,
+    MATE_WIND,
+    OWN_LEAN,
+    OWN_WIDTH,
+    OWN_WIND,
+    RADIUS,
+    smooth_positive,
+)
 from ...spirals.blends import NUMBERS as BLEND_NUMBERS
-from ...spirals.lines import Lines
+from ...spirals.lines import ArmCurves
 from .bar_sections import Curvature, Torsion
 from .grain import direction_share
 from .tip_beams import HUB_SHARE, hub_ends
@@ -89,7 +99,7 @@ class StrainedArms:
         out = np.empty(len(wrench))
         for start in range(0, len(out), BATCH):
             some = slice(start, start + BATCH)
-            out[some] = _SectionStrains(_Bars.of(self, self.numbers[some]), wrench[some]).values
+            out[some] = _SectionStrains(_Bars.from_arms(self, self.numbers[some]), wrench[some]).values
         return out
 
     def slopes(self, wrench: Float[np.ndarray, "arms 6"], arms: np.ndarray) -> PeakStrain:
@@ -97,7 +107,7 @@ class StrainedArms:
         out = PeakStrain(np.empty(len(arms)), np.empty((len(arms), 6)), np.empty((len(arms), NUMBERS)))
         for start in range(0, len(arms), BATCH):
             some = slice(start, start + BATCH)
-            places = _SectionStrains(_Bars.of(self, self.numbers[arms[some]]), wrench[some])
+            places = _SectionStrains(_Bars.from_arms(self, self.numbers[arms[some]]), wrench[some])
             out.values[some] = places.values
             out.by_wrench[some], out.by_numbers[some] = places.slopes()
         return out
@@ -112,7 +122,7 @@ class _Bars:
     """
 
     arms: StrainedArms
-    lines: Lines
+    lines: ArmCurves
     grain: Float[np.ndarray, " n"]
     end: Float[np.ndarray, " n"]
     end_by: Float[np.ndarray, "n numbers"]
@@ -122,10 +132,10 @@ class _Bars:
     width: Float[np.ndarray, "n pieces"]
 
     @classmethod
-    def of(cls, arms: StrainedArms, numbers: Float[np.ndarray, "n 9"]) -> _Bars:
+    def from_arms(cls, arms: StrainedArms, numbers: Float[np.ndarray, "n 9"]) -> _Bars:
         pairs = ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         width, wind, lean = (numbers[:, list(both)] for both in pairs)
-        lines = Lines.of(
+        lines = ArmCurves.from_arms(
             np.zeros(len(numbers), dtype=complex),
             numbers[:, RADIUS],
             numbers[:, ANGLE],
@@ -192,7 +202,7 @@ class _Pull:
     angle: Float[np.ndarray, "n pieces"]
 
 
-def _ends(lines: Lines, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
+def _ends(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
     """t a little before the first fillets of regular spirals, and its derivatives by the parameters of ``blends``."""
     radius, wind, width = lines.radius, lines.wind, lines.width
     hub, slopes = hub_ends(radius, wind, 0.5 * width + fillet)
@@ -206,7 +216,7 @@ def _ends(lines: Lines, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[n
     back_by[:, OWN_WIND] -= back / pace**2 * wind * left**2
     back_by[:, RADIUS] -= back / radius
     back_by[:, OWN_WIDTH] += back / width
-    over, slope = ramp(root - back - LEAST_END, END_SOFT)
+    over, slope = smooth_positive(root - back - LEAST_END, END_SOFT)
     return LEAST_END + over, slope[:, None] * (root_by - back_by)
 
 
@@ -230,8 +240,8 @@ class _SectionStrains:
         bars, arms = self.bars, self.bars.arms
         height, width, youngs = arms.thickness, bars.width, arms.material.youngs
         self.softness = 2.0 * (1.0 + arms.material.poisson) / youngs  # 1 / G
-        self.curvature = c = Curvature.of(bars.bend)
-        self.torsion = t = Torsion.of(width, height)
+        self.curvature = c = Curvature.evaluate(bars.bend)
+        self.torsion = t = Torsion.evaluate(width, height)
         self.inner = 1.0 - 0.5 * _SIDES * c.bend
         self.stretch = self.normal / (youngs * width * height)
         self.in_plane = self.turn / (youngs * width**2 * height)

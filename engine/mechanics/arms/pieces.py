@@ -35,7 +35,7 @@ class Grain:
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
         """Flexibilities (A, S, 3, 3) per length: turn per moment, and stretch and shear per force; axes along the arm,
         across, normal."""
-        found = Yielding.of(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
+        found = Yielding.evaluate(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
         turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
         for out, diagonal, mixed in (
             (turn, (found.twist, found.lift, found.bend), found.coupled),

@@ -63,7 +63,7 @@ class Section:
     halfway: Float[np.ndarray, "n places 3"]
 
     @classmethod
-    def of(cls, field: BentByTips, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
+    def from_arms(cls, field: BentByTips, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
         """Place the sections of bent arms at t."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
@@ -109,13 +109,13 @@ class Section:
         turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
         within = (self.rate < 0.0)[..., None]
-        chord = Pair.of(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
+        chord = Pair.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
         by_share = dot(pull.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
         rates = by_share * -self.rate * self.t / self.hub
         spin = aside * 1j * self.pace / np.abs(self.pace) ** 2
         vectors = (pull.middle, halfway + turn, share * (0.5 * halfway + turn), share * pull.middle)
-        shift, turns, bend, stretch = (Pair.of(x[:, 0]) for x in vectors)
-        flat = Pair.of(pull.middle).flat
+        shift, turns, bend, stretch = (Pair.from_vectors(x[:, 0]) for x in vectors)
+        flat = Pair.from_vectors(pull.middle).flat
         return Pull(
             shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
         ), self.piece[:, 0]

@@ -52,7 +52,7 @@ class JointChanges:
     turned: Float[np.ndarray, "joints 2 3"]
 
     @classmethod
-    def of(
+    def from_assembly(
         cls,
         assembly: Assembly,
         by: Float[np.ndarray, "joints 2 numbers 6 6"],
@@ -83,7 +83,7 @@ class JointChanges:
         wrench = times(across, inner)
         spread = np.zeros((len(base), 6, 6))
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
-        by_pose = spread @ first_order(SpatialMotion.of(motion))
+        by_pose = spread @ first_order(SpatialMotion.from_joints(motion))
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
         turned = np.zeros((len(turn), 2, 3))
         changes = -softened(assembly, by, inner) @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
@@ -138,11 +138,11 @@ def convex_by_design(
     """(m, 2, 5) derivatives of each joint's convex energy r.K.r by the widths and the twist of both spirals.
 
     r is the rate of the joint's strains in a motion ``way`` (m, 12) of both hubs. Other arguments as in
-    ``JointChanges.of``.
+    ``JointChanges.from_joints``.
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
-    rates = times(first_order(SpatialMotion.of(motion)), way).reshape(-1, 2, 3) @ base
+    rates = times(first_order(SpatialMotion.from_joints(motion)), way).reshape(-1, 2, 3) @ base
     rates = np.concatenate([rates[:, 0] + np.cross(offset, rates[:, 1]), rates[:, 1]], axis=1)
     slope = np.eye(6)[None]
     if curving is not None:

@@ -26,7 +26,7 @@ from ...spirals.blends import (
     OWN_WIND,
     RADIUS,
 )
-from ...spirals.lines import Lines
+from ...spirals.lines import ArmCurves
 from .sections import Section, SectionPull, dot
 from .tip_beams import BentByTips, Pair, Pull, TipBeams
 
@@ -131,8 +131,8 @@ class Slots:
         bent = self._beams(numbers.reshape(-1, NUMBERS)[own], STATIONS).bent(motion.reshape(-1, 6)[own])
         field = bent.rows(index.ravel())
         both = np.stack([t, s], axis=1).reshape(-1, 1)
-        here = Section.of(field, np.arange(0, len(both), 2), both[::2])
-        there = Section.of(field, np.arange(1, len(both), 2), both[1::2])
+        here = Section.from_arms(field, np.arange(0, len(both), 2), both[::2])
+        there = Section.from_arms(field, np.arange(1, len(both), 2), both[1::2])
         outer, inner = self._section_distance(here, there)[1]
         # the facing point moves too: s keeps the distance at right angles to the inner arm
         way = here.middle - there.middle
@@ -146,7 +146,7 @@ class Slots:
         inner.along += facing.along
         pulls, pieces = zip(*(part.pulled(pull) for part, pull in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
-        by_motion, by_numbers = field.pulled(both[:, 0], pieces, Pull.of(*pulls))
+        by_motion, by_numbers = field.pulled(both[:, 0], pieces, Pull.interleave(*pulls))
         return by_motion.reshape(motion.shape), by_numbers.reshape(numbers.shape)
 
     @property
@@ -162,8 +162,8 @@ class Slots:
         )
         width, wind, lean = given
         centre = np.zeros(len(numbers), dtype=complex)
-        lines = Lines.of(centre, numbers[:, RADIUS], numbers[:, ANGLE], (width, wind, lean), self.shortest)
-        return TipBeams.of(lines, self.fillet, self.thickness, pieces)
+        lines = ArmCurves.from_arms(centre, numbers[:, RADIUS], numbers[:, ANGLE], (width, wind, lean), self.shortest)
+        return TipBeams.from_lines(lines, self.fillet, self.thickness, pieces)
 
     def _widths(
         self,
@@ -174,18 +174,18 @@ class Slots:
         """Widths in metres of slots at t on their outer arms, and the facing points; infinite where no section faces
         them."""
         outer, inner = pair.T
-        here = Section.of(field, outer, t)
+        here = Section.from_arms(field, outer, t)
         # start at the nearest station
         stations = Pair(field.beams.flat + field.shift.flat, field.shift.off).space
         apart = np.linalg.norm(here.middle[:, :, None] - stations[inner][:, None], axis=-1)
         s = field.beams.hub[inner, None] * (1.0 - apart.argmin(axis=2) / STATIONS)
         for _ in range(ROUNDS):
-            there = Section.of(field, inner, s)
+            there = Section.from_arms(field, inner, s)
             way = here.middle - there.middle
             pace = dot(there.velocity, there.along)
             slope = np.maximum(pace - dot(way, there.turning), 0.25 * pace)
             s = np.clip(s + np.clip(dot(way, there.along) / slope, -0.1, 0.1), 0.0, 1.0)
-        there = Section.of(field, inner, s)
+        there = Section.from_arms(field, inner, s)
         beyond = np.abs(dot(here.middle - there.middle, there.along)) >= END_TOLERANCE
         return np.where(beyond, np.inf, self._section_distance(here, there)[0]), s
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
-from ...spirals.known import SCALE_RANGE, limit_and_slope, twist_limit
+from ...spirals.known import SCALE_RANGE, limit_and_slope, table_twist_limit
 from ...surface.checking.finding import counted
 from ..beyond import Beyond
 from . import beams
@@ -62,7 +62,7 @@ class ArmCompliance:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class StiffnessTable:
     """The interpolation table.
 
     coefficients : (T, channels, N) Chebyshev coefficients: T pairs of degrees in w/h and twist, channels, degrees in
@@ -77,7 +77,7 @@ class Table:
 
 
 @lru_cache(maxsize=8)
-def load_table(poisson: float, path: Path = TABLE) -> Table:
+def load_table(poisson: float, path: Path = TABLE) -> StiffnessTable:
     """Load the table for one Poisson's ratio; raises FlexMapsError if the file is missing or has another version."""
     if not POISSON_RANGE[0] < poisson < POISSON_RANGE[1]:
         raise FlexMapsError(f"Poisson's ratio is {poisson:g}; it must lie between 0 and 0.45")
@@ -92,7 +92,7 @@ def load_table(poisson: float, path: Path = TABLE) -> Table:
     low, high = POISSON_RANGE
     x = 2.0 * (poisson - low) / (high - low) - 1.0
     basis = np.cos(np.arange(full.shape[-1]) * math.acos(x))
-    return Table(np.ascontiguousarray(full @ basis), pairs, provenance)
+    return StiffnessTable(np.ascontiguousarray(full @ basis), pairs, provenance)
 
 
 FORMAT = 1  # version of the file
@@ -157,11 +157,11 @@ def beyond(
     scale, width : (n,) metres and twist : (n,) radians of arms; spiral : (n,) int, the spiral of each arm
     """
     ratio = scale / width
-    share = twist / twist_limit(np.clip(ratio, *SCALE_RANGE))
+    share = twist / table_twist_limit(np.clip(ratio, *SCALE_RANGE))
     return [
-        *Beyond.of("scale / width", ratio, SHORTEST, SLENDEREST, spiral),
-        *Beyond.of("width / thickness", width / thickness, *WIDTH_RANGE, spiral),
-        *Beyond.of("twist / largest twist that can be cut", share, 0.0, 1.0, spiral),
+        *Beyond.outside_range("scale / width", ratio, SHORTEST, SLENDEREST, spiral),
+        *Beyond.outside_range("width / thickness", width / thickness, *WIDTH_RANGE, spiral),
+        *Beyond.outside_range("twist / largest twist that can be cut", share, 0.0, 1.0, spiral),
     ]
 
 
@@ -177,7 +177,7 @@ def _chebyshev(x: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return value, slope
 
 
-def interpolate(table: Table, at: _TablePoint) -> tuple[np.ndarray, np.ndarray]:
+def interpolate(table: StiffnessTable, at: _TablePoint) -> tuple[np.ndarray, np.ndarray]:
     """(12, n) values and (3, 12, n) derivatives by ln(s/w), ln(w/h) and twist."""
     c = table.coefficients
     pairs, count, degree = c.shape
@@ -256,7 +256,7 @@ def blocks(
     ratio: np.ndarray,
     flatness: np.ndarray,
     twist: Float[np.ndarray, " arms"],
-    table: Table,
+    table: StiffnessTable,
     poisson: float,
     beam: Beams | None = None,
 ) -> beams.Blocks:

@@ -53,7 +53,7 @@ class Strains:
     values: Float[np.ndarray, "joints 2"]
 
     @classmethod
-    def of(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
+    def from_changes(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
         """Compute the strains under the wrenches of ``changes``.
 
         Parameters
@@ -162,7 +162,7 @@ def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float
 def kinks(assembly: Assembly) -> Float[np.ndarray, " joints"]:
     """(m,) sharpness of the kink at every joint: the angle (radians) of the more bent arm, times thickness over
     the width of the narrower arm."""
-    arms = CutArms.of(assembly)
+    arms = CutArms.from_assembly(assembly)
     bend = np.abs(arms.slope) / arms.radius
     return bend.reshape(-1, 2).max(axis=1) * assembly.thickness / assembly.arm_width.min(axis=1)
 

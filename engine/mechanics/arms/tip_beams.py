@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Complex, Float, Int
-from ...spirals.blends import NUMBERS, OWN_WIDTH, OWN_WIND, RADIUS, ramp
-from ...spirals.lines import Lines
+from ...spirals.blends import NUMBERS, OWN_WIDTH, OWN_WIND, RADIUS, smooth_positive
+from ...spirals.lines import ArmCurves
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
 
@@ -39,7 +39,7 @@ class Pair:
     off: Float[np.ndarray, "*n"]
 
     @classmethod
-    def of(cls, vector: Float[np.ndarray, "*n 3"]) -> Pair:
+    def from_vectors(cls, vector: Float[np.ndarray, "*n 3"]) -> Pair:
         """Split vectors in space."""
         return cls(vector[..., 0] + 1j * vector[..., 1], vector[..., 2])
 
@@ -76,7 +76,7 @@ class Pull:
     half: Float[np.ndarray, " k"]
 
     @classmethod
-    def of(cls, first: Pull, second: Pull) -> Pull:
+    def interleave(cls, first: Pull, second: Pull) -> Pull:
         """Interleave two sets of derivatives: first, second, first, second, ..."""
         return cls(*(_interleave(getattr(first, part.name), getattr(second, part.name)) for part in fields(cls)))
 
@@ -106,7 +106,7 @@ class TipBeams:
         metres
     """
 
-    lines: Lines
+    lines: ArmCurves
     thickness: float
     fillet: float
     hub: Float[np.ndarray, " n"]
@@ -117,7 +117,7 @@ class TipBeams:
     curving: Float[np.ndarray, "n pieces"]
 
     @classmethod
-    def of(cls, lines: Lines, fillet: float, thickness: float, pieces: int) -> TipBeams:
+    def from_lines(cls, lines: ArmCurves, fillet: float, thickness: float, pieces: int) -> TipBeams:
         """Divide arms into pieces between hub and tip."""
         hub = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + fillet)[0]
         t = hub[:, None] * np.linspace(1.0, 0.0, 2 * pieces + 1)
@@ -208,7 +208,7 @@ class TipBeams:
 
     def bent(self, motion: Float[np.ndarray, "n 6"]) -> BentByTips:
         """Bend the arms by tip motions (n, 6): shifts in metres and turns in radians."""
-        load = self.wrenches(Pair.of(motion[:, :3]), Pair.of(motion[:, 3:]))
+        load = self.wrenches(Pair.from_vectors(motion[:, :3]), Pair.from_vectors(motion[:, 3:]))
         bend, stretch = self._turn_pieces(load.at(self.lever)), self._stretch_pieces(load.force[:, None])
         turn = bend.sums()
         middle = Pair(turn.flat[:, :-1] + 0.5 * bend.flat, turn.off[:, :-1] + 0.5 * bend.off)
@@ -336,7 +336,7 @@ def hub_ends(
     """
     room = (0.25 * math.pi * radius / away) ** 2
     least = 1.0 / _MAX_HUB_SHARE**2
-    over, slope = ramp(room - wind**2 - least, 1.0)
+    over, slope = smooth_positive(room - wind**2 - least, 1.0)
     whole = least + over
     by = 0.5 * HUB_SHARE * whole**-1.5 * slope
     slopes = by[:, None] * np.stack([2.0 * room / radius, -2.0 * wind, -2.0 * room / away], axis=1)

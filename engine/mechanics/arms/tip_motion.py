@@ -33,7 +33,7 @@ class TipMotions:
     by_design: Float[np.ndarray, "joints 2 6 2 5"]
 
     @classmethod
-    def of(
+    def from_assembly(
         cls,
         assembly: Assembly,
         compliance: Float[np.ndarray, "joints 2 6 6"],
@@ -54,7 +54,7 @@ class TipMotions:
         wrench = times(stiffness, motion.vector)
         back = np.zeros((m, 6, 6))
         back[:, :3, :3] = back[:, 3:, 3:] = np.swapaxes(motion.middle, 1, 2)
-        motion_by_pose = back @ first_order(SpatialMotion.of(motion))
+        motion_by_pose = back @ first_order(SpatialMotion.from_joints(motion))
         # derivatives of the joint's motion under this wrench, through the compliances of both arms
         own = np.swapaxes(axes, 2, 3) @ wrench[:, None, :, None]
         yields = np.einsum("esij,eskjl->eski", axes, by @ own[:, :, None])
@@ -90,7 +90,7 @@ def tip_motions(
 
     Parameters
     ----------
-    assembly, compliance, stiffness, pose : as in ``TipMotions.of``
+    assembly, compliance, stiffness, pose : as in ``TipMotions.from_joints``
 
     Returns
     -------

@@ -46,7 +46,7 @@ class RodModel:
     name: str = "rod"
 
     @classmethod
-    def of(cls, assembly: Assembly, material: Material) -> RodModel:
+    def from_assembly(cls, assembly: Assembly, material: Material) -> RodModel:
         """Build the model of an assembly of one material.
 
         Parameters

@@ -83,7 +83,7 @@ def rod_parameters(
         slot of 0.15 thicknesses) get the parameters of the nearest spiral inside.
     """
     refuse_material(thickness, youngs)
-    near = _Nearest.of(*lengths_and_twists(scale, width, twist), thickness)
+    near = _Nearest.from_spirals(*lengths_and_twists(scale, width, twist), thickness)
     net = load_network(model)
     ratio = near.scale / near.width
     limit, slope = limit_and_slope(ratio)
@@ -120,7 +120,7 @@ class _Nearest:
     along: np.ndarray
 
     @classmethod
-    def of(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
+    def from_spirals(cls, scale: np.ndarray, width: np.ndarray, twist: np.ndarray, thickness: float) -> _Nearest:
         """Clip spirals to the sampled region."""
         # a narrow strip beyond the edge counts as inside, because rounding may put spirals there
         low, high = 1.0 - SLACK, 1.0 + SLACK
@@ -157,10 +157,10 @@ def beyond(
     thickness: float,
 ) -> list[Beyond]:
     """List the quantities outside the sampled region; scale, width (m) and twist (rad) : (n,)."""
-    near, every = _Nearest.of(scale, width, twist, thickness), np.arange(len(scale))
+    near, every = _Nearest.from_spirals(scale, width, twist, thickness), np.arange(len(scale))
     share = twist / _largest_twist(near.scale, near.width, thickness)[0]
     return [
-        *Beyond.of("scale / thickness", scale / thickness, *SCALE_OVER_THICKNESS, every),
-        *Beyond.of("width / thickness", width / thickness, *FLATNESS_RANGE, every),
-        *Beyond.of("twist / largest twist", share, 0.0, 1.0, every),
+        *Beyond.outside_range("scale / thickness", scale / thickness, *SCALE_OVER_THICKNESS, every),
+        *Beyond.outside_range("width / thickness", width / thickness, *FLATNESS_RANGE, every),
+        *Beyond.outside_range("twist / largest twist", share, 0.0, 1.0, every),
     ]

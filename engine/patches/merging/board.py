@@ -18,7 +18,7 @@ from ..flattening.arap import FlatPatch, PatchProblem, minimax, settle
 from ..flattening.outline import simple
 from ..layout import PatchLayout
 from ..tracing.regions import MERGING_SHARE
-from .sketch import ROOM, Piece, Sketch, Sketcher
+from .sketch import ROOM, Sketch, SketchedPatch, Sketcher
 
 # The smallest relative width of an isthmus is this factor over the largest bottleneck. On seven surfaces 1.0 gives 45
 # patches instead of 44, 1.5 gives 48.
@@ -38,12 +38,12 @@ NOTHING = np.zeros(0, dtype=np.int64)  # empty array of edges
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class SeamChange:
     """Cut edges to open, joined edges to cut, and the resulting pieces."""
 
     opens: Int[np.ndarray, " opened"]
     closes: Int[np.ndarray, " closed"]
-    pieces: list[Piece]
+    pieces: list[SketchedPatch]
 
 
 class Effort:
@@ -111,7 +111,7 @@ class Board:
         self.refused: set[tuple[bytes, ...]] = set()
         self.solved: dict[tuple[bytes, bytes, float], FlatPatch] = {}
         self.failed: set[tuple[tuple[bytes, bytes, float], tuple[int, ...]]] = set()
-        self.pieces: dict[int, Piece] = {}
+        self.pieces: dict[int, SketchedPatch] = {}
         for quads in layout.patches:
             sketch = self.sketcher.sketch(quads, self.cut)
             problem = PatchProblem(self.mesh, quads, sketch.corners, tick)
@@ -151,7 +151,9 @@ class Board:
 
     # -- changes ---------------------------------------------------------------------------------------------------
 
-    def attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"] = NOTHING) -> Change | None:
+    def attempt(
+        self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"] = NOTHING
+    ) -> SeamChange | None:
         """Return the change that opens and closes edges with their mirror images; None if a limit forbids it.
 
         Images that touch the same pieces are changed together; the others are left to ``apply``.
@@ -181,7 +183,7 @@ class Board:
             return None
         return self._attempt(_array(opened), _array(closed))
 
-    def apply(self, change: Change) -> bool:
+    def apply(self, change: SeamChange) -> bool:
         """Make a change with all its mirror images; if an image fails, change nothing and return False."""
         if not self.symmetries:
             self._apply(change)
@@ -202,7 +204,7 @@ class Board:
             self._apply(image)
         return True
 
-    def _apply(self, change: Change) -> None:
+    def _apply(self, change: SeamChange) -> None:
         """Make a change without its images."""
         self.cut[change.opens] = False
         self.cut[change.closes] = True
@@ -211,14 +213,14 @@ class Board:
         for piece in change.pieces:
             self._put(piece)
 
-    def _put(self, piece: Piece) -> None:
+    def _put(self, piece: SketchedPatch) -> None:
         """Replace the pieces that share quads with this piece."""
         for old in np.unique(self.piece_of[piece.quads]).tolist():
             self.pieces.pop(old, None)
         self.pieces[piece.serial] = piece
         self.piece_of[piece.quads] = piece.serial
 
-    def _attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> Change | None:
+    def _attempt(self, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> SeamChange | None:
         """Return the change of exactly these edges; None if a limit forbids it."""
         names = np.unique(self.pieces_at(np.concatenate([opens, closes]))).tolist()
         old = [self.pieces[n] for n in names]
@@ -240,12 +242,12 @@ class Board:
             if piece is None:
                 return None
             pieces.append(piece)
-        return Change(np.sort(opens), np.sort(closes), pieces)
+        return SeamChange(np.sort(opens), np.sort(closes), pieces)
 
     # -- one patch -------------------------------------------------------------------------------------------------
 
     def _sketch_if_allowed(
-        self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"], parents: list[Piece]
+        self, quads: Int[np.ndarray, " quads"], cut: Bool[np.ndarray, " edges"], parents: list[SketchedPatch]
     ) -> Sketch | None:
         """Return the sketch of a patch if it passes all limits that can be checked before flattening."""
         mesh, params = self.mesh, self.params
@@ -266,7 +268,7 @@ class Board:
             return None
         return None if sketch.bottleneck > max(self.bottleneck, *(p.sketch.bottleneck for p in parents)) else sketch
 
-    def _solve(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray) -> Piece | None:
+    def _solve(self, sketch: Sketch, parents: list[SketchedPatch], opens: np.ndarray) -> SketchedPatch | None:
         """Return the flat piece if its distortion is allowed and it is injective."""
         limit = max(self.distortion_share * self.params.distortion_limit, *(p.flat.worst for p in parents))
         key = (sketch.quads.tobytes(), np.packbits(sketch.sides).tobytes(), limit)
@@ -285,7 +287,9 @@ class Board:
         # an isthmus may not be narrower than the parents' isthmuses or the limit, whichever is less
         return None if piece.isthmus < min(SLACK / self.bottleneck, *(p.isthmus for p in parents)) else piece
 
-    def _cached_flat(self, sketch: Sketch, parents: list[Piece], opens: np.ndarray, limit: float) -> FlatPatch | None:
+    def _cached_flat(
+        self, sketch: Sketch, parents: list[SketchedPatch], opens: np.ndarray, limit: float
+    ) -> FlatPatch | None:
         """Return the flat patch, from the cache if possible, and charge its work."""
         start = self.sketcher.rotations(parents, sketch.quads, opens)
         digest = blake2b(start.tobytes(), digest_size=16).digest()
@@ -314,10 +318,10 @@ class Board:
         good = flat.worst <= limit and not flat.flips and simple(flat.points, sketch.corners, sketch.sides)
         return flat if good else None, work
 
-    def _with_serial(self, sketch: Sketch, flat: FlatPatch) -> Piece:
+    def _with_serial(self, sketch: Sketch, flat: FlatPatch) -> SketchedPatch:
         """Give a flat patch the next serial."""
         self.serial += 1
-        return Piece(self.serial, sketch, flat)
+        return SketchedPatch(self.serial, sketch, flat)
 
 
 def _array(values: set[int]) -> np.ndarray:

@@ -15,8 +15,8 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ...surface.symmetry import Symmetry, keeping
 from ..layout import PatchLayout
-from .board import NOTHING, Board, Change, Effort
-from .sketch import Piece
+from .board import NOTHING, Board, Effort, SeamChange
+from .sketch import SketchedPatch
 from .straighten import badness, gain_of, widen
 
 # budget in quads times solves per quad, equal on every machine; layouts with many small patches take 180 to 230
@@ -89,16 +89,16 @@ def dissolve(board: Board) -> bool:
     return changed
 
 
-def _around(board: Board, piece: Piece) -> Int[np.ndarray, "quads 4"]:
+def _around(board: Board, piece: SketchedPatch) -> Int[np.ndarray, "quads 4"]:
     """Serials of the patches across every side of a patch's quads; -1 inside the patch and at the border."""
     mesh = board.mesh
     other = np.where(mesh.neighbours[piece.quads] < 0, -1, board.piece_of[mesh.neighbours[piece.quads]])
     return np.where(other == piece.serial, -1, other)
 
 
-def _best_change(board: Board, piece: Piece) -> Change | None:
+def _best_change(board: Board, piece: SketchedPatch) -> SeamChange | None:
     """Return the change that improves the layout most by dissolving a piece; None if none does."""
-    found: list[tuple[float, int, Change]] = []
+    found: list[tuple[float, int, SeamChange]] = []
     for opens, closes in _ways(board, piece):
         change = board.attempt(opens, closes)
         if change is None:
@@ -111,7 +111,7 @@ def _best_change(board: Board, piece: Piece) -> Change | None:
     return min(found, key=lambda f: f[:2])[2] if found else None
 
 
-def _ways(board: Board, piece: Piece) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _ways(board: Board, piece: SketchedPatch) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield edges to open and to close: each seam of a patch, all seams with a neighbour, division of its quads."""
     mesh, around = board.mesh, _around(board, piece)
     edges = mesh.quad_edges[piece.quads]
@@ -129,7 +129,9 @@ def _ways(board: Board, piece: Piece) -> Iterator[tuple[np.ndarray, np.ndarray]]
         yield from _divide_among_neighbours(board, piece, around)
 
 
-def _divide_among_neighbours(board: Board, piece: Piece, around: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _divide_among_neighbours(
+    board: Board, piece: SketchedPatch, around: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the change that gives every quad to the neighbour with most common sides, from the outside inwards."""
     mesh = board.mesh
     owner = dict.fromkeys(piece.quads.tolist(), -1)

@@ -18,7 +18,7 @@ from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
 from ..tracing.trace import make_disks
-from .board import BOTTLENECK, Board, Change, Effort, Shared
+from .board import BOTTLENECK, Board, Effort, SeamChange, Shared
 from .dissolve import dissolve
 from .halve import halved, leaves_plane
 from .ranking import Ranking, split_long, worth
@@ -300,7 +300,7 @@ def symmetry_notes(
 def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
     """Open whole seams, the best first, until none can be opened; return whether any was."""
     mesh = board.mesh
-    tried: dict[tuple[int, ...], Change | None] = {}
+    tried: dict[tuple[int, ...], SeamChange | None] = {}
     heap: list[tuple[float, tuple[int, ...], bool]] = []
     first = len(board.pieces)
     changed = False
@@ -346,7 +346,7 @@ def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) ->
 
 def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool:
     """Open the best part of a seam between two patches that cannot be opened as a whole; the rest stays as a dart."""
-    best: tuple[float, int, Change] | None = None
+    best: tuple[float, int, SeamChange] | None = None
     for number, edges in enumerate(board.layout.seams):
         a, b = board.pieces_at(edges[:1])[0].tolist()
         if a == b or not board.is_first_image(edges):
@@ -361,7 +361,7 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
     return best is not None and board.apply(best[2])
 
 
-def longest_part(board: Board, edges: np.ndarray) -> Change | None:
+def longest_part(board: Board, edges: np.ndarray) -> SeamChange | None:
     """Return the change that opens the longest possible part of a seam between two natural stops; None if none can be."""
     few = min(len(board.pieces[n].quads) for n in board.pieces_at(edges[:1])[0]) < 2 * board.params.patch_min
     stops = list(range(len(edges) + 1)) if few and len(edges) <= 10 else natural_stops(board, edges)

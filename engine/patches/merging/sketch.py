@@ -58,7 +58,7 @@ class Sketch:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class SketchedPatch:
     """A flattened patch; ``serial`` is unique."""
 
     serial: int
@@ -181,7 +181,7 @@ class Sketcher:
         return short, bottleneck
 
     def rotations(
-        self, parents: list[Piece], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
+        self, parents: list[SketchedPatch], quads: Int[np.ndarray, " quads"], opens: Int[np.ndarray, " opened"]
     ) -> Complex[np.ndarray, "quads 4"]:
         """Return rotations from which flattening a merged patch starts: the parents', turned to fit along the opened edges."""
         mesh, place = self.mesh, self.place

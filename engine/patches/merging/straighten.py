@@ -16,7 +16,7 @@ from ...progress import Progress
 from ...surface.corners import corner_cost, rings
 from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
-from .sketch import Piece
+from .sketch import SketchedPatch
 
 PATCH = 15.0  # gain from one patch less, in edges of cut; 7 to 30 give the same on seven surfaces
 SMALL = 5.0  # gain from a quad more in a too small patch, in edges; 2 to 10 give the same on seven surfaces
@@ -125,12 +125,12 @@ def _widen_one(board: Board, poor: set[int]) -> bool:
     return False
 
 
-def _poverty(board: Board, pieces: list[Piece]) -> int:
+def _poverty(board: Board, pieces: list[SketchedPatch]) -> int:
     """Count too narrow isthmuses and missing quads."""
     return sum(p.sketch.isthmuses + max(board.params.patch_min - len(p.quads), 0) for p in pieces)
 
 
-def badness(board: Board, pieces: Iterable[Piece]) -> float:
+def badness(board: Board, pieces: Iterable[SketchedPatch]) -> float:
     """Return the number of patches plus penalties, in patches, for their sizes, necks, bottlenecks and compactness."""
     params = board.params
     total = 0.0

@@ -19,7 +19,7 @@ CHUNK = 500_000  # starts times directed edges processed between two reports of 
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class StraightRuns:
     """All straightest runs through a patch, from places all round its outline to every other place.
 
     A run may follow the rim of a hole, where nothing has to be cut.
@@ -47,7 +47,7 @@ class Runs:
         return self.inner[np.array(walk) % len(self.inner)]
 
 
-def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lambda: None) -> Runs | None:
+def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lambda: None) -> StraightRuns | None:
     """Find the runs through a patch.
 
     Parameters
@@ -90,7 +90,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
         tick()
         found.append(dijkstra(graph, indices=part, return_predecessors=True))
     cost, before = (np.concatenate(x) for x in zip(*found, strict=True))
-    return Runs(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
+    return StraightRuns(loop, inner, tail, head, starts, ends, cost[:, ends] + length[starts, None], before)
 
 
 def _following(tail: np.ndarray, head: np.ndarray, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
 from ..flattening.report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
-from .runs import Runs, chord_areas, straight_runs
+from .runs import StraightRuns, chord_areas, straight_runs
 
 ANGLES = 60  # directions per half turn in which a piece is tried on the sheet: 3 degrees apart
 CHECKED = 40  # number of runs examined closely, best first; not measured, bounds the time
@@ -220,7 +220,7 @@ def _best_run(
     # keep one direction of every run
     score[~np.isfinite(score) | (tails[:, None] >= heads)] = np.inf
     best, found = np.inf, None
-    piece = Piece.of(flat, patch)
+    piece = SinglePatch.from_patch(flat, patch)
     for start, end in _candidates(score, needed):
         tick()
         if score[start, end] >= best:
@@ -246,7 +246,7 @@ def _candidates(score: np.ndarray, needed: np.ndarray) -> list[tuple[int, int]]:
 
 def _sheets_of_sides(
     flat: FlatPatches,
-    runs: Runs,
+    runs: StraightRuns,
     number: np.ndarray,
     box: np.ndarray,
     sheet: SheetParams,
@@ -268,7 +268,7 @@ def _sheets_of_sides(
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class SinglePatch:
     """A patch by itself.
 
     layout : of its own mesh
@@ -283,7 +283,7 @@ class Piece:
     isthmus: int
 
     @classmethod
-    def of(cls, flat: FlatPatches, patch: int) -> Piece:
+    def from_patch(cls, flat: FlatPatches, patch: int) -> SinglePatch:
         """Take a patch out of the flat patches.
 
         Parameters
@@ -297,7 +297,7 @@ class Piece:
 
 
 def _cost_of_cut(
-    piece: Piece, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams
+    piece: SinglePatch, run: np.ndarray, params: LayoutParams, box: np.ndarray, sheet: SheetParams
 ) -> float | None:
     """Cost of the parts of a cut, without the cut's length; small is good; None if the cut is not allowed."""
     layout = piece.layout
@@ -317,7 +317,7 @@ def _cost_of_cut(
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
 
 
-def allowed(piece: Piece, run: np.ndarray, params: LayoutParams, sheet: SheetParams) -> bool:
+def allowed(piece: SinglePatch, run: np.ndarray, params: LayoutParams, sheet: SheetParams) -> bool:
     """Return whether a patch may be cut along a run, into two parts that keep the limits of a cut to size.
 
     Parameters

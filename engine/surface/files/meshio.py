@@ -134,7 +134,7 @@ def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     """
     if source.startswith(SHAPE):
         name = source.removeprefix(SHAPE)
-        return name, PolygonMesh.of(shapes.make(name))
+        return name, PolygonMesh.from_quads(shapes.make(name))
     axis = up or ("y" if source.lower().endswith(".obj") else "z")
     turned = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
     if axis not in turned:

@@ -29,7 +29,7 @@ TURNED = np.array([[[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0,
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
+class _CellPieces:
     """Pieces of cells in triangles, sorted by triangle and cell."""
 
     face: Int[np.ndarray, " pieces"]
@@ -132,7 +132,7 @@ def _overlap(points: np.ndarray, low: np.ndarray, high: np.ndarray, outward: np.
     return ~apart
 
 
-def _pieces(p: np.ndarray, area: np.ndarray) -> _Pieces:
+def _pieces(p: np.ndarray, area: np.ndarray) -> _CellPieces:
     """Cut the triangles into pieces of cells."""
     solid = np.flatnonzero(area != 0)
     which, cell = _boxes(p[solid])
@@ -143,12 +143,12 @@ def _pieces(p: np.ndarray, area: np.ndarray) -> _Pieces:
         raise FlexMapsError("The map has no area")
     low = cell.min(axis=0)
     span = int((cell.max(axis=0) - low).max()) + 1
-    order = np.argsort(_Pieces.key(face, cell, low, span))
-    return _Pieces(face[order], cell[order], low, span)
+    order = np.argsort(_CellPieces.key(face, cell, low, span))
+    return _CellPieces(face[order], cell[order], low, span)
 
 
 def _neighbours(
-    mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _Pieces
+    mesh: Triangles, jump: np.ndarray, p: np.ndarray, area: np.ndarray, pieces: _CellPieces
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Find adjacent pieces.
 
@@ -240,7 +240,7 @@ def _matching_sides(quad: np.ndarray, turn: np.ndarray, glued: np.ndarray) -> np
     return np.unique(np.sort(np.stack([one, two], axis=1), axis=1), axis=0)
 
 
-def _existing(quad: np.ndarray, pieces: _Pieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
+def _existing(quad: np.ndarray, pieces: _CellPieces, p: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Mask the quads that exist: where the map folds over itself, parts of cells cancel."""
     import shapely
 
@@ -261,7 +261,7 @@ def _build_mesh(
     mesh: Triangles,
     p: np.ndarray,
     area: np.ndarray,
-    pieces: _Pieces,
+    pieces: _CellPieces,
     quad: np.ndarray,
     turn: np.ndarray,
     sides: np.ndarray,

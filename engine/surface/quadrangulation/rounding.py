@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Float, Int
-from .separation import Apart
+from .separation import PositiveSums
 
 SURE = 0.02  # values this near to integers are rounded together
 FAR = 3.0  # largest change of an integer when pairs are separated
@@ -18,7 +18,7 @@ STEPS = 200  # largest number of single steps; far more than were ever taken
 
 
 def rounded(
-    matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: Apart
+    matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: PositiveSums
 ) -> Int[np.ndarray, " whole"]:
     """Round the unknowns of an energy to integers.
 
@@ -59,7 +59,7 @@ def _round_greedily(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result
 
 
-def _separate(matrix: np.ndarray, right: np.ndarray, apart: Apart, result: np.ndarray) -> np.ndarray:
+def _separate(matrix: np.ndarray, right: np.ndarray, apart: PositiveSums, result: np.ndarray) -> np.ndarray:
     """Return the nearest integers that keep all pairs apart, weighted by the energy's curvature; unchanged if the solver finds none."""
     from scipy.optimize import Bounds, LinearConstraint, milp
 

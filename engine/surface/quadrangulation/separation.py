@@ -34,7 +34,7 @@ LEAST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class PositiveSums:
     """Sums of integers that must stay positive.
 
     rows : factors of the integers
@@ -49,10 +49,10 @@ class Apart:
         return not len(self.least) or bool((self.rows @ whole >= self.least).all())
 
 
-NOTHING = Apart(np.empty((0, 0)), np.empty(0))  # satisfied by all integers
+NOTHING = PositiveSums(np.empty((0, 0)), np.empty(0))  # satisfied by all integers
 
 
-def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> Apart:
+def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> PositiveSums:
     """Find points, borders and folds so close that quads of this edge might bring them together; return the constraints.
 
     Parameters
@@ -73,7 +73,7 @@ def apart(maps: Maps, edge: float, progress: Progress = SILENT) -> Apart:
             raise FlexMapsError(TOO_MANY_FOLDS)
     found = list(search.found.values())
     rows = np.array([row for row, _ in found], dtype=float).reshape(-1, maps.lattice.whole.shape[1])
-    return Apart(rows, np.array([least for _, least in found], dtype=float))
+    return PositiveSums(rows, np.array([least for _, least in found], dtype=float))
 
 
 class _NeighbourWalk:

@@ -10,7 +10,7 @@ from ...progress import Progress
 from ..checking.check import Finding
 from ..checking.topology import bodies, fans, inconsistent, sides_of, split_vertices
 from ..mesh import PolygonMesh
-from .mend import Target, of_rows
+from .mend import TargetSurface, of_rows
 from .tool import Tool
 
 BEYOND = 2  # factor by which small bodies may raise the number of quads; a mesh of loose faces should be merged instead
@@ -152,11 +152,11 @@ def joined(parts: list[PolygonMesh]) -> PolygonMesh:
     )
 
 
-def target_of(mesh: PolygonMesh) -> Target:
+def target_of(mesh: PolygonMesh) -> TargetSurface:
     """Return a mesh of triangles or quads as the target surface of its quads."""
     starts = np.cumsum(mesh.sizes) - mesh.sizes
     rows = [
         np.stack([mesh.corners[starts[mesh.sizes > k + 1] + j] for j in (0, k, k + 1)], axis=1)
         for k in range(1, int(mesh.sizes.max()) - 1)
     ]
-    return Target(np.ascontiguousarray(mesh.vertices, float), np.concatenate(rows).astype(np.int64))
+    return TargetSurface(np.ascontiguousarray(mesh.vertices, float), np.concatenate(rows).astype(np.int64))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..checking.finding import Finding, counted, finding
 from ..mesh import PolygonMesh
-from .mend import Target
+from .mend import TargetSurface
 
 AREA = (
     0.75,
@@ -27,7 +27,7 @@ def finer(count: int) -> int:
     return round(MORE * count / 10.0) * 10
 
 
-def uncovered(quads: PolygonMesh, made: Target, whole: Target, count: int, first: int) -> list[Finding]:
+def uncovered(quads: PolygonMesh, made: TargetSurface, whole: TargetSurface, count: int, first: int) -> list[Finding]:
     """Warn if the quads miss parts of the surface; the warning names the quads beside these parts.
 
     Parameters

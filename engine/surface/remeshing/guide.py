@@ -61,7 +61,7 @@ class Guide:
     line_edges: Int[np.ndarray, "lines 2"]
 
     @classmethod
-    def of(cls, mesh: QuadMesh, boundary: bool) -> Guide:
+    def from_mesh(cls, mesh: QuadMesh, boundary: bool) -> Guide:
         """Build the guide; with ``boundary`` the border counts as a line."""
         import igl
 

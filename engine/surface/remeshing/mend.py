@@ -32,7 +32,7 @@ MOVES = 12  # moves of every corner per round; not measured
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class TargetSurface:
     """A triangle surface onto which points are projected; metres."""
 
     vertices: Float[np.ndarray, "vertices 3"]
@@ -135,7 +135,7 @@ class Target:
         return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
 
 
-def mended(quads: PolygonMesh, target: Target) -> PolygonMesh:
+def mended(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Repair poor quads as far as possible; ``check.findings`` reports the rest.
 
     Parameters
@@ -212,7 +212,7 @@ def _sum_by_index(
 
 
 def moved(
-    quads: PolygonMesh, poor: np.ndarray, target: Target, way: Callable[[PolygonMesh, np.ndarray], Move]
+    quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, way: Callable[[PolygonMesh, np.ndarray], Move]
 ) -> PolygonMesh:
     """Move corners of poor quads, and two rings round them, along the surface to the positions that ``way`` gives.
 
@@ -291,7 +291,7 @@ def _without_doublets(quads: PolygonMesh) -> PolygonMesh:
     return quads
 
 
-def _collapse(quads: PolygonMesh, folded: np.ndarray, target: Target) -> PolygonMesh | None:
+def _collapse(quads: PolygonMesh, folded: np.ndarray, target: TargetSurface) -> PolygonMesh | None:
     """Collapse folded quads, merging two opposite corners, where the mesh stays sound; None if none could be collapsed."""
     points, corners = np.array(quads.vertices, float), quads.corners.reshape(-1, 4).copy()
     sides = sides_of(quads)

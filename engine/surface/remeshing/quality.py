@@ -9,7 +9,7 @@ import numpy as np
 from ..checking.check import as_quad_mesh
 from ..curvature import misalignment
 from ..mesh import PolygonMesh
-from .mend import Target
+from .mend import TargetSurface
 
 # in quad edges: a point of a sharp edge nearer than this to a quad's side counts as kept; a tenth is not visible
 KEPT = 0.1
@@ -41,7 +41,7 @@ class Quality:
         return (NONE + self.irregular + DEGREE * self.misalignment) * (1.0 + self.unevenness) * (1.0 + self.lost)
 
 
-def quality(quads: PolygonMesh, target: Target) -> Quality:
+def quality(quads: PolygonMesh, target: TargetSurface) -> Quality:
     """Measure quads against their surface.
 
     Parameters
@@ -61,7 +61,7 @@ def quality(quads: PolygonMesh, target: Target) -> Quality:
     )
 
 
-def _lost_share(quads: PolygonMesh, edges: np.ndarray, target: Target) -> float:
+def _lost_share(quads: PolygonMesh, edges: np.ndarray, target: TargetSurface) -> float:
     """Return the share of the length of sharp edges that is not kept."""
     if not len(target.sharp):
         return 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from ...arrays import Float
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .mend import Target, line_corners, moved, of_rows, to_middles, to_squares
+from .mend import TargetSurface, line_corners, moved, of_rows, to_middles, to_squares
 
 # in quad edges: corners nearer to a sharp edge or the border are put onto it; below 0.5, else both ends of a quad's
 # side would be
@@ -28,7 +28,7 @@ def split(polygons: PolygonMesh) -> PolygonMesh:
     return of_rows(np.concatenate([polygons.vertices, halves, middles]), rows)
 
 
-def refined(quads: PolygonMesh, target: Target, times: int) -> PolygonMesh:
+def refined(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
     """Split every quad into four, ``times`` times; project the corners onto the surface and make the quads square.
 
     Corners near sharp edges of the surface go onto them and stay there; border corners go to the surface's border.
@@ -41,7 +41,7 @@ def refined(quads: PolygonMesh, target: Target, times: int) -> PolygonMesh:
     return quads
 
 
-def _snap(quads: PolygonMesh, target: Target) -> PolygonMesh:
+def _snap(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Project corners onto the surface, its sharp edges, its border, and the points where these meet or turn."""
     sides = sides_of(quads)
     once = np.bincount(sides.edge, minlength=len(sides.edges)) == 1
@@ -61,7 +61,7 @@ def _snap(quads: PolygonMesh, target: Target) -> PolygonMesh:
     return PolygonMesh(points, quads.corners, quads.sizes)
 
 
-def _turns(target: Target, lines: np.ndarray) -> np.ndarray:
+def _turns(target: TargetSurface, lines: np.ndarray) -> np.ndarray:
     """Mask of the corners of lines; see ``line_corners``."""
     return line_corners(target.vertices, lines) if len(lines) else np.zeros(len(target.vertices), bool)
 

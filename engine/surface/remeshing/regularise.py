@@ -82,7 +82,7 @@ def regularise(mesh: QuadMesh, params: RegulariseParams, progress: Progress = SI
     """
     if params.iterations == 0:
         return mesh
-    guide = Guide.of(mesh, params.boundary)
+    guide = Guide.from_mesh(mesh, params.boundary)
     points = before = mesh.vertices
     hold = _Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(points)))
     for done in range(params.iterations):

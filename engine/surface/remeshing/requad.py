@@ -27,9 +27,9 @@ from ..welding import welded
 from .bodies import is_clean, is_closed, joined, parts_of, target_of, without_crumbs
 from .coverage import uncovered
 from .halves import Plane, doubled, euler, half, own_planes, planes_of
-from .mend import SHARP, Target, of_rows
+from .mend import SHARP, TargetSurface, of_rows
 from .refine import split
-from .soundness import Judged, judge, judge_raw, squarer
+from .soundness import SoundQuads, judge, judge_raw, squarer
 from .tool import Tool
 
 EXTENT = 2.0  # extent of bodies given to the tool; QuadriFlow took all of 16 surfaces at this size, only some at 0.16
@@ -163,7 +163,7 @@ class _BodySearch:
         self._whole, self._count, self._tool, self._name = target_of(self._small), count, tool, name
         self._clean = is_clean(self._small)
         self._planes = [replace(plane, point=(plane.point - self._middle) * self._scale) for plane in planes]
-        self.found: list[Judged] = []
+        self.found: list[SoundQuads] = []
         self._last, self._tried, self._progress = "", 0, SILENT
         self._way = self._tries()
 
@@ -174,7 +174,7 @@ class _BodySearch:
             found = next(self._way, None)
             if found is None:
                 break
-            if isinstance(found, Judged):
+            if isinstance(found, SoundQuads):
                 self.found.append(self._with_losses(found))
             else:
                 self._last = self._last or found
@@ -196,7 +196,7 @@ class _BodySearch:
         """The best result so far, at the body's own place and size."""
         return self.ranked[0]
 
-    def _with_losses(self, judged: Judged) -> Judged:
+    def _with_losses(self, judged: SoundQuads) -> SoundQuads:
         """Count one more missed edge if ears or fingers fell between the quads, so that a clean body loses area."""
         if not self._clean or target_of(judged.quads).area >= COVERED * self._whole.area:
             return judged
@@ -217,7 +217,7 @@ class _BodySearch:
         self._progress(1.0 - 0.75**self._tried, f"{text}{self._name}")
         return self._progress.quiet()
 
-    def _tries(self) -> Iterator[Judged | str]:
+    def _tries(self) -> Iterator[SoundQuads | str]:
         """Yield the result of one attempt after another, the quickest first, so that there is a result soon."""
         yield from self._by_halves()
         if _any_useful(self.found) and 1.0 / MIRRORED < len(self.found[0].quads.sizes) / self._count < MIRRORED:
@@ -226,7 +226,7 @@ class _BodySearch:
         for surface in _surfaces(self._small, self._whole, self._count, self._tool, self._progress.quiet()):
             of_voxels = surface.sizes[0] == 4
             yield self._by_tool(surface, TRIES[0])
-            mapped: list[Judged] = []
+            mapped: list[SoundQuads] = []
             for row in OWN:
                 for how in row if len(target_of(surface).sharp) or row[0][0] == FLAT else ():
                     if not maps or (of_voxels and _any_useful(self.found)):
@@ -250,7 +250,7 @@ class _BodySearch:
         if self._clean and not is_closed(self._small):
             yield from _by_cells(self._small, self._whole, self._count, self._tool, self._tell("Cells"))
 
-    def _by_halves(self) -> Iterator[Judged]:
+    def _by_halves(self) -> Iterator[SoundQuads]:
         """Yield sound quads of one side of a mirror plane, with their images; failures are silent, as the whole body comes next."""
         if not self._planes or not self._clean or self._count < 2 * FEWEST:
             return
@@ -270,7 +270,7 @@ class _BodySearch:
             made = doubled(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
                 judged = judge(made, self._whole, self._count)
-                if isinstance(judged, Judged):
+                if isinstance(judged, SoundQuads):
                     yield judged
                 return
 
@@ -281,7 +281,7 @@ class _BodySearch:
             return True
         return self._tried >= CANDIDATES and bool(sound) and len(self.found) >= min(ENOUGH, CANDIDATES)
 
-    def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> Judged | str:
+    def _by_tool(self, surface: PolygonMesh, how: tuple[int, float, int, bool]) -> SoundQuads | str:
         """Return the tool's quads for a row of ``TRIES``, judged, or the reason of the failure."""
         seed, factor, times, sharp = how
         asked = max(FEWEST, round(factor * self._count / 4**times))
@@ -299,7 +299,7 @@ class _MirroredSearch:
     plane: Plane
 
     @property
-    def found(self) -> list[Judged]:
+    def found(self) -> list[SoundQuads]:
         return self.of.found
 
     @property
@@ -327,14 +327,14 @@ def _images(
                 yield _MirroredSearch(search, plane)
 
 
-def _any_useful(found: list[Judged]) -> bool:
+def _any_useful(found: list[SoundQuads]) -> bool:
     """Return whether a result has room for every spiral and misses no part of the surface."""
     return any(not any(one.faults[:2]) for one in found)
 
 
 def _along_curvature(
-    surface: PolygonMesh, whole: Target, count: int, how: tuple[float, float, float], progress: Progress
-) -> Judged | str:
+    surface: PolygonMesh, whole: TargetSurface, count: int, how: tuple[float, float, float], progress: Progress
+) -> SoundQuads | str:
     """Return quads along the curvature, judged, or the reason of the failure; ``how`` is an entry of ``OWN``."""
     triangles, (fold, alignment, smoothing) = target_of(surface), how
     edge = (triangles.area / count) ** 0.5
@@ -346,7 +346,9 @@ def _along_curvature(
     return judge_raw(raw, whole, count, 0, fold < FLAT)
 
 
-def _surfaces(body: PolygonMesh, target: Target, count: int, tool: Tool, progress: Progress) -> Iterator[PolygonMesh]:
+def _surfaces(
+    body: PolygonMesh, target: TargetSurface, count: int, tool: Tool, progress: Progress
+) -> Iterator[PolygonMesh]:
     """Yield surfaces for QuadriFlow: the body itself if it is clean, then its voxel surfaces, the finest first."""
     if is_clean(body):
         yield _simplify(body, count)
@@ -383,12 +385,14 @@ def _outer_skin(skin: PolygonMesh) -> PolygonMesh | None:
     return of_rows(skin.vertices, rows[body == area.argmax()])
 
 
-def _by_cells(body: PolygonMesh, whole: Target, count: int, tool: Tool, progress: Progress) -> Iterator[Judged]:
+def _by_cells(
+    body: PolygonMesh, whole: TargetSurface, count: int, tool: Tool, progress: Progress
+) -> Iterator[SoundQuads]:
     """Yield sound quads of an open body of large flat faces, such as a letter, which QuadriFlow often tears or rounds off."""
     for factor in CELLS:
         polygons = tool.cells(body, factor * (whole.area / count) ** 0.5, progress)
         if polygons is None or not len(polygons.sizes) or len(polygons.corners) > MANY * count:
             continue
         judged = judge_raw(split(polygons), whole, count)
-        if isinstance(judged, Judged):
+        if isinstance(judged, SoundQuads):
             yield judged

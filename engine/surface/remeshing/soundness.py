@@ -12,7 +12,7 @@ from ..checking.check import Finding, as_quad_mesh, findings
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .bodies import is_clean, target_of
-from .mend import FOLDED, POOR, USELESS, Target, mended, of_rows
+from .mend import FOLDED, POOR, USELESS, TargetSurface, mended, of_rows
 from .quality import quality
 from .refine import refined
 from .regularise import flatter, regularise
@@ -32,7 +32,7 @@ FILLING = 0.1  # in quad edges: distance between surface and middle of a quad ab
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class SoundQuads:
     """Sound quads.
 
     faults : number without room for a spiral; whole quad edges by which parts of the surface are missed; number of poor
@@ -45,7 +45,9 @@ class Judged:
     cost: float
 
 
-def judge_raw(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp: bool = False) -> Judged | str:
+def judge_raw(
+    raw: PolygonMesh, whole: TargetSurface, count: int, times: int = 0, sharp: bool = False
+) -> SoundQuads | str:
     """Subdivide quads ``times`` times, repair and judge them; return the reason if they are useless."""
     if not (raw.sizes == 4).all():
         return "QuadriFlow left faces that are no quads"
@@ -56,11 +58,11 @@ def judge_raw(raw: PolygonMesh, whole: Target, count: int, times: int = 0, sharp
     judged = judge(made, whole, count)
     moved = onto_corners(made, whole)
     again = judged if moved is made else judge(moved, whole, count)
-    kept = isinstance(again, Judged) and (isinstance(judged, str) or again.faults <= judged.faults)
+    kept = isinstance(again, SoundQuads) and (isinstance(judged, str) or again.faults <= judged.faults)
     return again if kept else judged
 
 
-def onto_corners(quads: PolygonMesh, whole: Target) -> PolygonMesh:
+def onto_corners(quads: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
     """Move the nearest border vertex onto every corner of the surface's border; remeshers cut these corners off."""
     corners = whole.vertices[whole.border_corners]
     sides = sides_of(quads)
@@ -76,7 +78,7 @@ def onto_corners(quads: PolygonMesh, whole: Target) -> PolygonMesh:
     return replace(quads, vertices=moved)
 
 
-def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
+def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | str:
     """Judge quads as they are; return the reason if they are useless."""
     found = findings(quads)
     errors = [f for f in found if f.is_error]
@@ -98,10 +100,10 @@ def judge(quads: PolygonMesh, whole: Target, count: int) -> Judged | str:
         * (1.0 + WORTH * poor / len(quads.sizes))
         * (1.0 + abs(len(quads.sizes) / count - 1.0))
     )
-    return Judged(quads, (useless, missed, poor), cost)
+    return SoundQuads(quads, (useless, missed, poor), cost)
 
 
-def opened(raw: PolygonMesh, whole: Target) -> PolygonMesh:
+def opened(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
     """Remove quads that fill holes: QuadriFlow fills every hole with at most 25 of its edges round it."""
     rows = raw.corners.reshape(-1, 4)
     size = (target_of(raw).area / len(rows)) ** 0.5
@@ -128,14 +130,14 @@ def squarer(quads: PolygonMesh) -> PolygonMesh:
         return quads
     poor = _count_faces(found, POOR)
     if poor:
-        after = PolygonMesh.of(regularise(as_quad_mesh(quads), RegulariseParams()))
+        after = PolygonMesh.from_quads(regularise(as_quad_mesh(quads), RegulariseParams()))
         left = _count_faces(findings(after), POOR)
         best, poor = (after, left) if left < poor else (quads, poor)
     mesh = as_quad_mesh(best)
     pressed = flatter(mesh)
     if pressed is mesh:
         return best
-    flat = PolygonMesh.of(pressed)
+    flat = PolygonMesh.from_quads(pressed)
     return flat if _count_faces(findings(flat), POOR) <= poor else best
 
 
