@@ -12,7 +12,7 @@ from ..engine.calibrating import sheet as calibration
 from ..engine.calibrating.calibrate import Calibration
 from ..engine.fabrication.writers.export import USUAL
 from ..engine.own_files import Guard
-from ..engine.params import ObjectSettings, changed
+from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import Progress
 from ..engine.runs import job, stages
 from ..engine.runs.piece import Piece
@@ -186,7 +186,7 @@ def calibration_sheet(
     ------
     FlexMapsError where a file may not be replaced, or a setting is out of its bounds.
     """
-    wanted = settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
+    wanted = settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
     guard = Guard(remnants_of(wanted), overwrite)
     return calibration.write(calibration.make(wanted), Path(folder), formats, name, progress_of(progress), guard)
 
@@ -283,5 +283,5 @@ def _named_files(source: Any, settings: ObjectSettings | Mapping[str, Any] | Non
     """Return the paths of the files that the arguments name for reading."""
     paths = [str(source)] if isinstance(source, str | Path) and not str(source).startswith(SHAPE) else []
     return paths + remnants_of(
-        settings if isinstance(settings, ObjectSettings) else changed(ObjectSettings(), settings or {})
+        settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
     )

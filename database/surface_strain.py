@@ -73,7 +73,7 @@ def free_places(
     design: SpiralDesign, spirals: np.ndarray, places: Float[np.ndarray, "spirals 4 sections across 2"]
 ) -> Bool[np.ndarray, "spirals 4 sections across"]:
     """Which places (UNIT, seen from the quads' centres) lie on free arms: out of hubs, and away from fillets."""
-    roots, arms = design.roots, design.arms.of(spirals)
+    roots, arms = design.roots, design.arms.subset(spirals)
     apart = []
     for turn in (0, 1):
         middle, radius = (np.roll(v, turn, axis=1)[spirals] for v in (roots.centre, roots.fillet))

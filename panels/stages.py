@@ -21,7 +21,7 @@ class Seen:
 
     uid: int
     seconds: float
-    states: dict[str, states.State]
+    states: dict[str, states.StageState]
     blocks: dict[str, Any]
     guidance: Guidance
 

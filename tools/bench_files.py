@@ -31,7 +31,7 @@ from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export, solids, svg
 from flexmaps.engine.fabrication.writers.operations import frame
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.arcs import Curve
@@ -82,7 +82,9 @@ def main(arguments: list[str]) -> int:
             if name not in names:
                 continue
             sheets = job.run(
-                check.scaled(polygons, edge=EDGE), changed(Settings(), {"sheet.nesting": "FAST"}), stop_after="sheets"
+                check.scaled(polygons, edge=EDGE),
+                with_values(Settings(), {"sheet.nesting": "FAST"}),
+                stop_after="sheets",
             ).sheets
             assert sheets is not None
             folder = Path(place) / name.replace(":", "-")

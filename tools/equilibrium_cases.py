@@ -27,7 +27,7 @@ MATERIAL = material("vero")
 
 
 @dataclass(frozen=True, eq=False)
-class LayoutProblem:
+class Subject:
     """What is brought to equilibrium: spirals and joints, both models of them, the pose in the target.
 
     outside : number of spirals outside the rod model's parameters; they get the median ones
@@ -46,9 +46,9 @@ class LayoutProblem:
         return float(np.linalg.norm(np.ptp(self.pose.centres, axis=0)))
 
 
-def subject(name: str, assembly: Assembly, pose: Pose) -> LayoutProblem:
+def subject(name: str, assembly: Assembly, pose: Pose) -> Subject:
     rod, outside = rods(assembly)
-    return LayoutProblem(name, assembly, ArmModel.from_assembly(assembly, MATERIAL), rod, outside, pose)
+    return Subject(name, assembly, ArmModel.from_assembly(assembly, MATERIAL), rod, outside, pose)
 
 
 def rods(assembly: Assembly) -> tuple[RodModel, int]:
@@ -73,7 +73,7 @@ def rods(assembly: Assembly) -> tuple[RodModel, int]:
     return RodModel.with_parameters(assembly, parameters), assembly.size - len(inside)
 
 
-def of_mesh(name: str, polygons: PolygonMesh) -> LayoutProblem:
+def of_mesh(name: str, polygons: PolygonMesh) -> Subject:
     """The curvature-adjusted design of a mesh in its merged patches, of whatever size; raises FlexMapsError if refused."""
     result = job.run(polygons, Settings(), edge=EDGE, stop_after="merge")
     assert result.flat is not None
@@ -81,7 +81,7 @@ def of_mesh(name: str, polygons: PolygonMesh) -> LayoutProblem:
     return subject(name, of_design(spirals), target_pose(result.mesh, result.flat.corners))
 
 
-def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> LayoutProblem:
+def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
     """Equal spirals in the traced patches of a smooth surface, as it is: quick for any number of quads."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
@@ -89,18 +89,18 @@ def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> LayoutProblem:
     return subject(name, of_design(spirals), target_pose(mesh, flat.corners))
 
 
-def torus(count: int) -> LayoutProblem:
+def torus(count: int) -> Subject:
     """A torus of about ``count`` spirals. Its long strips are flattened with strains at the limit, so that it buckles."""
     across = round(np.sqrt(count / 2.5))
     return of_shape(f"torus {count}", shapes.torus(round(2.5 * across), across))
 
 
-def dome(count: int) -> LayoutProblem:
+def dome(count: int) -> Subject:
     """Half a sphere of about ``count`` spirals."""
     return of_shape(f"dome {count}", shapes.dome(2 * round(0.5 * np.sqrt(count / 3.0))))
 
 
-def straight_row(count: int) -> LayoutProblem:
+def straight_row(count: int) -> Subject:
     """Spirals with straight arms side by side along x, their patches' normals up."""
     pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
     lever = np.zeros((count - 1, 2, 3))

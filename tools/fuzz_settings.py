@@ -10,7 +10,7 @@ from typing import Any
 
 from flexmaps.command import arguments
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import SHOWN, ObjectSettings, changed, shown_values
+from flexmaps.engine.params import SHOWN, ObjectSettings, shown_values, with_values
 
 ODD: tuple[Any, ...] = (
     "", " ", "nan", "inf", "-inf", "1e999", "-1e999", "1e-400", "1_0", "\uff11\uff10", "\u0661", "0x10", "1,5", "1/2", "2 mm", "true",
@@ -64,8 +64,8 @@ def play(number: int, whole: bool) -> str:
     given, words = _case(number)
     outcome = "taken"
     try:
-        made = changed(ObjectSettings(), given)
-        assert changed(ObjectSettings(), _flat(made)).sheet.sheet_width > 0
+        made = with_values(ObjectSettings(), given)
+        assert with_values(ObjectSettings(), _flat(made)).sheet.sheet_width > 0
     except FlexMapsError as error:
         assert str(error).strip()
         assert len(str(error)) < 1000
@@ -76,7 +76,7 @@ def play(number: int, whole: bool) -> str:
         with contextlib.redirect_stderr(told), contextlib.redirect_stdout(told):
             args = arguments.parser().parse_args(words)
             if args.command != "settings":
-                changed(ObjectSettings(), arguments._settings(args))
+                with_values(ObjectSettings(), arguments._settings(args))
     except FlexMapsError:
         return f"{outcome}, words refused"
     except SystemExit as end:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.live.given import LiveInput
-from flexmaps.engine.live.piece import LiveShape
+from flexmaps.engine.live.piece import LiveEquilibrium
 from flexmaps.engine.live.session import LiveRequest, step
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -22,12 +22,12 @@ class Followed:
         self.given = given
         self.rest = self.told(given.changes(None), whole=True)
 
-    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> LiveShape:
+    def told(self, changes: dict[str, Any] | None, whole: bool = False) -> LiveEquilibrium:
         while not (shape := self._step(LiveRequest("piece", changes, whole))).resting:
             changes, whole = None, False
         return shape
 
-    def follow(self, wanted: LiveInput) -> tuple[float, float, LiveShape]:
+    def follow(self, wanted: LiveInput) -> tuple[float, float, LiveEquilibrium]:
         """Seconds of processor to the first picture and to rest, and the shape."""
         began, first = time.process_time(), 0.0
         changes: dict[str, Any] | None = wanted.changes(self.given)
@@ -38,7 +38,7 @@ class Followed:
                 self.given, self.rest = wanted, shape
                 return first, time.process_time() - began, shape
 
-    def _step(self, call: LiveRequest) -> LiveShape:
+    def _step(self, call: LiveRequest) -> LiveEquilibrium:
         from flexmaps.bridge.view.followed import Followed as Picture
 
         shape = step(pickle.loads(pickle.dumps(call)))
@@ -48,7 +48,7 @@ class Followed:
         return shape
 
 
-def distance(given: LiveInput, made: SpiralDesign, shape: LiveShape) -> float:
+def distance(given: LiveInput, made: SpiralDesign, shape: LiveEquilibrium) -> float:
     """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
     from flexmaps.engine.live.session import _pieces
 

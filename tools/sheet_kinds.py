@@ -11,7 +11,7 @@ import ezdxf
 import ezdxf.units
 import numpy as np
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.params import ObjectSettings, Settings, changed
+from flexmaps.engine.params import ObjectSettings, Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.together import together
@@ -39,11 +39,11 @@ SMALL = {"sheet.nesting": "FAST", "sheet.sheet_width": 90.0, "sheet.sheet_height
 @cache
 def _spirals() -> Result:
     """The arch with the usual spirals, for all kinds that differ in their sheets alone."""
-    return job.run(arch(), changed(Settings(), SMALL), stop_after="spirals")
+    return job.run(arch(), with_values(Settings(), SMALL), stop_after="spirals")
 
 
 def _run(values: dict[str, Any], **options: Any) -> CutSheets:
-    settings = changed(Settings(), SMALL | values)
+    settings = with_values(Settings(), SMALL | values)
     usual = options == {"stop_after": "sheets"} and not any(name.startswith("spiral.") for name in values)
     made = (job.go_on(_spirals(), settings, ("sheets",)) if usual else job.run(arch(), settings, **options)).sheets
     assert made is not None
@@ -59,9 +59,9 @@ def _remnant(folder: Path) -> CutSheets:
 
 
 def _together(folder: Path) -> CutSheets:
-    settings = changed(ObjectSettings(), SMALL)
+    settings = with_values(ObjectSettings(), SMALL)
     pieces = [job.run(arch(*size), settings, stop_after="spirals") for size in ((5, 6), (4, 5))]
-    return together(["one", "two"], pieces, [changed(settings, {"export.copies": n}) for n in (2, 1)]).sheets
+    return together(["one", "two"], pieces, [with_values(settings, {"export.copies": n}) for n in (2, 1)]).sheets
 
 
 # millimetres

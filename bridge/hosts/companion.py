@@ -8,7 +8,7 @@ from typing import Any
 
 from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.live.given import LiveInput
-from ...engine.live.piece import LiveShape
+from ...engine.live.piece import LiveEquilibrium
 from ...engine.live.session import LiveRequest, step
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
@@ -22,8 +22,8 @@ class Companion:
     prepared : makes what is drawn from a shape, outside the window's thread
     """
 
-    def __init__(self, prepared: Callable[[LiveShape], Any]):
-        self.latest: tuple[LiveShape, Any] | None = None
+    def __init__(self, prepared: Callable[[LiveEquilibrium], Any]):
+        self.latest: tuple[LiveEquilibrium, Any] | None = None
         self.answers = 0  # number of shapes so far
         self.error = ""
         self._prepared = prepared
@@ -83,11 +83,13 @@ class Companion:
             self.latest, self.answers = (shape, drawn), self.answers + 1
         return not self._closed
 
-    def _compute_shape(self, state: LiveInput, start: Pose | None) -> LiveShape:
+    def _compute_shape(self, state: LiveInput, start: Pose | None) -> LiveEquilibrium:
         for _ in range(TRIES):
             whole = self._sent is None
             changes = None if state is self._sent else state.changes(self._sent)
-            shape: LiveShape | None = self._workers.submit(step, LiveRequest("piece", changes, whole, start)).result()
+            shape: LiveEquilibrium | None = self._workers.submit(
+                step, LiveRequest("piece", changes, whole, start)
+            ).result()
             if shape is not None:
                 return shape
             self._sent = None  # the process that held the piece has ended

@@ -16,7 +16,7 @@ from . import background
 
 if TYPE_CHECKING:
     from ...engine.live.given import LiveInput
-    from ...engine.live.piece import LiveShape
+    from ...engine.live.piece import LiveEquilibrium
     from ..view.followed import Followed
     from .companion import Companion
 
@@ -24,10 +24,10 @@ TICK = 0.02  # seconds between two looks, as for jobs; smaller follows sooner an
 SELDOM = 0.2  # seconds between two looks without a reported change, because scripts change data silently
 SHARE = 0.2  # largest share of the window's time spent on reading; a drag reports a change at every tick
 
-_running: list[Follower] = []
+_running: list[ObjectWatcher] = []
 
 
-def current() -> Follower | None:
+def current() -> ObjectWatcher | None:
     """Return the running follower; None while Live is off."""
     return _running[0] if _running else None
 
@@ -43,7 +43,7 @@ def shown() -> Any:
     return _running[0].shown if _running else None
 
 
-def start(obj: bpy.types.Object) -> Follower:
+def start(obj: bpy.types.Object) -> ObjectWatcher:
     """Follow this object from now on, and no other."""
     stop()
     _running.append(ObjectWatcher(obj.session_uid))
@@ -103,7 +103,7 @@ class ObjectWatcher:
         return self._companion.error or (self.shape.problem if self.shape is not None else "")
 
     @property
-    def shape(self) -> LiveShape | None:
+    def shape(self) -> LiveEquilibrium | None:
         """Return the latest shape, if there is one."""
         latest = None if self._companion is None else self._companion.latest
         return None if latest is None else latest[0]

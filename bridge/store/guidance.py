@@ -1,6 +1,6 @@
 """The head of the sidebar for an object: what *Next* does, one status line, and the notices.
 
-    seen = guidance.of(obj, scene)
+    seen = guidance.read_guidance(obj, scene)
     seen.act.label      # "Next: Lay out the panels"
     seen.status.text    # "484 quads, spirals of 15 mm", at most 34 letters
     seen.notices        # worst first, each with its cures

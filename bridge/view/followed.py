@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine import colours
-from ...engine.live.piece import LiveShape
+from ...engine.live.piece import LiveEquilibrium
 from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape
@@ -18,7 +18,7 @@ ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 class Followed(LiveShape):
     """The picture of a shape that has vertices."""
 
-    def __init__(self, shape: LiveShape):
+    def __init__(self, shape: LiveEquilibrium):
         assert shape.vertices is not None and shape.quads is not None and shape.distance is not None
         super().__init__(shape.vertices, shape.quads)
         far = 1e3 * shape.distance
@@ -28,7 +28,7 @@ class Followed(LiveShape):
         self.legend = Legend(title, "0", f"{self._end:g} mm", PALE)
 
     @classmethod
-    def from_shape(cls, shape: LiveShape, unit: float) -> Followed | None:
+    def from_shape(cls, shape: LiveEquilibrium, unit: float) -> Followed | None:
         """Make the picture ready to be drawn in a scene of this unit; None where the shape has no vertices yet."""
         if shape.vertices is None:
             return None

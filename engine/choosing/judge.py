@@ -201,7 +201,9 @@ def judge(
         )
         if not found.after.equilibrium.converged:
             return None
-        return _drawn(judged(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after)
+        return _drawn(
+            judged(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after
+        )
     except FlexMapsError:
         return None
 

@@ -79,7 +79,9 @@ def tightened(
     return best
 
 
-def _candidates(piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress) -> Iterator[FlatPatches]:
+def _candidates(
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
+) -> Iterator[FlatPatches]:
     """Yield the surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
     for name, cut in along_folds(piece.mesh):
         laid = lay(piece, Idea(cut, name), progress=progress.quiet())

@@ -49,7 +49,7 @@ class MovingPanels:
             self._make(design)
             return
         quads = np.flatnonzero(touched)
-        arms = design.arms.of(quads)
+        arms = design.arms.subset(quads)
         fillet, absent = design.params.fillet, design.absent[quads]
         root = with_solid(hubs(arms, fillet), arms, fillet, design.solid[quads])
         begin = np.where(

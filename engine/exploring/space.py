@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Float
 from ..errors import FlexMapsError
 from ..materials import STRAINED
-from ..params import SHOWN, ExploreParams, Settings, changed, shown_values
+from ..params import SHOWN, ExploreParams, Settings, shown_values, with_values
 
 Values = dict[str, Any]
 SIZES = ("edge", "height", "quads")  # variables that are not settings: millimetres, millimetres, a number
@@ -262,13 +262,13 @@ def _refuse_wrong(name: str, f: Field[Any] | None, value: Any, settings: Setting
         if not value > 0:
             raise FlexMapsError(f"{name}: {value:g} is not above 0")
     elif isinstance(f.default, str | bool):
-        changed(settings, {name: value})
+        with_values(settings, {name: value})
     else:
         low, high = (f.metadata[key] for key in ("low", "high"))
         factor = SHOWN[f.metadata["unit"]][0]
         slack = 1e-6 * abs(value)  # bounds in shown units are rounded
         if (low is not None and value < low * factor - slack) or (high is not None and value > high * factor + slack):
-            changed(settings, {name: value})
+            with_values(settings, {name: value})
 
 
 def _refuse_unknown(measure: str) -> None:

@@ -32,7 +32,7 @@ STORED_POSES = 24
 
 
 @dataclass(frozen=True, eq=False)
-class LiveShape:
+class LiveEquilibrium:
     """Present shape of a live piece.
 
     vertices : vertices of the target, moved with the hubs, metres; None before the first shape
@@ -120,7 +120,7 @@ class LivePiece:
         self._work = self._solve(stored is not None)
 
     @one_thread
-    def advance(self) -> LiveShape:
+    def advance(self) -> LiveEquilibrium:
         """Compute some steps towards rest and return the shape after them."""
         began = time.perf_counter()
         try:
@@ -196,13 +196,13 @@ class LivePiece:
         away = np.linalg.norm(returned.centres - before.aligned.centres, axis=1).max()
         return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
 
-    def _shape(self) -> LiveShape:
+    def _shape(self) -> LiveEquilibrium:
         """Return the present shape."""
         problem = self._refusal or self._problem
         if self._now is None:
-            return LiveShape(None, None, resting=True, problem=problem)
+            return LiveEquilibrium(None, None, resting=True, problem=problem)
         rig, pose, resting = self._now.rig, self._now.aligned, self._work is None
         apart = np.linalg.norm(pose.centres - rig.mesh.centroids, axis=1)
         vertices = move_vertices(rig.design, pose, rig.mesh)
         ends = resting, resting and not problem, problem, self._snapped
-        return LiveShape(vertices, pose.centres, rig.mesh.quads, apart, *ends)
+        return LiveEquilibrium(vertices, pose.centres, rig.mesh.quads, apart, *ends)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..mechanics.assembly import Pose
-from .piece import LivePiece, LiveShape
+from .piece import LiveEquilibrium, LivePiece
 
 _pieces: dict[str, LivePiece] = {}  # the pieces of this process
 
@@ -27,7 +27,7 @@ class LiveRequest:
     start: Pose | None = None
 
 
-def step(call: LiveRequest) -> LiveShape | None:
+def step(call: LiveRequest) -> LiveEquilibrium | None:
     """Apply the changes and compute some steps; None if this process does not have the piece, so that ``whole`` is needed."""
     if call.whole:
         _pieces.clear()  # keep one piece only, to save memory

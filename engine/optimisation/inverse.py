@@ -190,7 +190,7 @@ class DesignPoint:
     @property
     def system(self) -> NewtonSystem:
         """Linear system with the factor of this equilibrium's Hessian."""
-        return self.factors.of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
+        return self.factors.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
 
     def prepare(self, progress: Progress) -> None:
         """Compute and cache the parts of the gradient, reporting progress: thousands of spirals take a while."""

@@ -39,7 +39,7 @@ from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SPACE, Work
 
-Stage = Callable[["Held", Progress], "Held"]
+Stage = Callable[["StageResult", Progress], "StageResult"]
 GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
 METHODS: dict[str, Callable[..., DesignPoint]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 COARSE_TOLERANCE = 1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; not measured

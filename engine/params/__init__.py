@@ -35,10 +35,10 @@ __all__ = [
     "SimulateParams",
     "SpiralParams",
     "StructureParams",
-    "changed",
     "refuse_crossed",
     "setting",
     "shown",
     "shown_values",
     "wish",
+    "with_values",
 ]

@@ -72,11 +72,11 @@ def hubs(arms: Arms, fillet: float) -> SlotRoots:
     doubtful = ~(miss < 1e-9)
     # a slot narrower than at its root means a wrong root: check all slots coarsely, and the narrow ones finely
     near = np.flatnonzero((_slot_minimum(arms, left, right, np.linspace(0.1, 0.8, 6)) < 5.0 * fillet).any(axis=1))
-    closer = _slot_minimum(arms.of(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
+    closer = _slot_minimum(arms.subset(near), left[near], right[near], np.linspace(0.0, 0.97, 72))
     doubtful[near] |= closer < 1.999 * fillet
     quads = np.flatnonzero(doubtful.any(axis=1))
     if len(quads):
-        again = _scan_inwards(arms.of(quads), fillet)
+        again = _scan_inwards(arms.subset(quads), fillet)
         for whole, part in zip((left, right, miss), again, strict=True):
             whole[quads] = np.where(doubtful[quads], part, whole[quads])
     radius = _enlarge_fillets(arms, left, right, miss, fillet)
@@ -99,7 +99,7 @@ def _enlarge_fillets(
     least = max(fillet, _SMALLEST_RETRY * float(arms.width.min()))
     wider = np.array([fillet, *(x * least for x in _RETRY_FILLETS)]).repeat(len(_RETRY_T))
     first = np.tile(_RETRY_T, 1 + len(_RETRY_FILLETS))
-    shape, some = (len(wider), len(quads), 4), arms.of(np.tile(quads, len(wider)))  # solve all retries at once
+    shape, some = (len(wider), len(quads), 4), arms.subset(np.tile(quads, len(wider)))  # solve all retries at once
     begin, end = (np.minimum(t[quads], first[:, None, None]).reshape(-1, 4) for t in (left, right))
     fillets = np.broadcast_to(wider[:, None, None], shape)
     roots = _newton(some, begin, end, fillets.reshape(-1, 4)[..., None], rounds=30, step=0.02)
@@ -264,7 +264,7 @@ def edges(
     def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         added = None if tips is None else tips.wider(new[which], t)
         wider = None if added is None else (added[0][:, None], added[1][:, None])
-        point, tangent = edge(each.of(which), t[:, None], side[which], wider=wider)
+        point, tangent = edge(each.subset(which), t[:, None], side[which], wider=wider)
         return point[:, 0], tangent[:, 0]
 
     fitted = fit(evaluate, np.concatenate([left, right])[new], tolerance, progress)

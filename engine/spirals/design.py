@@ -22,17 +22,7 @@ from .contours import Outline, SlotRoots, Tips, edges, ends, hubs, outlines
 from .opening import open_gaps
 from .rim import Rim
 from .room import ClearanceModel
-from .slots import (
-    CLEAR,
-    PARALLEL,
-    THINNEST,
-    beside,
-    min_slot_and_bridge,
-    min_slot_width,
-    slot_widths,
-    too_small,
-    width_range,
-)
+from .slots import CLEAR, PARALLEL, THINNEST, beside, slot_widths, too_small, width_range
 from .solid import fewer, no_spiral, refuse_many, solid, with_solid, without_room, without_spiral
 from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
 from .touching import find_contacts
@@ -107,7 +97,7 @@ class SpiralDesign:
     @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
         """Place t on every arm where it begins, from 0 at the joint to 1 at the centre; without connectors."""
-        plain = ends(self.flat.layout, self.arms, min_slot_width(self.params))
+        plain = ends(self.flat.layout, self.arms, slots.min_slot_width(self.params))
         return np.where(self.absent, stumps(self.roots), plain)
 
     @cached_property
@@ -178,7 +168,9 @@ class SpiralDesign:
             for part in progress.batches(len(every), BATCH, "the narrowest places"):
                 some = every[part]
                 left, right = roots.left[some], roots.right[some]
-                own = min_slot_and_bridge(self.arms.of(some), left, right, self.params.fillet, self.absent[some])
+                own = slots.min_slot_and_bridge(
+                    self.arms.subset(some), left, right, self.params.fillet, self.absent[some]
+                )
                 slot, bridge = min(slot, own[0]), min(bridge, own[1])
             other = self._gaps(slot)[1]
             slot = min(slot, float(other.min(initial=np.inf)))

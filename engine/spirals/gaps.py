@@ -76,7 +76,7 @@ def narrow(
         # places that may turn out to be the narrowest of their pair
         some = np.flatnonzero(gap - 2.0 * less <= smallest[which])
         gaps = _narrowest_of_pairs(lines, pairs, which[some], t[some], s[some])
-        return gaps.of(gaps.gap < below[gaps.pair])
+        return gaps.subset(gaps.gap < below[gaps.pair])
     s, gap, _ = _nearest(lines, pairs, which, t, s, _LAST)
     # add the exact narrowest place of every pair
     lowest = _lowest(which, gap)

@@ -91,7 +91,7 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
         for c in range(6)
     ]
     pairs = Pairs(*columns)
-    return pairs.of((pairs.kind == BESIDE) | _can_meet(flat, params, pairs, near))
+    return pairs.subset((pairs.kind == BESIDE) | _can_meet(flat, params, pairs, near))
 
 
 def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ stay within the range of the stiffness table. Each condition has a clearance (ca
 (closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
 radians.
 
-    room = Room.of(flat, params)                      # once per flat patches; ``moved`` when their points move
+    room = ClearanceModel.from_flat(flat, params)                      # once per flat patches; ``moved`` when their points move
     terms = room.terms(width, twist)                  # clearances below SUPPORT with their Jacobian
     barrier = room.barrier(width, twist)              # value, gradient and root of the Hessian
     room.closed(trial_width, trial_twist, quads)      # quads whose steps must be shorter
@@ -131,7 +131,7 @@ class ClearanceModel:
         arm, _, left = sharp(lines, np.arange(arms), room.sharpest)
         np.minimum.at(room.sharpest, arm, left - (1.0 - _THIN) * np.abs(left))
         some = need > 0.0
-        return replace(room, pairs=pairs.of(some), need=need[some])
+        return replace(room, pairs=pairs.subset(some), need=need[some])
 
     def moved(self, flat: FlatPatches) -> ClearanceModel:
         """Return the model for slightly moved flat points; pairs and requirements stay."""
@@ -261,7 +261,7 @@ class ClearanceModel:
         Widths are negative where arms overlap.
         """
         pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
-        pairs = pairs.of((pairs.kind != BESIDE) & ~pairs.laid)
+        pairs = pairs.subset((pairs.kind != BESIDE) & ~pairs.laid)
         every = np.zeros(len(shapes.mate))
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
         gaps = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
@@ -286,7 +286,7 @@ class ClearanceModel:
             return self.pairs, self.need, arms
         some = quads[arms // 4] | quads[self.shapes.mate // 4]
         near = some[self.pairs.one] | some[self.pairs.two]
-        return self.pairs.of(near), self.need[near], arms[some]
+        return self.pairs.subset(near), self.need[near], arms[some]
 
     def _lines(self, width: np.ndarray, twist: np.ndarray) -> ArmCurves:
         """Make the arms of a design."""

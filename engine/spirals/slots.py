@@ -154,7 +154,7 @@ def twist_bound(
         high = np.minimum(high, most)
 
     def fits(quads: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        part = pure.of(quads).unblended(twist)
+        part = pure.subset(quads).unblended(twist)
         every = np.arange(len(quads))
         zero = np.zeros_like(every)
         gaps = [

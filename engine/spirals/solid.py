@@ -90,7 +90,7 @@ def with_solid(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarra
     some = np.flatnonzero(quads)
     if not len(some):
         return root
-    part = arms.of(some)
+    part = arms.subset(some)
     t = np.broadcast_to(np.linspace(0.0, DEEPEST, SAMPLES), (len(some), 4, SAMPLES))
     left = edge(part, t, LEFT)[0]
     right = np.roll(edge(part, t, RIGHT)[0], -1, axis=1)

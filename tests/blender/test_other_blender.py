@@ -71,7 +71,7 @@ else:
     bpy.context.view_layer.update()
 widths = [round(d.value, 4) for d in obj.data.attributes["flexmaps_width"].data]
 found = {
-    "states": {stage: state.kind for stage, state in states.of(obj, bpy.context.scene).items()},
+    "states": {stage: state.kind for stage, state in states.read_states(obj, bpy.context.scene).items()},
     "blocks": sorted(notes.read(obj.data)),
     "seams": [e.index for e in obj.data.edges if e.use_seam],
     "widths": widths,

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from flexmaps.database import build, chunks, cli, fits, linear, network, packs, rods, sampling
 from flexmaps.database.chunks import Task
-from flexmaps.database.sampling import LayoutProblem, Sampler
+from flexmaps.database.sampling import Sampler, Subject
 from flexmaps.database.solid import make_solid
 from flexmaps.engine.errors import FlexMapsError
 from scipy.spatial.transform import Rotation
 
-STRAIGHT = LayoutProblem(0.010, 0.001, 0.0)
+STRAIGHT = Subject(0.010, 0.001, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_samples_do_not_depend_on_order_and_meet_their_targets():
 
 
 def test_small_samples_obey_the_linear_limit():
-    sampler = Sampler(LayoutProblem(0.020, 0.0015, 3.0), "strain")
+    sampler = Sampler(Subject(0.020, 0.0015, 3.0), "strain")
     model = sampler.model
     compliance = linear.tip_compliance(model, linear.unit_motions(model))
     found = model.solve(model.loads(1e-3 * sampler.wrenches(1)))

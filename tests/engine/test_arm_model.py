@@ -88,7 +88,7 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
 @pytest.mark.parametrize("kind", [ArmModel, RodModel])
 def test_looking_ahead_changes_the_stresses_to_second_order_in_the_step(kind: type) -> None:
     chain = row(6, twist=1.5, closed=True)
-    model = kind.of(dataclasses.replace(chain, thickness=0.003), VERO)
+    model = kind.from_assembly(dataclasses.replace(chain, thickness=0.003), VERO)
     state = model.start(shaken(ring(6), 0.001, 0.2, seed=4))
     way = np.random.default_rng(5).normal(size=(6, 6)) * np.repeat([0.01, 1.0], 3)
 

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.live import rig as rigs
 from flexmaps.engine.live import session
 from flexmaps.engine.live.given import LiveInput
-from flexmaps.engine.live.piece import LivePiece, LiveShape
+from flexmaps.engine.live.piece import LiveEquilibrium, LivePiece
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.loads import standing
@@ -40,12 +40,12 @@ def given_of(flat: FlatPatches, twist: float = 1.5) -> LiveInput:
     )
 
 
-def followed(piece: LivePiece, wanted: LiveInput, since: LiveInput | None) -> LiveShape:
+def followed(piece: LivePiece, wanted: LiveInput, since: LiveInput | None) -> LiveEquilibrium:
     piece.change(wanted.changes(since))
     return rested(piece)
 
 
-def rested(piece: LivePiece) -> LiveShape:
+def rested(piece: LivePiece) -> LiveEquilibrium:
     for _ in range(1000):
         shape = piece.advance()
         if shape.resting:

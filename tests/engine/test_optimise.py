@@ -382,6 +382,6 @@ def test_poses_of_other_rests_are_not_shown_as_designs(monkeypatch: pytest.Monke
         return Found(("another",))
 
     shown: list[object] = []
-    monkeypatch.setattr(optimise, "other_rests", rests)
+    monkeypatch.setattr(optimise, "find_other_rests", rests)
     made = optimise._with_other_rests(Found(), SimulateParams(), Progress(shown=shown.append))  # type: ignore[arg-type]
     assert made == Found(("another",)) and shown == []  # type: ignore[comparison-overlap]

@@ -175,7 +175,7 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
     params = replace(SpiralParams(), clockwise=clockwise)
     room, width, wound = ClearanceModel.from_flat(flat, params), alike(np.full(12, 0.002)), np.full(12, 9.0)
     none = np.zeros(len(room.need), dtype=bool)
-    room = replace(room, pairs=room.pairs.of(none), need=room.need[none], sharpest=np.full(48, -np.inf))
+    room = replace(room, pairs=room.pairs.subset(none), need=room.need[none], sharpest=np.full(48, -np.inf))
 
     def beyond(twist):
         model = build_model(of_design(SpiralDesign(flat, params, width, twist)), MATERIALS["vero"], "arm", quick=True)

@@ -19,7 +19,7 @@ SHEET = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
 def arms():
     rng = np.random.default_rng(5)
     scale, width = rng.uniform(0.011, 0.03, 200), rng.uniform(0.001, 0.002, 200)
-    twist = rng.uniform(0.02, 0.97, 200) * np.minimum(stiffness.twist_limit(scale / width), 2 * np.pi)
+    twist = rng.uniform(0.02, 0.97, 200) * np.minimum(stiffness.table_twist_limit(scale / width), 2 * np.pi)
     return scale, width, twist
 
 
@@ -133,7 +133,7 @@ def test_no_step_at_the_edges_of_the_table():
                     arm = ([ratio * width * (f if across_ratio else 1.0)], [width], [twist])
                     ends.append(stiffness.tip_compliance(*arm, **SHEET).values)
                 assert ends[0] == pytest.approx(ends[1], rel=1e-6, abs=1e-7 * np.abs(ends[0]).max())
-    limit = float(stiffness.twist_limit(10.0))
+    limit = float(stiffness.table_twist_limit(10.0))
     ends = [stiffness.tip_compliance([0.02], [0.002], [limit * f], **SHEET).values for f in (1 - 1e-9, 1 + 1e-9)]
     assert ends[0] == pytest.approx(ends[1], rel=1e-6)
 

@@ -16,7 +16,7 @@ from flexmaps.engine.fabrication.nesting import drawings
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.fabrication.writers.operations import frame
-from flexmaps.engine.params import Settings, changed
+from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -47,7 +47,9 @@ def run(*words: str | Path, **more: str) -> str:
 
 @pytest.fixture(scope="module")
 def sheets() -> CutSheets:
-    settings = changed(Settings(), {"sheet.nesting": "FAST", "sheet.sheet_width": 300.0, "sheet.sheet_height": 200.0})
+    settings = with_values(
+        Settings(), {"sheet.nesting": "FAST", "sheet.sheet_width": 300.0, "sheet.sheet_height": 200.0}
+    )
     x, y = np.meshgrid(0.02 * np.arange(5), 0.02 * np.arange(4))
     points = np.column_stack([x.ravel(), y.ravel(), 2.0 * x.ravel() ** 2])
     corner = np.add.outer(5 * np.arange(3), np.arange(4)).ravel()

@@ -95,7 +95,7 @@ def to_sheets(name, settings):
             yield from until(lambda obj=obj: obj.mode == "OBJECT")
         step = (
             hands.module("bridge.store.next_button")
-            .of(obj, bpy.context.scene, states.of(obj, bpy.context.scene))
+            .next_idname(obj, bpy.context.scene, states.read_states(obj, bpy.context.scene))
             .removeprefix("flexmaps.")
         )
         if not step:

@@ -32,7 +32,7 @@ def brush(obj):
     bpy.context.window_manager.flexmaps_tab.open_shape = True
     yield from hands.click("operator", "flexmaps.pick_brush")
     yield 0.5
-    easel = module.of(obj, bpy.context.scene)
+    easel = module.easel_of(obj, bpy.context.scene)
     share = (easel.ground.centres[:, 0] > 0.0).astype(float)
     easel.paint("stiffer", 0.8 * share, painting.Stroke())
     with hands.in_view():

@@ -115,7 +115,7 @@ SPOT = []  # where Next is pressed, always the same
 
 def press(number):
     """Press Next, where it was found the first time; False where it opens the folder."""
-    seen = hands.module("bridge.store.guidance").of(bpy.context.object, bpy.context.scene)
+    seen = hands.module("bridge.store.guidance").read_guidance(bpy.context.object, bpy.context.scene)
     label = "" if seen.act is None else seen.act.label
     idname = "" if seen.act is None else seen.act.idname
     FOUND["presses"].append([label, idname, seen.status.text])

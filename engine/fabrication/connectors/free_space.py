@@ -206,7 +206,7 @@ class FreeSpace:
 
         Also return the arm and quad of each ring.
         """
-        arms, roots, count = self.design.arms.of(quads), self.design.roots, len(quads)
+        arms, roots, count = self.design.arms.subset(quads), self.design.roots, len(quads)
         t_left, t_right = roots.left[quads], np.roll(roots.right[quads], 1, axis=1)
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
         begin = np.where(self.design.absent, self.design.begin, 0.0)[quads][..., None]

@@ -110,7 +110,7 @@ class Halves:
     def rows(self, which: np.ndarray) -> Halves:
         """Return the arms in the given rows."""
         rest = {n: getattr(self, n)[which] for n in self.__dataclass_fields__ if n != "arms"}
-        return Halves(arms=self.arms.of(which), **rest)
+        return Halves(arms=self.arms.subset(which), **rest)
 
     def local(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
         """Transform points from the patches' frames to the arms' frames."""

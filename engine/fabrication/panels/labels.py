@@ -175,7 +175,10 @@ class _Lines:
         end = np.minimum(hubs.left, np.roll(hubs.right, 1, axis=1))
         points, widths = [], []
         for part in progress.batches(len(end), _TOGETHER, "labels"):
-            some, t = arms.of(np.arange(part.start, part.stop)), end[part, :, None] * np.linspace(0.0, 1.0, _SAMPLES)
+            some, t = (
+                arms.subset(np.arange(part.start, part.stop)),
+                end[part, :, None] * np.linspace(0.0, 1.0, _SAMPLES),
+            )
             points.append(centre_line(some, t)[0])
             widths.append(width_at(some, t)[0])
         self.points, self.width = np.concatenate(points), np.concatenate(widths)

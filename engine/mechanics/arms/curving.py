@@ -258,7 +258,9 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return place, step, length, bend
 
 
-def _isotropic_turns(arms: CurvedArms, width: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _isotropic_turns(
+    arms: CurvedArms, width: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Flexibilities of pieces in rad/(N m): turn per moment along the arm, out of the sheet and in the sheet."""
     height, youngs = arms.thickness, arms.material.youngs
     torsion = torsion_constant(height / width)[0] * width**4 * 0.5 / (1.0 + arms.material.poisson)

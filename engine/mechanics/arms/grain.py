@@ -95,7 +95,7 @@ class Yielding:
         The section stays plane. With the stiffness Q, the inverse of S11, S16 and S66, it is Q11 h w^3 / 12 in the
         sheet, and [Q11 I, -Q16 I; -Q16 I, Q66 I + h w^3 / (12 S55)] in bending out of it and torsion.
         """
-        free = cls.of(known, angle, width, height)
+        free = cls.evaluate(known, angle, width, height)
         s11, s16, s66, s55 = (np.stack([v[0], np.zeros_like(v[0]), v[1]]) for v in _rotated_compliances(known, angle))
         level = np.stack([width * height**3 / 12.0, height**3 / 12.0 + 0.0 * width, 0.0 * width])
         upright = np.stack([height * width**3 / 12.0, height * width**2 / 4.0, 0.0 * width])
