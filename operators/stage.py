@@ -124,7 +124,7 @@ class StageOperator(Polled):
     _writing: Any = None  # iterator over the remaining steps of writing
     _made_from: Any = None  # checksums of the settings when the work began
     _scene = 0  # Blender's id of the scene in which the work began
-    _surface: Any = None  # a ``ObjectSurface``, imported too late for an annotation, which Blender evaluates
+    _surface: Any = None  # an ``ObjectSurface``, imported too late for an annotation, which Blender evaluates
 
     @property
     def uid(self) -> int:

@@ -136,7 +136,7 @@ def _from_failures(obj: bpy.types.Object, failed: dict[str, dict[str, Any]]) -> 
 
 
 def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = None) -> list[Cure]:
-    """Return cures of a failed stage, never the action that failed; ``wanted_percent``: number of quads that the stage asks for."""
+    """Return cures of a failed stage, never the action that failed; ``wanted``: number of quads that the stage asks for."""
     quads, key = len(obj.data.polygons), f"failed/{idname}"
     if idname in {"flexmaps.spirals", "flexmaps.fit"}:
         return [

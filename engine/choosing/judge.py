@@ -104,7 +104,7 @@ class JudgedLayout:
     """Match, strains and making figures of a layout's assembled panels.
 
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
-    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``find_limits.NAMES``
+    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
     advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
     share : of the patience that it was given; 0 where the match is predicted, not searched for
     cut_length : metres of cuts, without connectors; contours : how many closed curves they are; None where nobody has drawn them

@@ -71,7 +71,7 @@ class FlatRange:
         ----------
         flat : the patches
         span : largest shift of a vertex along x or y, as a share of the shortest mean edge of its quads
-        energy, seam : as in ``FlatLimits.between``
+        energy, seam : as in ``FlatLimits.relaxed_to``
         weight : of the barriers in the objective
         first : the patches before any run moved them; limits that they already violate are relaxed to their values
         free : mask of the quads that may move; a vertex moves if all of its quads may. All by default

@@ -173,7 +173,7 @@ def optimise(
     target, material, supports, force : as in ``simulate``; params, physics : settings of the search, and of its equilibria
     prove : mend outlines that touch, and simulate the result; False saves a fifth of a short search, and serves comparisons
     constraints : spirals that must be kept, straight or as wide as possible; wishes : further target places of some spirals
-    progress : shows a ``OptimisationStep`` after every step; after a cancel the best design so far is returned
+    progress : shows an ``OptimisationStep`` after every step; after a cancel the best design so far is returned
 
     Raises
     ------

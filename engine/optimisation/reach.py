@@ -59,7 +59,7 @@ class MatchLimits:
     prospects: Mapping[str, float] | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return the ``find_limits`` block of report.json."""
+        """Return the ``reach`` block of report.json."""
         counts = np.bincount(self.kind, minlength=len(NAMES))
         return {
             "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),

@@ -303,7 +303,7 @@ def test_no_notice_and_no_cure_is_cut_at_the_usual_width(
     """Whatever the check and the simulation find, each with every button that may stand beside it."""
     spoken(language, monkeypatch)
     remedies = {"larger": 1.25, "thinner": 0.75, "finer": 1200.0, "cut": None}
-    monkeypatch.setattr("flexmaps.engine.optimisation.remedies.of_block", lambda block: remedies)
+    monkeypatch.setattr("flexmaps.engine.optimisation.remedies.read_block", lambda block: remedies)
     found = [
         {"code": code, "faces": [0] * 24, "edges": [0] * 24, "severity": "warning", "message": "", "more": 0.1}
         for code in finding_words.WORDS
