@@ -45,7 +45,7 @@ def ways() -> list[np.ndarray]:
 def test_its_gradient_after_a_step_against_differences(k: int) -> None:
     point, step, h = start(), ways()[k], 1e-5
     direction = np.random.default_rng(4).normal(size=step.shape)
-    assert {type(term).__name__ for term in point.terms} >= {"Apart", "Excess", "Narrow"}
+    assert {type(term).__name__ for term in point.terms} >= {"MismatchTerm", "StrainTerm", "SlotPenalty"}
     here = model(point).after(step, point.moves(step))
     gradient = sum((cost.gradient for cost in here.costs), point.back([term.gradient for term in here.terms]))
 
