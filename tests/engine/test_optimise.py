@@ -3,6 +3,7 @@
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -324,7 +325,10 @@ def test_the_end_is_told() -> None:
     hasty = optimise.optimise(design, mesh, VERO, OptimiseParams(patience=0.02, codesign=False), SimulateParams())
     assert hasty.ended in ("time", "nothing") and hasty.finished
     assert hasty.report()["laplacian_rmse_mm"] <= hasty.report()["laplacian_rmse_mm_before"]
-    assert hasty.report()["end"] == optimise.ENDS[hasty.ended]
+    assert hasty.report()["end"] in (optimise.ENDS[hasty.ended], optimise.ENDS["near"])
+    for percent, end in ((0.5, "near"), (2.0, "time")):
+        after = SimpleNamespace(match={"rms_percent": percent})
+        assert dataclasses.replace(hasty, ended="time", after=after).end == optimise.ENDS[end]
 
 
 def test_work_is_counted_not_timed() -> None:
