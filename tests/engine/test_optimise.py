@@ -319,7 +319,11 @@ def test_what_is_simulated_in_the_end_is_what_was_found() -> None:
 def test_the_end_is_told() -> None:
     design, mesh = made()
     patient = optimise.optimise(
-        design, mesh, VERO, OptimiseParams(iterations=2, codesign=False, strain_share=0.0), SimulateParams()
+        design,
+        mesh,
+        VERO,
+        OptimiseParams(iterations=2, codesign=False, strain_share=0.0, patience=0.0),
+        SimulateParams(),
     )
     assert patient.ended == "iterations"
     hasty = optimise.optimise(design, mesh, VERO, OptimiseParams(patience=0.02, codesign=False), SimulateParams())
