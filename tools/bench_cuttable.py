@@ -18,7 +18,7 @@ import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.inverse import DesignPoint
-from flexmaps.engine.optimisation.optimisers import Trace
+from flexmaps.engine.optimisation.optimisers import SearchRecord
 from flexmaps.engine.optimisation.search import FARTHER, Search, Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
@@ -75,7 +75,7 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
     starts = optimise.starts(problem, design, found.mesh, params, SILENT)
     start = min(starts.values(), key=lambda point: point.value)
     start = start.weighed(start.mismatch.value)
-    Search(task, Trace(), points.append, FARTHER * start.distance, design.flat).run([start], design, SILENT)
+    Search(task, SearchRecord(), points.append, FARTHER * start.distance, design.flat).run([start], design, SILENT)
     rng = np.random.default_rng(len(points))
     chosen = (
         {len(points) - 1, *rng.choice(len(points), min(STEPS - 1, len(points)), replace=False)} if points else set()

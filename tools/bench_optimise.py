@@ -26,7 +26,7 @@ from flexmaps.engine.optimisation import optimise, reach, search
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, lbfgs
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
@@ -194,7 +194,7 @@ def _most_seconds(published: Published | None) -> float | None:
     )
 
 
-Run = tuple[DesignPoint, float, Trace]
+Run = tuple[DesignPoint, float, SearchRecord]
 
 
 def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -> tuple[Run, Run]:
@@ -210,7 +210,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
         (gauss_newton, OptimiseParams(), search.COARSE_TOLERANCE),
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
-        trace, started = Trace(), time.process_time()
+        trace, started = SearchRecord(), time.process_time()
         whole = InverseProblem(assembly, space, aim, loads, _quick, SimulateParams(tolerance=tolerance))
         best = method(whole, whole.at(x, pose), params, trace, lambda point: None)
         runs.append((best, time.process_time() - started, trace))

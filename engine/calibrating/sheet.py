@@ -31,7 +31,7 @@ USUAL = ("svg", "dxf", "pdf")
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationSheet:
+class CalibrationDrawing:
     """One sheet of pieces, in metres, as input for the writers of files.
 
     coupons : sizes of the pieces, stored for the evaluation
@@ -52,7 +52,7 @@ class CalibrationSheet:
         return SheetCuts(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
 
 
-def make(settings: Settings) -> CalibrationSheet:
+def make(settings: Settings) -> CalibrationDrawing:
     """Make the sheet for the machine and material of these settings."""
     sizes = coupons(settings)
     says = f"{sizes.material} {sizes.thickness * 1e3:g} mm - drawn for a kerf of {sizes.kerf * 1e3:g}"
@@ -66,7 +66,7 @@ def make(settings: Settings) -> CalibrationSheet:
     placed, size = _in_rows(pieces, margin, spacing)
     nothing = np.zeros(0)
     packing = Packing(nothing.astype(int), nothing, nothing.reshape(0, 2), size[None])
-    return CalibrationSheet(sizes, placed, packing, replace(settings.sheet, frame=True), settings.cut)
+    return CalibrationDrawing(sizes, placed, packing, replace(settings.sheet, frame=True), settings.cut)
 
 
 def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tuple[tuple[DrawnPiece, ...], np.ndarray]:
@@ -88,7 +88,7 @@ def _in_rows(pieces: Sequence[DrawnPiece], margin: float, spacing: float) -> tup
 
 
 def write(
-    sheet: CalibrationSheet,
+    sheet: CalibrationDrawing,
     folder: Path,
     formats: Sequence[str] = USUAL,
     name: str = "calibration",

@@ -22,7 +22,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, make_fabricable
 from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, Trace
+from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 MAX_SEAM_MISMATCH = (
@@ -39,7 +39,7 @@ def refine_flat_shapes(
     design: SpiralDesign,
     params: OptimiseParams,
     method: Callable[..., DesignPoint],
-    trace: Trace,
+    trace: SearchRecord,
     accepted: Accepted,
     progress: Progress = SILENT,
     first: FlatPatches | None = None,

@@ -25,7 +25,7 @@ from ..threads import one_thread
 from . import codesign
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import STOPPED, Trace
+from .optimisers import STOPPED, SearchRecord
 from .remedies import WANTED
 from .search import FARTHER, NEAR, Search, StageResult, Task
 from .terms import LENIENT, LOOSE, STRICT
@@ -80,7 +80,7 @@ class Optimisation:
 
     before: Simulation
     after: Simulation
-    trace: Trace
+    trace: SearchRecord
     method: str
     start: str
     point: DesignPoint
@@ -195,7 +195,7 @@ def optimise(
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     within = progress.part(0.1, 0.12)
     before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
-    trace, latest = Trace(), (start, design)
+    trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
         nonlocal latest
@@ -217,7 +217,7 @@ def optimise(
     return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
 
 
-def _better(found: SimulatedResult | None, given: SimulatedResult, trace: Trace) -> SimulatedResult:
+def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
     """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
     strictness = LOOSE if trace.ended == STOPPED else LENIENT
     if found is None or not found.merit(strictness) < given.merit(strictness):

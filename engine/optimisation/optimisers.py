@@ -26,7 +26,7 @@ from .scaling import CurvatureEstimate
 # refused beyond four times as much
 MAX_TURN = 0.3
 EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
-STOPPED = "stopped"  # ``Trace.ended`` of a cancelled search
+STOPPED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
 EXACT_MISMATCH = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
@@ -35,7 +35,7 @@ INNER_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 
 
 @dataclass
-class Trace:
+class SearchRecord:
     """Record of a search, shared by all of its stages.
 
     began : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
@@ -71,7 +71,7 @@ def gauss_newton(
     problem: InverseProblem,
     start: DesignPoint,
     params: OptimiseParams,
-    trace: Trace,
+    trace: SearchRecord,
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> DesignPoint:
@@ -108,7 +108,7 @@ class _GaussNewtonProblem:
     """
 
     params: OptimiseParams
-    trace: Trace
+    trace: SearchRecord
     note: Accepted
     progress: Progress
     best: DesignPoint
@@ -172,7 +172,7 @@ class _GaussNewtonProblem:
 
 
 def _take_step(
-    here: DesignPoint, step: np.ndarray, moves: np.ndarray, trace: Trace, progress: Progress
+    here: DesignPoint, step: np.ndarray, moves: np.ndarray, trace: SearchRecord, progress: Progress
 ) -> DesignPoint | None:
     """Return the point after a step; None if there is no sufficiently stable equilibrium near the pose that the tangent predicts."""
     trace.evaluations += 1
@@ -215,7 +215,7 @@ def lbfgs(
     problem: InverseProblem,
     start: DesignPoint,
     params: OptimiseParams,
-    trace: Trace,
+    trace: SearchRecord,
     accepted: Accepted,
     progress: Progress = SILENT,
 ) -> DesignPoint:

@@ -33,7 +33,7 @@ from .design_space import DesignSpace
 from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
-from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, Trace, gauss_newton, lbfgs
+from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton, lbfgs
 from .remedies import WANTED
 from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
@@ -229,7 +229,7 @@ class Search:
     """
 
     task: Task
-    trace: Trace
+    trace: SearchRecord
     accepted: Accepted
     farthest: float
     first: FlatPatches

@@ -19,7 +19,7 @@ from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
-from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flatten, flips, measured, overlapping, seam_mismatch
@@ -240,10 +240,10 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     design, mesh = made()
     whole, pose = problem()
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
-    params, trace = OptimiseParams(iterations=12), Trace()
+    params, trace = OptimiseParams(iterations=12), SearchRecord()
     alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
     start = alone.at(x, pose)
-    spirals = gauss_newton(alone, start, params, Trace(), lambda point: None)
+    spirals = gauss_newton(alone, start, params, SearchRecord(), lambda point: None)
     points: list[FlatPoint] = []
     found = codesign.refine_flat_shapes(alone, spirals, design, params, gauss_newton, trace, points.append)
     assert np.array_equal(points[-1].x, found.x) and len(points) == len(trace.rows)
@@ -293,7 +293,7 @@ def test_the_published_method_keeps_the_limits_too() -> None:
     whole, pose = problem()
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     start = alone.at(alone.space.coordinates(design.width, design.twist), pose)
-    trace, params = Trace(), OptimiseParams(iterations=6, method="lbfgs")
+    trace, params = SearchRecord(), OptimiseParams(iterations=6, method="lbfgs")
     with np.errstate(all="raise"):
         found = codesign.refine_flat_shapes(alone, start, design, params, lbfgs, trace, lambda point: None)
     assert found.costs[-1].cost.inside and found.value < start.value + found.costs[-1].value
@@ -308,7 +308,9 @@ def test_rods_are_refused() -> None:
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
     start = alone.at(np.full((len(mesh.quads), 2), 0.5), pose)
     with pytest.raises(FlexMapsError, match="Arms"):
-        codesign.refine_flat_shapes(alone, start, design, OptimiseParams(), gauss_newton, Trace(), lambda point: None)
+        codesign.refine_flat_shapes(
+            alone, start, design, OptimiseParams(), gauss_newton, SearchRecord(), lambda point: None
+        )
 
 
 def test_patches_that_overlap_are_no_design() -> None:

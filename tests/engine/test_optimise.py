@@ -17,7 +17,7 @@ from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import Trace, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, lbfgs
 from flexmaps.engine.optimisation.reach import NAMES, find_limits
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.terms import LENIENT, StrainLimit
@@ -165,7 +165,7 @@ def test_steps_to_where_a_piece_nearly_snaps_are_not_taken(monkeypatch: pytest.M
     _, here = problem()
     step = np.full_like(here.x, 1e-3)
     assert here.equilibrium.spare == inverse.MIN_STABILITY
-    trace = Trace()
+    trace = SearchRecord()
     assert optimisers._take_step(here, step, here.moves(step), trace, SILENT) is not None and trace.unstable == 0
     # no equilibrium under load is stiffer than its convex part in every way
     monkeypatch.setattr(inverse, "MIN_STABILITY", 1.1)
@@ -240,7 +240,7 @@ def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
     wanted = whole.at(whole.space.coordinates(secret.width, secret.twist), here.equilibrium.pose).equilibrium.pose
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
     start = whole.at(whole.space.filled(0.5, 0.5), wanted)
-    trace = Trace()
+    trace = SearchRecord()
     best = method(whole, start, OptimiseParams(iterations=25, stop=0.0), trace, lambda point: None)
     assert best.value < 0.02 * start.value
     values = [value for _, value, _ in trace.rows]

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.materials import STRAINED, material
 from flexmaps.engine.optimisation import found as found_module
 from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist
-from flexmaps.engine.optimisation.optimisers import STOPPED, Trace
+from flexmaps.engine.optimisation.optimisers import STOPPED, SearchRecord
 from flexmaps.engine.optimisation.search import OVERTIME, Search, Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
@@ -39,7 +39,7 @@ def test_slots_open_and_the_shape_hardly_changes(wound):
     task, found = wound
     before = found.simulation
     after = open_closed_slots(
-        Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT
+        Search(task, SearchRecord(), lambda _: None, np.inf, before.design.flat), found, SILENT
     ).simulation
     assert len(before.slots().closed) > 20  # or this shows nothing
     assert len(after.slots().closed) < 0.25 * len(before.slots().closed)
@@ -59,7 +59,7 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     for searches in (0, found_module.MAX_SEARCHES):
         monkeypatch.setattr(found_module, "MAX_SEARCHES", searches)
         after = open_closed_slots(
-            Search(task, Trace(), lambda _: None, np.inf, before.design.flat), found, SILENT
+            Search(task, SearchRecord(), lambda _: None, np.inf, before.design.flat), found, SILENT
         ).simulation
         assert after.strain.max() <= limit
         closed.append(len(after.slots().closed))
@@ -71,7 +71,7 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
 def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, asks, monkeypatch):
     task, found = wound
     monkeypatch.setattr(found_module, "STRAINED", 1.02 * float(found.simulation.strain.max()))
-    search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
+    search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     left = iter(range(asks))
     assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
     assert search.trace.ended == STOPPED
@@ -116,6 +116,6 @@ def test_a_search_whose_time_is_over_goes_on_where_arms_are_strained_too_much(wo
     task = replace(task, work=Work(limit=1.0, enough=0.5, done=2.0))
     bearing = found.point.problem.bearing
     problem = replace(found.point.problem, work=task.work, bearing=replace(bearing, share=share))
-    search = Search(task, Trace(), lambda _: None, np.inf, found.simulation.design.flat)
+    search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     search.run([replace(found.point, problem=problem)], found.simulation.design, SILENT)
     assert task.work.share == until
