@@ -84,16 +84,12 @@ def mend(code: str, count: int) -> Cure | None:
     return Cure(interface(words, count), "flexmaps.mend", {"what": what})
 
 
-def round_folds(edge: float) -> Cure:
-    """Return the cure that rounds folds; ``edge``: the quad edge in metres."""
+def round_folds(percent: float | None = None, edge: float | None = None) -> Cure:
+    """Return the cure that rounds folds, with its radius where the quad edge in metres is given; ``percent`` as in ``hold``."""
     from ...engine.surface.checking.folds import radius  # scipy comes with it
 
-    return Cure(interface("Round to {:.0f} mm", 1e3 * radius(edge)), "flexmaps.mend", {"what": "round"})
-
-
-def _round_folds(percent: float) -> Cure:
-    """Return the cure that rounds folds, where it brings the piece nearer; ``percent`` as in ``hold``."""
-    return Cure(_with_percent(interface("Round the folds"), percent), "flexmaps.mend", {"what": "round"})
+    words = interface("Round the folds") if edge is None else interface("Round to {:.0f} mm", 1e3 * radius(edge))
+    return Cure(_with_percent(words, percent), "flexmaps.mend", {"what": "round"})
 
 
 def fewer(quads: int) -> list[int]:
@@ -161,7 +157,7 @@ def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
     blocks : the up-to-date notes
     """
     prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
-    made = {"cut": cut_there, "round": _round_folds}
+    made = {"cut": cut_there, "round": round_folds}
     ways = [
         (percent, made[name](percent) if name in made else hold(name, percent=percent)) for name, percent in prospects
     ]

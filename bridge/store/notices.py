@@ -163,7 +163,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: Any) -> lis
         cure = cures.mend(code, len(edges) if code == "zero-edge" else len(faces))
         ways = [] if cure is None else [cure]
         if code == cures.FOLDS:
-            ways.append(cures.round_folds(objects.quad_edge(obj, scene)))
+            ways.append(cures.round_folds(edge=objects.quad_edge(obj, scene)))
         if code in MADE_SQUARER and not helpless:
             ways.append(cures.regularise())
         if larger := row.get("larger"):

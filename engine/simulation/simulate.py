@@ -15,7 +15,7 @@ from ..mechanics.arms.bent import bent
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.arms.strain_changes import KINKED, KINKED_STRAIN, kinks, largest
-from ..mechanics.assembly import Assembly, Pose, of_design
+from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
 from ..mechanics.laplacian import laplacian_rmse
@@ -137,7 +137,7 @@ class Simulation:
     @cached_property
     def twisted(self) -> Float[np.ndarray, " joints"]:
         """(m,) absolute difference between the torsion of every joint and its torsion in the target, radians."""
-        aim = Stance(self.loads, self.target, self.design.flat.corners).aim
+        aim = target_pose(self.target, self.design.flat.corners)
         here, there = (self.model.torsion(self.model.start(pose)) for pose in (self.equilibrium.pose, aim))
         return np.abs(np.angle(np.exp(1j * (here - there))))
 
