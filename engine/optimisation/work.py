@@ -54,10 +54,11 @@ class Work:
         Parameters
         ----------
         size : number of spirals
-        patience : factor on the usual limit; 0 for no limit
+        patience : factor on the usual limit; 0 for no limit. Above 1 it also raises the share ``enough``: who asks for more time
+            wants a piece that is near its target to come nearer
         """
         usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
-        return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, enough / usual)
+        return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, min(1.0, max(1.0, patience) * enough / usual))
 
     def add(self, seconds: float, size: int) -> None:
         """Add work of some seconds a spiral on ``size`` spirals."""
