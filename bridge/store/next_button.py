@@ -18,7 +18,8 @@ from .notices import KEPT, MADE_SQUARER, Notice
 from .states import DONE, TODO, StageState, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # stages that one press of Make it fit runs
-LAYOUTS = ("flexmaps.cut_there", "flexmaps.choose")  # cures that *Next* presses: they change neither supports nor size
+CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # cures: other layouts, and rounded folds
+LAYOUTS = ("flexmaps.cut_there", CHOOSE)  # cures that *Next* presses: they change neither the surface nor supports nor size
 SIZES = 0.5, 2.0  # quad edges between these shares of the wanted edge need no scaling
 LETTERS = 28  # letters of a label at most, in every language; more would not fit the button
 
@@ -196,8 +197,19 @@ def _next_cure(mesh: bpy.types.Mesh, all_notices: Sequence[Notice]) -> Act | Non
     ways = [
         (notice, cure) for notice in breaking for cure in _untried(mesh, notice) if cure.idname != "flexmaps.let_go"
     ]
-    ways += [(notice, cure) for notice in missing for cure in _untried(mesh, notice) if cure.idname in LAYOUTS]
+    ways += [(notice, cure) for notice in missing for cure in _other_layouts(_untried(mesh, notice))]
     return next((_cure(notice, cure, "shape") for notice, cure in ways), None)
+
+
+def _other_layouts(ways: Sequence[Cure]) -> list[Cure]:
+    """Select the cures that change the layout only.
+
+    Without *Propose layouts* if rounding the folds stands before it, which is then predicted to come as near as wanted: no layout of
+    a folded piece did.
+    """
+    names = [cure.idname for cure in ways]
+    before = names[: names.index(CHOOSE)] if CHOOSE in names else []
+    return [cure for cure in ways if cure.idname in LAYOUTS and not (cure.idname == CHOOSE and ROUND in before)]
 
 
 def _untried(mesh: bpy.types.Mesh, notice: Notice) -> list[Cure]:

@@ -312,6 +312,20 @@ def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
     assert next_button._next_cure(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
 
 
+@pytest.mark.parametrize("rounded, offered", [(0.9, []), (1.1, ["flexmaps.choose"])])
+def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
+    add: Any, rounded: float, offered: list[str]
+) -> None:
+    piece = add(shapes.make("dome"))
+    block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": []}
+    reach = {"advice": "", "remedies": {}, "prospects": {"round": rounded, "lowest": 0.1}}
+    seen_notices = notices._equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
+    (match,) = (notice for notice in seen_notices if notice.key in notices.FAR_FROM_TARGET)
+    assert {"flexmaps.choose", "flexmaps.mend"} <= {cure.idname for cure in match.cures}  # a person may press both
+    act = next_button._next_cure(piece.data, seen_notices)
+    assert ([] if act is None else [act.idname]) == offered
+
+
 def test_as_few_quads_as_somebody_asked_for_are_not_remeshed_again(add: Any) -> None:
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.02)
     bpy.context.object.flexmaps.remesh.quads = 30
