@@ -19,7 +19,8 @@ from .states import DONE, TODO, StageState, is_current_unnoted
 
 FITTED = ("spirals", "equilibrium", "optimise")  # stages that one press of Make it fit runs
 CHOOSE, ROUND = "flexmaps.choose", "flexmaps.mend"  # cures: other layouts, and rounded folds
-LAYOUTS = ("flexmaps.cut_there", CHOOSE)  # cures that *Next* presses: they change neither the surface nor supports nor size
+# cures that *Next* presses: they change neither the surface nor supports nor size
+LAYOUTS = ("flexmaps.cut_there", CHOOSE)
 SIZES = 0.5, 2.0  # quad edges between these shares of the wanted edge need no scaling
 LETTERS = 28  # letters of a label at most, in every language; more would not fit the button
 

@@ -58,7 +58,8 @@ class Work:
             wants a piece that is near its target to come nearer
         """
         usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
-        return cls(patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None, min(1.0, max(1.0, patience) * enough / usual))
+        limit = patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None
+        return cls(limit, min(1.0, max(1.0, patience) * enough / usual))
 
     def add(self, seconds: float, size: int) -> None:
         """Add work of some seconds a spiral on ``size`` spirals."""
