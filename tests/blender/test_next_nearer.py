@@ -1,0 +1,91 @@
+"""*Next* for a piece far from its target: other cuts, other layouts, and what only a person decides."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from flexmaps.bridge.store import failures, next_button, notices
+from flexmaps.bridge.store.finding_words import BREAKS, INFORMATION, WORSE
+from flexmaps.engine.surface import shapes
+
+
+@pytest.mark.parametrize(
+    ("cut", "offered"),
+    [(0.6, ["cut_there", "choose"]), (1.3, ["choose", "cut_there"]), (None, ["choose"])],
+)
+@pytest.mark.parametrize("code", [None, "far-from-target"])
+def test_next_offers_other_cuts_where_an_optimised_piece_misses_its_match(
+    add: Any, code: str | None, cut: float | None, offered: list[str]
+) -> None:
+    """The cut comes first where it is near enough; each is offered once, and layouts are proposed once."""
+    piece = add(shapes.make("dome"))
+    rows = [] if code is None else [{"code": code, "message": "", "faces": [], "edges": [], "severity": "warning"}]
+    block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": rows}
+    reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.1} | ({} if cut is None else {"cut": cut})}
+    blocks: dict[str, Any] = {"equilibrium": block, "reach": reach, "optimise": {}}
+
+    def pressed(more: dict[str, Any]) -> list[str]:
+        piece.data.pop("flexmaps_tried", None)
+        names = []
+        while (act := next_button._next_cure(piece.data, notices._equilibrium(piece, blocks | more))) is not None:
+            assert act.cure is not None
+            failures.note_tried(piece.data, act.cure.call)
+            names.append(act.idname.partition(".")[2])
+        return names
+
+    assert pressed({}) == offered
+    assert pressed({"choose": {}}) == [name for name in offered if name != "choose"]
+    assert pressed({"equilibrium": block | {"rms_percent": 0.9, "findings": []}}) == []
+    (notice,) = (n for n in notices._equilibrium(piece, blocks) if n.key in notices.FAR_FROM_TARGET)
+    failures.let_go(piece.data, notice.key, notice.sentence)
+    assert notices._downgrade_dismissed(piece.data, notice).kind == INFORMATION
+    assert next_button._next_cure(piece.data, [notices._downgrade_dismissed(piece.data, notice)]) is None
+
+
+@pytest.mark.parametrize("rounded, offered", [(0.9, []), (1.1, ["flexmaps.choose"])])
+def test_next_leaves_layouts_out_where_rounded_folds_come_near_enough(
+    add: Any, rounded: float, offered: list[str]
+) -> None:
+    piece = add(shapes.make("dome"))
+    block = {"rms_percent": 2.0, "largest_percent": 3.0, "converged": True, "findings": []}
+    reach = {"advice": "", "remedies": {}, "prospects": {"round": rounded, "lowest": 0.1}}
+    seen_notices = notices._equilibrium(piece, {"equilibrium": block, "reach": reach, "optimise": {}})
+    (match,) = (notice for notice in seen_notices if notice.key in notices.FAR_FROM_TARGET)
+    assert {"flexmaps.choose", "flexmaps.mend"} <= {cure.idname for cure in match.cures}  # a person may press both
+    act = next_button._next_cure(piece.data, seen_notices)
+    assert ([] if act is None else [act.idname]) == offered
+
+
+def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    reach = {"advice": "", "remedies": {"cut": None}}
+    flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
+    block = {"rms_percent": 5.0, "converged": True, "findings": [flat]}
+
+    def offered(**more: Any) -> set[str]:
+        (notice,) = (n for n in notices._equilibrium(piece, {"equilibrium": block, "reach": reach | more}) if n.cures)
+        assert notice.kind == BREAKS
+        return {cure.idname for cure in notice.cures}
+
+    assert "flexmaps.cut_there" in offered()  # nobody has searched
+    assert "flexmaps.cut_there" in offered(prospects={"cut": 1.0})
+    assert "flexmaps.cut_there" not in offered(prospects={}) and "flexmaps.stand_on" in offered(prospects={})
+    (notice,) = (
+        n
+        for n in notices._equilibrium(piece, {"equilibrium": block | {"rms_percent": 1.5}})
+        if n.key == "equilibrium/stays-flat"
+    )
+    assert notice.kind == WORSE  # a small body of a piece that is near as a whole
+
+
+def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: Any) -> None:
+    piece = add(shapes.make("dome"))
+    flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
+    reach = {"advice": "", "remedies": {}, "prospects": {"lowest": 0.4}}
+    for percent, told in ((1.5, True), (5.0, False), (0.5, False)):
+        block = {"rms_percent": percent, "converged": True, "findings": [flat]}
+        found = {n.key: n for n in notices._equilibrium(piece, {"equilibrium": block, "reach": reach})}
+        assert ("equilibrium/match" in found) == told
+        if told:
+            assert found["equilibrium/match"].cures[0].idname == "flexmaps.stand_on"
