@@ -124,7 +124,7 @@ def run_dask(folder: Path, todo: list[Task], address: str, root: str, say: Calla
         from distributed import Client, as_completed
     except ImportError:
         raise FlexMapsError(
-            "Dask is not installed; install what database/requirements.txt names, or leave --scheduler away"
+            "Dask is not installed; install what requirements/dev.txt names, or leave --scheduler away"
         ) from None
     folder.mkdir(parents=True, exist_ok=True)
     try:

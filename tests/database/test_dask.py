@@ -12,8 +12,6 @@ import time
 import pytest
 from flexmaps.database import build, chunks
 
-pytest.importorskip("distributed")
-
 
 def start(arguments: list[str], folder) -> subprocess.Popen:
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
@@ -33,7 +31,7 @@ def free_port() -> int:
 
 
 def test_killed_worker_costs_nothing(tmp_path, root):
-    tasks = [t for t in chunks.tasks({"strain": 6, "newton": 3}) if t.subject.twist == 0][:8]
+    tasks = [t for t in chunks.tasks({"strain": 6, "newton": 3}) if t.subject.twist == 0][:4]
     port = free_port()
     address = f"tcp://127.0.0.1:{port}"
     processes = [start(["scheduler", "--host", "127.0.0.1", "--port", str(port)], tmp_path)]
@@ -48,7 +46,7 @@ def test_killed_worker_costs_nothing(tmp_path, root):
 
         def say(text: str) -> None:
             seen.append(text)
-            if len(seen) == 2:
+            if len(seen) == 1:
                 processes[1].kill()
 
         watchdog = threading.Timer(120, lambda: [p.kill() for p in processes])
