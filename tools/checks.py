@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # in the order of what tells most per second; each in processes of its own, so that a crash of Blender costs one of them
 TIERS = {
     "engine": "the numerics, without Blender",
+    "tools": "what checks, builds and releases",
     "database": "the offline simulations",
     "blender": "operators and sidebar through Blender as a module",
     "install": "the zip, installed into a fresh Blender",
@@ -39,7 +40,7 @@ QUEUE = (
     (("engine", 2),),
     (("install", 1), ("window", 1)),
     (("page", 1), ("files", 1)),
-    (("database", 1),),
+    (("database", 1), ("tools", 1)),
 )
 LANES = min(os.cpu_count() or 1, 4)  # side by side; the tests of Blender take up to 1 GB of memory each
 KINDS = ("passed", "failed", "skipped")

@@ -26,7 +26,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py demo                     main job on a built-in surface; results in out/
   python3 tools/dev.py run MESH --edge 20 --out DIR
                                                 main job on your mesh (.obj .off .ply .stl .blend), 20 mm quads
-  python3 tools/dev.py test [engine|database|blender|install|page|window ...] [--thorough] [-k NAME]
+  python3 tools/dev.py test [engine|tools|database|blender|install|page|window ...] [--thorough] [-k NAME]
                                                 lint, types and the quick tests; --thorough: all of them
   python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
   python3 tools/dev.py release VERSION [--dry-run]

@@ -1,6 +1,6 @@
 """``measures`` of tools/dev.py: code metrics: upward imports, lengths of files and functions, constants without a comment.
 
-``tests/engine/test_measures.py`` requires that it finds none.
+``tests/tools/test_measures.py`` requires that it finds none.
 """
 
 from __future__ import annotations

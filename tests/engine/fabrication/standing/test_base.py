@@ -39,7 +39,7 @@ def bench():
     import sys
     from pathlib import Path
 
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+    sys.path.append(str(Path(__file__).resolve().parents[4] / "tools"))
     return __import__("bench_standing")
 
 

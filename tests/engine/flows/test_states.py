@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from flexmaps.engine.surface import shapes
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+sys.path.append(str(Path(__file__).resolve().parents[3] / "tools"))
 import state_cases
 
 CASES = {

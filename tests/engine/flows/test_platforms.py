@@ -16,7 +16,7 @@ import pytest
 from flexmaps.engine import files
 from flexmaps.engine.errors import FlexMapsError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PACKAGE = ("engine", "bridge", "api", "command", "operators", "panels", "database")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 CORPUS = ROOT / "tests" / "corpus"
 OUTCOMES = dict(re.findall(r"^\| (\S+\.\w+) \| (\w+) \|", (CORPUS / "README.md").read_text(), re.MULTILINE))
 

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 ENGINE = sorted((ROOT / "engine").rglob("*.py"))
 BLENDER_ONLY = {"bpy", "bmesh", "mathutils", "gpu", "bl_ui"}
 

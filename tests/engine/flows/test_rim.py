@@ -137,7 +137,7 @@ def test_strips_and_necks_are_beams(flat_grid):
 
 def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid():
     """Against quadratic hexahedra of scikit-fem; the material that is taken away alone would be half of it."""
-    sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
+    sys.path.append(str(Path(__file__).resolve().parents[3] / "tools"))
     solids = __import__("rim_solids")
     for width, hole, height in ((0.005, 0.002, 0.002), (0.004, 0.002, 0.001)):
         apart = []
