@@ -133,7 +133,7 @@ def key(context: bpy.types.Context) -> str:
 def _rare(layout: Any, wanted: Any) -> None:
     settings_of(layout, wanted.spiral, "twist_min", "twist_max", "clockwise", "grain")
     layout.separator()
-    settings_of(layout, wanted.optimise, "grain", "lies", "urge", "smoothness", "open_slots", "codesign")
+    settings_of(layout, wanted.optimise, "lies", "urge", "smoothness", "open_slots", "codesign")
 
 
 def _paint_from(layout: Any, wanted: Any) -> None:

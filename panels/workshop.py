@@ -33,7 +33,6 @@ ROWS: dict[str, tuple[tuple[str, ...], ...]] = {
         ("Turn panels", "sheet.rotation"),
         ("Nesting", "sheet.nesting"),
         ("Too large", "sheet.oversize"),
-        ("Extra joints", "sheet.cut_joints"),
         ("Offcuts in", "sheet.remnant_unit"),
         ("Many sheets", "sheet.many_sheets"),
     ),

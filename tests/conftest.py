@@ -36,6 +36,7 @@ load_tool("shapes", "tests")
 load_tool("taylor", "tests")
 load_tool("chains", "tests")
 load_tool("triangles", "tests")
+load_tool("connector_gaps")
 
 
 @pytest.fixture(scope="session")

@@ -14,13 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import connector_gaps
 import growth
 import numpy as np
 import shapely
 from bench_layout import EDGE, surfaces
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
-from flexmaps.engine.fabrication.connectors import check as connector_check
 from flexmaps.engine.fabrication.connectors.connect import Connections
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
@@ -135,7 +135,7 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
         at_most(name, "joints without connector", 0, len(made.unsolved), _cramped(spirals, made)),
     ]
     for kerf in KERFS if made.connectors else ():
-        found = connector_check.fit(spirals, made, kerf)
+        found = connector_gaps.fit(spirals, made, kerf)
         off = max(float(np.abs(gap - made.clearance).max()) for gap in (found.least, found.most))
         overlap = {"overlaps": int((found.overlap > 0.0).sum())}
         rows.append(at_most(name, f"clearance off, kerf {kerf * 1e3:g}", 0.01, off * 1e3, overlap))

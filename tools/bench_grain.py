@@ -1,24 +1,20 @@
 """Benchmark of sheets with a grain: the arm model against orthotropic solids, its derivatives, and its speed.
 
 python3 tools/dev.py bench grain [--spirals N] [--json FILE]
-python3 tools/dev.py bench grain --panels [--only PATTERNS]
 
 Single spirals have random sizes, widths, twists, grain directions and plywoods: five plies, three plies, and interpolations with other
-shear moduli. Whole pieces are those in ``database/validation`` whose names begin with ``grain``. ``--panels`` measures instead how much
-better the match is if each panel of birch plywood is turned to its best grain direction, before and after a search.
+shear moduli. Whole pieces are those in ``database/validation`` whose names begin with ``grain``.
 """
 
 from __future__ import annotations
 
 import argparse
-import fnmatch
 import math
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import zoo
 from flexmaps.database import linear, table, validation
 from flexmaps.database.elastic import orthotropic
 from flexmaps.database.geometry import Spiral
@@ -30,30 +26,12 @@ from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, of_design
 from flexmaps.engine.mechanics.elastic import summed
-from flexmaps.engine.optimisation.optimise import optimise
-from flexmaps.engine.optimisation.panel_grain import choose_grain
-from flexmaps.engine.params import Settings, with_values
-from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.known import table_twist_limit
 from rows import Row, Table, at_most, row
 
 # required, percent: median and largest error of single spirals' energies; RMS distance of whole pieces over their size
 MEDIAN, MOST, APART = 3.0, 8.0, 0.5
 STOUT = 8.0  # size over width of a spiral; below it, arms are hardly longer than their hubs
-# small surfaces of the zoo
-SURFACES = (
-    "cap-pole4",
-    "cap-pole6",
-    "perforated4",
-    "cap-shallow",
-    "cone",
-    "box-open",
-    "hypar",
-    "dome-level",
-    "flower3",
-    "cube",
-)
-STEPS = 8  # steps of the search after which panels are turned; not measured, it limits the time
 WRENCHES = 300  # random wrenches per spiral, with moments like those of forces at half an arm's length
 POISSON = 0.3  # Poisson's ratio of the table of isotropic compliances
 
@@ -64,57 +42,14 @@ def main(arguments: list[str]) -> int:
 
     parser = argparse.ArgumentParser(prog="tools/dev.py bench grain")
     parser.add_argument("--spirals", type=int, default=90, help="random spirals whose solids are made; 0.5 s each")
-    parser.add_argument("--panels", action="store_true", help="what panels bring that are turned each for itself")
-    parser.add_argument("--only", default="*", help="patterns of names of surfaces, with commas, of --panels")
     parser.add_argument("--json", type=Path, default=None)
     options = parser.parse_args(arguments)
     rows = Table(width=52)
-    if options.panels:
-        with threadpool_limits(1):
-            for name in SURFACES:
-                if any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
-                    rows.add(*panels(name))
-        rows.finish(options.json)
-        return 0
     with threadpool_limits(1):
         for part in (derivatives(), pieces(), speed(), spirals(options.spirals)):
             rows.add(*part)
     rows.finish(options.json)
     return 0
-
-
-def panels(name: str) -> list[Row]:
-    """Return RMS distances (mm) with a common grain and with turned panels, before and after a search."""
-    polygons, out = zoo.SURFACES[name].polygons(), []
-    given = {
-        "material.material": "birch",
-        "sheet.rotation": "GRAIN",
-        "optimise.iterations": STEPS,
-        "optimise.codesign": False,
-    }
-    plain = with_values(Settings(), given)
-    made = job.run(polygons, plain, edge=0.02, stop_after="spirals")
-    assert made.design is not None
-    searched = {}
-    for kind in ("common", "crossed", "free"):
-        begun = made.design
-        if kind != "common":
-            begin = time.process_time()
-            found = choose_grain(begun, made.mesh, plain.material.chosen, kind, plain.simulate, plain.sheet)
-            spent = f"{time.process_time() - begin:.1f} s"
-            turns = " ".join(f"{np.degrees(turn):.0f}" for turn in found.turns)
-            peers = {"common": f"{1e3 * found.before:.4f} mm", "turned by": turns[:40], "seconds": spent}
-            out.append(row(name, f"{kind}: RMS of the layout (mm)", "", float(f"{1e3 * found.after:.4g}"), None, peers))
-            begun = found.design
-        how = optimise(begun, made.mesh, plain.material.chosen, plain.optimise, plain.simulate, prove=False)
-        searched[kind] = how.after.match["rms_mm"]
-    for kind in ("crossed", "free"):
-        peers = {
-            "common": f"{searched['common']:.4f} mm",
-            "less": f"{100.0 * (1.0 - searched[kind] / searched['common']):.1f} %",
-        }
-        out.append(row(name, f"{kind}: RMS after the search (mm)", "", float(f"{searched[kind]:.4g}"), None, peers))
-    return out
 
 
 def plywoods(number: int, rng: np.random.Generator) -> Orthotropy:

@@ -6,9 +6,9 @@ Played measurements: every reading of a kerf comb's gap, of the sag of a strip a
 readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
 Fill: of sheets of 600 x 400 mm, borders without stubs as in the demo, where of the emptiest sheet only the used end counts; where that is
 so of every sheet, as for somebody who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a
-longer time: no sheets can be filled better than the strip, but for what the search did not find. Once with the default settings, once with
-panels that are cut further where a sheet less takes at most --joints joints more. What fills the sheets is counted twice. The outlines of
-panels leave out the slots that are open to their border, and every cut opens more of them: the same surface on fewer sheets may count less.
+longer time: no sheets can be filled better than the strip, but for what the search did not find. What fills the sheets is counted twice. The
+outlines of panels leave out the slots that are open to their border, and every cut opens more of them: of two layouts, the one with more cuts may
+count less.
 The quads of the panels, as they lie flat, are the surface that is made, whatever the cuts.
 """
 
@@ -31,9 +31,7 @@ from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
 from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
-from flexmaps.engine.fabrication.nesting.fewer import joints as joints_of
-from flexmaps.engine.fabrication.nesting.fewer import sheets_needed
-from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, used_length
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -59,9 +57,6 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
     )
-    parser.add_argument(
-        "--joints", type=int, default=100, help="joints for a sheet, where panels are cut further; 0: not"
-    )
     parser.add_argument("--seconds", type=float, default=SheetParams().nesting_seconds, help="nesting_seconds")
     parser.add_argument("--draws", type=int, default=150, help="calibrations that are played")
     parser.add_argument("--json", type=Path, help="write the rows here too")
@@ -76,8 +71,7 @@ def main(arguments: list[str]) -> int:
     if "fill" in wanted:
         for name, polygons in surfaces(options.meshes):
             if name.removeprefix("made:") in options.names.split(",") and name != "made:three_holes":
-                for joints in sorted({0, options.joints}):
-                    table.add(*filled(name.removeprefix("made:"), polygons, joints, options.seconds))
+                table.add(*filled(name.removeprefix("made:"), polygons, options.seconds))
     table.finish(options.json)
     return 0
 
@@ -144,11 +138,9 @@ def against_solids(name: str, made: Coupons) -> list[Row]:
 # -- sheets ------------------------------------------------------------------------------------------------------------
 
 
-def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> list[Row]:
-    """How well the sheets of a piece are filled, and an endless strip of the same panels; ``joints`` are what a sheet is worth."""
-    settings = with_values(
-        Settings(), {"sheet.nesting_seconds": seconds, "sheet.cut_joints": joints, "spiral.border": "left_out"}
-    )
+def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
+    """How well the sheets of a piece are filled, and an endless strip of the same panels."""
+    settings = with_values(Settings(), {"sheet.nesting_seconds": seconds, "spiral.border": "left_out"})
     result = job.run(polygons, settings, edge=EDGE)
     made, flat, params = result.sheets, result.flat, settings.sheet
     assert made is not None and flat is not None
@@ -162,11 +154,13 @@ def filled(name: str, polygons: PolygonMesh, joints: int, seconds: float) -> lis
     quads = float(shapely.area(shapely.polygons(flat.corners)).sum())
     found = nesting.strip(shapes, params, STRIP_SECONDS)
     long = np.inf if found is None else (found.width + 2.0 * params.margin) * params.sheet_height
-    name += f", {joints} a sheet" if joints else ""
     ends = fill_but_offcuts(packing, shapes, area, params.margin)
+    joints = np.count_nonzero(flat.layout.cut)
+    used = [used_length(packing, shapes, k) + params.margin for k in range(len(packing.sizes))]
+    needed = len(used) - 1 + min(min(used) / params.sheet_width, 1.0)
     return [
-        row(name, "panels, joints, sheets", "", f"{len(shapes)}, {joints_of(flat.layout)}, {len(packing.sizes)}", None),
-        row(name, "sheets, the emptiest as far as used", "", sheets_needed(packing, shapes, params), None),
+        row(name, "panels, joints, sheets", "", f"{len(shapes)}, {joints}, {len(packing.sizes)}", None),
+        row(name, "sheets, the emptiest as far as used", "", needed, None),
         at_least(name, "fill of the sheets, outlines", FILL, fill(packing, shapes, area, params.margin)),
         at_least(name, "fill of the sheets, quads", FILL, fill(packing, shapes, quads, params.margin)),
         row(name, "fill, of each sheet its used end", "", round(ends, 4), None),

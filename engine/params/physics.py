@@ -149,16 +149,6 @@ class OptimiseParams(Params):
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
         ),
     )
-    grain: str = setting(
-        "common",
-        "Grain of panels",
-        "Before the search, panels of a sheet with a grain may be turned on it, each for itself, where that brings the shape nearer to the target; lay them along the grain then",
-        choices=(
-            ("common", "All alike", "Every panel's grain as Grain says"),
-            ("crossed", "Along or across", "Panels may be turned by a quarter"),
-            ("free", "Any direction", "Panels may be turned by any multiple of 15 degrees"),
-        ),
-    )
     lies: float = setting(
         0.2,
         "Match curvature / position",

@@ -118,13 +118,6 @@ class SheetParams(Params):
         "Many sheets",
         "Continue if panels that almost fill a sheet each take far more sheets than their area needs",
     )
-    cut_joints: int = setting(
-        0,
-        "Joints for a sheet",
-        "Cut panels further where that saves a sheet and adds at most this many joints; with 0 only panels that are too large are cut",
-        low=0,
-        high=10000,
-    )
     rotation: str = setting(
         "FREE", "Rotation", "How the panels may be turned on the sheet",
         choices=(

@@ -16,14 +16,12 @@ from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
-from ..fabrication.nesting.fewer import fewer_sheets
 from ..fabrication.standing.base import Base, make_base, refuse_rim
 from ..fabrication.standing.early import check_hold
 from ..fabrication.standing.eyelets import make_eyelets, overloaded
 from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
-from ..optimisation.panel_grain import choose_grain
 from ..params import Settings
 from ..patches.layout import PatchLayout
 from ..patches.merging import merge
@@ -82,10 +80,7 @@ def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
 
 def _split(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.flat is not None
-    flat = split.split(result.flat, settings.layout, settings.sheet, progress.part(0.0, 0.5))
-    if result.layout is not None:  # the cuts were traced, not chosen by the user
-        flat = fewer_sheets(flat, settings, progress.part(0.5, 1.0))
-    return replace(result, flat=flat)
+    return replace(result, flat=split.split(result.flat, settings.layout, settings.sheet, progress))
 
 
 def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
@@ -138,9 +133,8 @@ def _constraints(result: Result, settings: Settings) -> Constraints:
 
 def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
     assert result.design is not None
-    begun = _grained(result, settings, progress.part(0.0, 0.1))
     found = optimise.optimise(
-        begun,
+        result.design,
         result.mesh,
         settings.material.chosen,
         settings.optimise,
@@ -149,32 +143,9 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         force=result.force,
         constraints=_constraints(result, settings),
         wishes=result.wishes,
-        progress=progress if begun is result.design else progress.part(0.1, 1.0),
+        progress=progress,
     )
     return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
-
-
-def _grained(result: Result, settings: Settings, progress: Progress) -> SpiralDesign:
-    """Turn every panel to the best direction of its grain, if the settings ask for it and the material has a grain."""
-    assert result.design is not None
-    wanted, material = settings.optimise.grain, settings.material.chosen
-    if wanted == "common" or material.orthotropy is None:
-        return result.design
-    if result.design.rim is not None:
-        raise FlexMapsError(
-            "Panels with a rim are not turned to a grain of their own; choose All alike for the grain, or Stubs or Left out for the border"
-        )
-    return choose_grain(
-        result.design,
-        result.mesh,
-        material,
-        wanted,
-        settings.simulate,
-        settings.sheet,
-        supports=result.supports,
-        force=result.force,
-        progress=progress,
-    ).design
 
 
 def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:

@@ -18,6 +18,9 @@ from flexmaps.engine.surface import shapes
 SHIPPED = sorted((Path(__file__).resolve().parents[2] / "presets" / "flexmaps").glob("*.py"))
 
 
+ASSIGN = "import bpy\nsettings = bpy.context.object.flexmaps\n"  # how every preset begins
+
+
 def assigned(path: Path) -> dict[str, Any]:
     rows = re.findall(r"^settings\.(\S+) = (.+)$", path.read_text(), re.MULTILINE)
     return {name: eval(value) for name, value in rows}
@@ -100,6 +103,15 @@ def test_a_preset_of_ones_own_comes_back(dome: Any, own_folder: Path) -> None:
     assert dome.flexmaps.export.folder == "//other" and dome.flexmaps.loads.supports == "feet"
     assert bpy.ops.flexmaps.preset(name="My cutter", remove_name=True) == {"FINISHED"}
     assert not saved.exists()
+
+
+def test_settings_of_earlier_versions_that_are_gone_are_ignored(dome: Any, tmp_path: Path) -> None:
+    preset = tmp_path / "old.py"
+    gone = "settings.sheet.cut_joints = 30\nsettings.optimise.grain = 'free'\n"
+    preset.write_text(f"{ASSIGN}{gone}settings.spiral.thickness = 3.25\n")
+    apply(preset)
+    assert dome.flexmaps.spiral.thickness == pytest.approx(3.25)  # what follows them is applied
+    assert "cut_joints" not in presets.values()
 
 
 def test_a_saved_preset_holds_every_setting_of_a_way_to_work() -> None:

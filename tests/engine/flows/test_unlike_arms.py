@@ -1,5 +1,7 @@
 """Spirals with arms of strongly unlike widths, all the way to the files: judged by shapely, trimesh, ezdxf and svgelements."""
 
+import sys
+
 import ezdxf
 import ezdxf.path
 import numpy as np
@@ -11,7 +13,6 @@ from flexmaps.engine.assembling import film as assembly_film
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.fabrication import estimates, sheets
-from flexmaps.engine.fabrication.connectors.check import fit
 from flexmaps.engine.fabrication.writers import export, operations
 from flexmaps.engine.fabrication.writers.solids import TOLERANCE, extruded
 from flexmaps.engine.materials import MATERIALS
@@ -24,6 +25,8 @@ from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes
+
+fit = sys.modules["flexmaps_connector_gaps"].fit
 
 KERF = 0.0001
 POM = MATERIALS["pom"]

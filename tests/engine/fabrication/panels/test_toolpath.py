@@ -1,11 +1,12 @@
 """Lead-ins, holding tabs and mills: what the runs leave of the sheet, judged by shapely from the runs alone."""
 
+import sys
+
 import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
-from flexmaps.engine.fabrication.connectors.check import fit
 from flexmaps.engine.fabrication.connectors.shape import head, size, socket
 from flexmaps.engine.fabrication.panels import toolpath
 from flexmaps.engine.fabrication.panels.kerf import relieved, without_short
@@ -13,6 +14,8 @@ from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve
+
+fit = sys.modules["flexmaps_connector_gaps"].fit
 
 FAST = SheetParams(nesting="FAST", labels=False)
 RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))

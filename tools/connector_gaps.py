@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-
-from ...arrays import Float, Int
-from ...spirals.contours import Outline
-from ...spirals.design import SpiralDesign
-from ..panels.kerf import cut_paths
-from .connect import Connections, Connector
-from .path import Halves, Throughs, complexes, pairs
-from .shape import key
-from .tips import Attempt
+from flexmaps.engine.arrays import Float, Int
+from flexmaps.engine.fabrication.connectors.connect import Connections, Connector
+from flexmaps.engine.fabrication.connectors.path import Halves, Throughs, complexes, pairs
+from flexmaps.engine.fabrication.connectors.shape import key
+from flexmaps.engine.fabrication.connectors.tips import Attempt
+from flexmaps.engine.fabrication.panels.kerf import cut_paths
+from flexmaps.engine.spirals.contours import Outline
+from flexmaps.engine.spirals.design import SpiralDesign
 
 _FINE = 5e-7  # maximum distance of chords from arcs in metres
 
