@@ -265,3 +265,20 @@ def _wrong(model: Any, pose: Pose, changed: Any) -> list[str]:
         return model.energy(model.moved(state, step.reshape(2, 6)))
 
     return wrong_blocks(energy, here.gradient.ravel(), lambda v: hessian @ v, blocks)
+
+
+@pytest.mark.parametrize(
+    ("recent", "taken"), [((9.0, 5.0, 1.0, 1.0, 1.0, 1.0), True), ((9.0, 1.0, 1.0, 1.0, 1.0, 1.0), False)]
+)
+def test_a_step_may_rise_to_the_largest_of_five_recent_energies(recent: tuple[float, ...], taken: bool) -> None:
+    """Grippo, Lampariello and Lucidi: to 4, where one of the last five was 5, but not where only an earlier one was higher."""
+
+    class Hill(Dense):
+        def slope(self, here: Local, step: np.ndarray) -> float:
+            return -1.0
+
+    hill = Hill(lambda x: 4.0, None, None)
+    history = [Iteration(energy, 1.0) for energy in recent]
+    here = Local(recent[-1], np.ones(1))
+    found = LineSearch(1e-9, 10)._searched(hill, np.zeros(1), here, np.ones(1), history)
+    assert (found is not None) == taken

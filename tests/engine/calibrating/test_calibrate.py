@@ -13,7 +13,15 @@ import pytest
 import shapely
 import shapely.affinity
 from flexmaps.engine.calibrating import bending, drawing, sheet
-from flexmaps.engine.calibrating.calibrate import Calibration, MeasuredValue, Readings, calibrate, numbers, preset
+from flexmaps.engine.calibrating.calibrate import (
+    Calibration,
+    MeasuredValue,
+    Readings,
+    _weighted_mean,
+    calibrate,
+    numbers,
+    preset,
+)
 from flexmaps.engine.calibrating.coupons import FILE, GRAVITY, Coupons, read
 from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.errors import FlexMapsError
@@ -115,6 +123,12 @@ def test_readings_with_errors_of_two_percent(laser: Coupons) -> None:
         kerfs.append(abs(found.kerf.value - KERF))
         assert found.youngs.error / TRUE < 0.02
     assert np.quantile(youngs, 0.95) < 0.03 and np.quantile(kerfs, 0.95) < 2e-5
+
+
+def test_the_surer_of_two_values_counts_more() -> None:
+    """Weights are 1 / error^2: of 1 +- 1 and 2 +- 2, 1 and 1/4, so that the mean is 6/5 and its variance 4/5."""
+    found = _weighted_mean([MeasuredValue(1.0, 1.0), MeasuredValue(2.0, 2.0)])
+    assert found == MeasuredValue(pytest.approx(1.2), pytest.approx(math.sqrt(0.8)))
 
 
 def test_the_spread_of_readings_is_told(laser: Coupons) -> None:

@@ -240,6 +240,7 @@ def test_candidates_are_what_the_stages_make_of_their_settings(strip, tmp_path):
     assert taken.mesh.median_edge == pytest.approx(1e-3 * made.candidates[3].values["edge"])
 
 
+@pytest.mark.thorough
 def test_thicker_sheets_of_a_dome_are_strained_more():
     """Strain by bending is half of the thickness times the curvature, of which a dome cut into two panels keeps the most."""
     dome = api.layout(api.load("shape:dome", edge=20))

@@ -135,19 +135,22 @@ def test_strips_and_necks_are_beams(flat_grid):
         )
 
 
-def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid():
+@pytest.mark.parametrize(
+    ("width", "hole", "height"),
+    [(0.004, 0.002, 0.001), pytest.param(0.005, 0.002, 0.002, marks=pytest.mark.thorough)],
+)
+def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid(width: float, hole: float, height: float):
     """Against quadratic hexahedra of scikit-fem; the material that is taken away alone would be half of it."""
     sys.path.append(str(Path(__file__).resolve().parents[3] / "tools"))
     solids = __import__("rim_solids")
-    for width, hole, height in ((0.005, 0.002, 0.002), (0.004, 0.002, 0.001)):
-        apart = []
-        for compliance in (solids.solid_compliance, solids.beam_compliance):
-            whole, bored = (np.diag(compliance(0.01, width, size, height, VERO)) for size in (0.0, hole))
-            apart.append(bored / whole)
-        solid, beam = apart
-        # shifts along, across and out of the sheet, twist, turns out of the sheet and in it
-        assert beam == pytest.approx(solid, rel=0.05)
-        assert (solid[[0, 1, 4]] > 1.08).all()
+    apart = []
+    for compliance in (solids.solid_compliance, solids.beam_compliance):
+        whole, bored = (np.diag(compliance(0.01, width, size, height, VERO)) for size in (0.0, hole))
+        apart.append(bored / whole)
+    solid, beam = apart
+    # shifts along, across and out of the sheet, twist, turns out of the sheet and in it
+    assert beam == pytest.approx(solid, rel=0.05)
+    assert (solid[[0, 1, 4]] > 1.08).all()
 
 
 def test_forces_and_stiffness_are_differences_of_the_energy():

@@ -43,7 +43,7 @@ def _widths(pattern, quads, low, high):
     return rng.uniform(low, high, (quads, 4))
 
 
-@pytest.fixture(scope="module", params=["checker", "thin", "random"])
+@pytest.fixture(scope="module", params=["checker", pytest.param("thin", marks=pytest.mark.thorough), "random"])
 def pattern(request):
     return request.param
 
@@ -58,7 +58,7 @@ def _layout(name):
     return mesh, PatchLayout(mesh, across & ~mesh.border)
 
 
-@pytest.fixture(scope="module", params=["dome", "saddle", "torus"])
+@pytest.fixture(scope="module", params=[pytest.param("dome", marks=pytest.mark.thorough), "saddle", "torus"])
 def case(request, pattern):
     """A surface, a design as wound as it can be in half of its quads, and its sheets."""
     mesh, layout = _layout(request.param)

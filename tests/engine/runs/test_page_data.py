@@ -192,7 +192,7 @@ def test_values_that_were_spoilt_have_no_colours(dome):
     assert {one["name"] for one in made["colourings"]} == {"strain", "stiffness"}
 
 
-@pytest.mark.parametrize("name", ["quad", "two_bodies"])
+@pytest.mark.parametrize("name", ["quad", pytest.param("two_bodies", marks=pytest.mark.thorough)])
 def test_the_smallest_piece_and_one_of_two_bodies(name):
     found = result(name, "spirals" if name == "quad" else "simulate")
     made, arrays = read(page_data.text(Shown.from_result(found), ObjectSettings(), "it"))
@@ -201,7 +201,7 @@ def test_the_smallest_piece_and_one_of_two_bodies(name):
 
 
 def test_without_spirals_there_is_no_view():
-    assert Shown.from_result(result("dome", "merge")) is None
+    assert Shown.from_result(result("quad", "merge")) is None
 
 
 def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):

@@ -76,7 +76,7 @@ def test_laid_back_over_the_surface(name, anywhere):
     assert beside - 0.1 < 1 - found.used.mean() < beside + 0.1
 
 
-@pytest.mark.parametrize("name", ["torus", "dome"])
+@pytest.mark.parametrize("name", ["dome", pytest.param("torus", marks=pytest.mark.thorough)])
 def test_a_table_and_a_wall_are_told_from_the_piece(name):
     """Both come close to parts that the scan does not show, and hold a smaller share of a dense scan than its noise may."""
     mesh = shapes.make(name)
@@ -109,7 +109,7 @@ def test_what_is_bent_is_measured():
 
 def test_units_are_guessed_or_asked_for():
     mesh = shapes.make("vault")
-    scan, true, size = scanned(mesh, 10, 2, table=False)
+    scan, true, size = scanned(mesh, 10, 2, 3000, table=False)
     found = compare.compare(mesh, Scan(1000 * scan, anywhere=False))
     assert found.scale == 0.001 and "millimetres" in found.remarks[0]
     assert off(mesh, 1000 * true * found.scale @ found.turn.T + found.shift) < 0.001 * size
@@ -150,7 +150,13 @@ def test_what_is_no_scan_is_named(tmp_path):
         reading.read(tmp_path / "scan.ply", "feet")
 
 
-@pytest.mark.parametrize(("name", "other"), [("dome", "three_holes"), ("torus", "dome"), ("saddle", "cubesphere")])
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("dome", "three_holes"),
+        *(pytest.param(*names, marks=pytest.mark.thorough) for names in (("torus", "dome"), ("saddle", "cubesphere"))),
+    ],
+)
 def test_another_object_is_refused(name, other):
     mesh, another = shapes.make(name), shapes.make(other)
     points = true_points(another, 5000, np.random.default_rng(0))
@@ -229,7 +235,7 @@ def test_it_is_a_stage_that_a_new_simulation_drops():
     made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), settings, stop_after="spirals")
     with pytest.raises(FlexMapsError, match="no scan"):
         job.go_on(made, settings, ("compare",))
-    scan, _, _ = scanned(made.mesh, 15, 5)
+    scan, _, _ = scanned(made.mesh, 15, 5, 3000)
     targeted = job.go_on(replace(made, scanned=Scan(scan, "my scan.ply", "m", False)), settings, ("compare",))
     block = report.build(targeted, source="saddle", settings=settings)["scan"]
     assert (

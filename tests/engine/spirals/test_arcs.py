@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from flexmaps.engine.spirals import arcs
 from flexmaps.engine.spirals.arcs import Curve, arc_points, fit
 from shapely import LineString, Point, Polygon
 
@@ -71,3 +72,13 @@ def test_fitted_arcs_stay_within_their_tolerance_and_run_smoothly(tolerance):
     assert counts[1] == 2  # a circle is two arcs
     # the number of arcs grows with the third root of the accuracy only
     assert (counts <= 4.0 * tolerance ** (-1 / 3) + 4).all()
+
+
+def test_distances_from_a_circle_are_those_from_its_centre():
+    """Through (-h, 0), (0, -s) and (h, 0): the centre lies at (h^2 - s^2) / 2 s; without a sag it is a straight line."""
+    half, sag = 0.7, np.array([-0.9, -0.1, 0.2, 1.3])
+    x, y = np.random.default_rng(0).uniform(-2.0, 2.0, (2, 50, 1))
+    centre, radius = (half**2 - sag**2) / (2.0 * sag), (half**2 + sag**2) / (2.0 * np.abs(sag))
+    found = arcs._circle_distance(x, y, np.array(half), sag)
+    np.testing.assert_allclose(found, np.abs(np.hypot(x, y - centre) - radius), atol=1e-12)
+    np.testing.assert_allclose(arcs._circle_distance(x, y, np.array(half), np.array(0.0)), np.abs(y), atol=1e-12)

@@ -131,8 +131,8 @@ def test_the_narrowest_places_alone_are_those_among_all(case, below):
 @pytest.mark.parametrize("clockwise", [False, pytest.param(True, marks=pytest.mark.thorough)])
 def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     rng = np.random.default_rng(2)
-    flat = flat_grid(4, 4, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
-    width, twist = np.full((16, 4), 0.001), rng.uniform(1.0, 4.0, 16)
+    flat = flat_grid(3, 3, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
+    width, twist = np.full((9, 4), 0.001), rng.uniform(1.0, 4.0, 9)
     params = replace(SpiralParams(), clockwise=clockwise)
     room, terms = (
         ClearanceModel.from_flat(flat, params),
@@ -147,7 +147,7 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
     shape = spiral.arms(flat, params, width, twist)
     lines = [
         [
-            spiral.centre_line(shape, np.broadcast_to(np.linspace(0, d, 2001), (16, 4, 2001)))[0].reshape(64, -1, 2)
+            spiral.centre_line(shape, np.broadcast_to(np.linspace(0, d, 2001), (9, 4, 2001)))[0].reshape(36, -1, 2)
             for d in depths
         ]
         for depths in pairs.DEPTHS.tolist()
@@ -158,12 +158,12 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
             exact = shapely.LineString(lines[kind][0][a]).distance(shapely.LineString(lines[kind][1][b])) - 0.001
             assert least[a, b] * room.slot + need == pytest.approx(exact, abs=1e-7)
             seen[kind] += 1
-    assert seen[pairs.BESIDE] > 20 and seen[pairs.ACROSS] > 3
+    assert seen[pairs.BESIDE] > 10 and seen[pairs.ACROSS] > 1
     # nothing else is near
     mates = {tuple(sorted(pair)) for pair in enumerate(room.shapes.mate.tolist())}
     known = {tuple(sorted(pair)) for pair in zip(room.pairs.one.tolist(), room.pairs.two.tolist(), strict=True)}
     outer = [shapely.LineString(line[:1201]) for line in lines[pairs.BESIDE][1]]
-    for a, b in combinations(range(64), 2):
+    for a, b in combinations(range(36), 2):
         if a // 4 != b // 4 and (a, b) not in mates and outer[a].distance(outer[b]) < 0.0014:
             assert (a, b) in known
 

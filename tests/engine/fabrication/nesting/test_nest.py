@@ -63,7 +63,7 @@ def test_fewer_sheets_than_the_quick_packing():
 
 
 def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
-    params = SheetParams(spacing=0.003, nesting_seconds=20.0)  # the machine may be busy
+    params = SheetParams(spacing=0.003, nesting_seconds=6.0)
     shapes = [_wedge(0.3, 0.12, 0.02)] * 5
     rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
     packing = nesting.nest(shapes, params)

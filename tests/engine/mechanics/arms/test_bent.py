@@ -30,7 +30,9 @@ def flat_pose(made: design.SpiralDesign) -> Pose:
     return Pose(np.c_[made.arms.centre, np.zeros(count)], np.broadcast_to(np.eye(3), (count, 3, 3)).copy())
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["left", "clockwise"])
+@pytest.fixture(
+    scope="module", params=[False, pytest.param(True, marks=pytest.mark.thorough)], ids=["left", "clockwise"]
+)
 def dome(request):
     """A dome of wound spirals in several patches, in its equilibrium."""
     mesh = shapes.make("dome")

@@ -58,7 +58,9 @@ def cloud(made: design.SpiralDesign, arms: BentArms, arm: int, end: float) -> np
     return np.concatenate([side + z * turn[..., 2] for side in sides for z in rise])
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["left", "clockwise"])
+@pytest.fixture(
+    scope="module", params=[False, pytest.param(True, marks=pytest.mark.thorough)], ids=["left", "clockwise"]
+)
 def dome(request):
     """A dome of wound spirals in several patches, simulated."""
     mesh = shapes.make("dome")

@@ -13,6 +13,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.geometry import breadth
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
+from flexmaps.engine.surface.remeshing import regularise as regularising
 from flexmaps.engine.surface.remeshing.guide import Guide, deviation
 from flexmaps.engine.surface.remeshing.regularise import (
     BEND,
@@ -304,3 +305,34 @@ def test_a_twisted_surface_stays_as_it_is(quads):
         np.stack([x, y, x * y], 1), np.stack([corner, corner + quads + 1, corner + quads + 2, corner + 1], 1)
     )
     assert flatter(mesh) is mesh
+
+
+@pytest.mark.parametrize("rounds", [3, regularising.MENDING - 1, regularising.MENDING])
+def test_a_repair_gives_up_only_what_stays_spoilt(rounds: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hand: the first quad of a strip stays spoilt for so many rounds, and nothing else moves."""
+    mesh = shapes.strip(40, 1)
+    moved, told, asked = mesh.vertices + np.array([0.0, 0.0, 1e-3]), list[float](), list[int]()
+
+    class Still:
+        def __init__(self) -> None:
+            self.mesh = mesh
+
+        def back(self, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+            return points
+
+    def spoilt(_: QuadMesh, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(0)
+        none = np.zeros(len(mesh.quads), dtype=bool)
+        return (np.arange(len(mesh.quads)) == 0) & (len(asked) <= rounds), none
+
+    monkeypatch.setattr(regularising, "_spoilt_quads", spoilt)
+    hold = regularising._Hold(mesh, np.ones(len(mesh.quads)), np.zeros(len(mesh.vertices)))
+    tell = Progress(lambda fraction, words: told.append(fraction))
+    points = regularising._repair(moved, hold, Still(), tell)
+    assert told == sorted(set(told)) and told[0] >= 0.0 and told[-1] < 1.0
+    returned = (points == mesh.vertices).all(axis=1)
+    first, last = mesh.quads[0], mesh.quads[-1]
+    if rounds == 3:
+        assert not returned.any()
+    else:
+        assert returned[first].all() and returned[last].all() == (rounds == regularising.MENDING)

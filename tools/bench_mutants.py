@@ -1,0 +1,148 @@
+"""Random changes of one place in the engine's sources, and whether the nearest quick tests fail then (mutation testing).
+
+python3 tools/dev.py bench mutants [--count N] [--seed S] [--only GLOB] [--at FILE:LINE] [--file FILE]
+
+The nearest tests are those of the module's own name, then those of its room and those that import the module. Every answer goes
+to FILE at once; mutants that are there and whose line is still the same do not run again. Works on a copy of the checkout.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import json
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from itertools import accumulate
+from pathlib import Path
+
+from rows import Table, at_least, row
+
+ROOT = Path(__file__).resolve().parent.parent
+WANTED = 0.85  # share of the mutants that must be caught
+LONGEST = 600  # seconds for the tests of one mutant; one that never ends is caught too
+SWAPPED: dict[type, type] = {
+    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And,
+}  # fmt: skip
+NAMES = {"min": "max", "any": "all", "minimum": "maximum", "argmin": "argmax", "sum": "mean", "floor": "ceil"}
+NAMES |= {after: before for before, after in NAMES.items()}
+
+
+def variants(node: ast.AST) -> Iterator[ast.AST]:
+    """Return what an expression may become: another operator, number, function, without a factor or a keyword argument."""
+    new = copy.deepcopy(node)
+    if isinstance(new, ast.Compare) and type(new.ops[0]) in SWAPPED:
+        new.ops[0] = SWAPPED[type(new.ops[0])]()
+        yield new
+    elif isinstance(new, ast.BoolOp | ast.BinOp) and type(new.op) in SWAPPED:
+        new.op = SWAPPED[type(new.op)]()
+        yield new
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Add):
+            yield node.left
+    elif isinstance(new, ast.UnaryOp) and isinstance(new.op, ast.Not | ast.USub):
+        yield new.operand
+    elif isinstance(new, ast.Constant) and isinstance(new.value, bool | int | float):
+        yield ast.Constant(not new.value if isinstance(new.value, bool) else 2 * new.value or 1)
+    elif isinstance(new, ast.IfExp):
+        yield new.body
+    elif isinstance(new, ast.Call):
+        name = new.func
+        if isinstance(name, ast.Name) and name.id in NAMES:
+            name.id = NAMES[name.id]
+            yield new
+        elif isinstance(name, ast.Attribute) and name.attr in NAMES:
+            name.attr = NAMES[name.attr]
+            yield new
+        if new.keywords:
+            yield ast.Call(node.func, node.args, node.keywords[:-1])
+
+
+def places(node: ast.AST) -> Iterator[ast.expr]:
+    """Yield the expressions below a node; annotations, defaults, assertions and the texts of errors are left out."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):
+            yield child
+        if not isinstance(child, ast.arguments | ast.Raise | ast.JoinedStr | ast.Assert):
+            yield from places(ast.Module([child.value]) if isinstance(child, ast.AnnAssign) and child.value else child)
+
+
+def mutants(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield (label, whole changed source) for every change of a function of a file."""
+    source = path.read_bytes()
+    starts = [0, *accumulate(map(len, source.splitlines(keepends=True)))]
+    whole = ast.parse(source).body
+    scopes = whole + [child for node in whole if isinstance(node, ast.ClassDef) for child in node.body]
+    for statement in [line for scope in scopes if isinstance(scope, ast.FunctionDef) for line in scope.body]:
+        for place in places(statement):
+            begin = starts[place.lineno - 1] + place.col_offset
+            end = starts[(place.end_lineno or 0) - 1] + (place.end_col_offset or 0)
+            before = " ".join(source[begin:end].decode().split())
+            for text in map(ast.unparse, variants(place)):
+                label = f"{path.relative_to(ROOT).as_posix()}:{place.lineno}: {before} -> {text}"
+                yield label, (source[:begin] + f"({text})".encode() + source[end:]).decode()
+
+
+def nearest(path: Path) -> list[list[str]]:
+    """Return the test files of the module's own name, then the others of its room and those that import it."""
+    tests, room, name = ROOT / "tests" / "engine", path.parent.relative_to(ROOT / "engine"), path.stem
+    own = [*(tests / room).glob(f"test_{name}.py"), *(tests / room).glob(f"test_{name}_*.py")]
+    parent = ".".join(("flexmaps.engine", *room.parts)).replace(".", r"\.")
+    imported = re.compile(rf"^from {parent}(\.{name} import| import .*\b{name}\b)", re.MULTILINE)
+    others = [test for test in sorted(tests.rglob("test_*.py")) if test not in own]
+    near = [test for test in others if test.parent == tests / room or imported.search(test.read_text(encoding="utf-8"))]
+    return [[str(test.relative_to(ROOT)) for test in files] for files in (own, near) if files]
+
+
+def main(argv: list[str]) -> int:
+    """Run the mutants, print the survivors and their share; return 0 whatever it is."""
+    parser = argparse.ArgumentParser(prog="dev.py bench mutants")
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="**/*.py", help="files below engine/")
+    parser.add_argument("--at", default="", help="only changes whose label begins so")
+    parser.add_argument("--file", type=Path, default=ROOT / "out" / "mutants.json", help="the answers, old and new")
+    options = parser.parse_args(argv)
+    known = json.loads(options.file.read_text()) if options.file.is_file() else {}
+    found = {label: text for path in sorted((ROOT / "engine").glob(options.only)) for label, text in mutants(path)}
+    labels = sorted(label for label in found if label.startswith(options.at))
+    chosen = random.Random(options.seed).sample(labels, min(options.count, len(labels)))
+    options.file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        copied = Path(folder) / "checkout"
+        shutil.copytree(ROOT, copied, ignore=shutil.ignore_patterns(".*", "out", "dist", "build", "__pycache__"))
+        for label in chosen:
+            if label not in known:
+                known[label] = judged(copied, ROOT / label.split(":")[0], found[label])
+                options.file.write_text(json.dumps(known, indent=1) + "\n")
+            print(f"{known[label]:10} {label}", flush=True)
+    answers = [known[label] for label in chosen]
+    table = Table(30)
+    for answer in sorted(set(answers)):
+        table.add(row("engine", answer, "", answers.count(answer), None))
+    table.add(at_least("engine", "share caught", WANTED, 1.0 - answers.count("lives") / max(len(answers), 1)))
+    return 0
+
+
+def judged(copied: Path, path: Path, text: str) -> str:
+    """Return whether tests catch a changed source, or that it lives."""
+    target = copied / path.relative_to(ROOT)
+    environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1", PYTHONDONTWRITEBYTECODE="1")
+    target.write_text(text, encoding="utf-8")
+    try:
+        for files in nearest(path):
+            pytest = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *files]
+            if subprocess.run(pytest, cwd=copied, env=environment, capture_output=True, timeout=LONGEST).returncode:
+                return "caught"
+    except subprocess.TimeoutExpired:
+        return "never ends"
+    finally:
+        shutil.copyfile(path, target)
+    return "lives"
