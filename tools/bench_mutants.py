@@ -53,7 +53,7 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         yield ast.Constant(not new.value if isinstance(new.value, bool) else 2 * new.value or 1)
     elif isinstance(new, ast.IfExp):
         yield new.body
-    elif isinstance(new, ast.Call):
+    elif isinstance(node, ast.Call) and isinstance(new, ast.Call):
         name = new.func
         if isinstance(name, ast.Name) and name.id in NAMES:
             name.id = NAMES[name.id]
@@ -68,10 +68,11 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
 def places(node: ast.AST) -> Iterator[ast.expr]:
     """Yield the expressions below a node; annotations, defaults, assertions and the texts of errors are left out."""
     for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.expr):
-            yield child
-        if not isinstance(child, ast.arguments | ast.Raise | ast.JoinedStr | ast.Assert):
-            yield from places(ast.Module([child.value]) if isinstance(child, ast.AnnAssign) and child.value else child)
+        if child is not getattr(node, "annotation", None):
+            if isinstance(child, ast.expr):
+                yield child
+            if not isinstance(child, ast.arguments | ast.Raise | ast.JoinedStr | ast.Assert):
+                yield from places(child)
 
 
 def mutants(path: Path) -> Iterator[tuple[str, str]]:
