@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from bench_window import frames, next_button, panels, preview, progress, ready
+from responsiveness import frames, next_button, panels, preview, progress, ready
 from rows import Row, Table, at_most, row
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -40,7 +40,7 @@ def main(arguments: list[str]) -> int:
 def stages(wanted: list[str]) -> Iterator[Row]:
     """A row a stage, run in their order on one object."""
     import bpy
-    from bench_window import saddle
+    from responsiveness import saddle
 
     obj = saddle()
     obj.flexmaps.export.folder = str(ROOT / "out" / "bench-stop")

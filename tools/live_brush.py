@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import bench_window
 import bpy
 import numpy as np
+import responsiveness
 from flexmaps.bridge.view import dabs, easel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -94,7 +94,7 @@ def _dab(work: dabs.Dabs, on: easel.Easel, at: int, radius: float) -> None:
 
 def spiralled(mesh: QuadMesh, border: str = "stubs") -> bpy.types.Object:
     """A surface with its spirals, as an object in a new file."""
-    obj = bench_window.piece(mesh)
+    obj = responsiveness.piece(mesh)
     obj.flexmaps.spiral.border = border
     bpy.ops.flexmaps.trace()
     bpy.ops.flexmaps.spirals()
