@@ -240,6 +240,7 @@ def test_stopped_or_failed_everything_is_as_it_was(
     assert everything(obj, all_of) == before
 
 
+@pytest.mark.thorough
 def test_a_search_that_is_stopped_is_not_kept(add: Any, all_of: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Optimise alone keeps its best so far; here that would be a piece that nobody asked for."""
     obj = simulated(add, "birch")

@@ -19,7 +19,7 @@ from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
-FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST"}
+FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST"}
 
 
 @pytest.fixture(scope="module")

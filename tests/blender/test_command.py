@@ -18,7 +18,7 @@ from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 
 COMMANDS = ("run", "check", "layout", "simulate", "optimise", "export", "report", "share")
-QUICK = ("--set", "optimise.iterations=2", "--set", "sheet.nesting=FAST")
+QUICK = ("--set", "optimise.iterations=2", "--set", "optimise.codesign=off", "--set", "sheet.nesting=FAST")
 
 
 def run(*words: object) -> int:

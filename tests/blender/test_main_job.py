@@ -151,7 +151,7 @@ def test_full_disk_leaves_the_earlier_run(dome: Path, tmp_path: Path, monkeypatc
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(files, "_swap", full)
-    assert run(dome, "--edge", 15, "--nesting", "FAST", "--out", out, "--no-pictures") == 2
+    assert run(dome, "--edge", 15, "--out", out, "--no-pictures", "--stop-after", "merge") == 2
     assert contents(out) == before
 
 

@@ -25,7 +25,7 @@ def sphere(add: Any) -> Any:
 # -- the walk ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+@pytest.mark.parametrize("mode", ["OBJECT", pytest.param("EDIT", marks=pytest.mark.thorough)])
 def test_the_whole_walk(dome: Any, tmp_path: Path, mode: str, attribute: Any) -> None:
     bpy.ops.object.mode_set(mode=mode)
     dome.flexmaps.export.folder = str(tmp_path)

@@ -34,6 +34,10 @@ Tell = Callable[[float, str], None] | None
 
 
 def sheets(piece: Any, out: Path, tell: Tell) -> None:
+    api.export(piece, out, formats=("svg", "pdf"), progress=tell)
+
+
+def all_formats(piece: Any, out: Path, tell: Tell) -> None:
     api.export(piece, out, formats=FORMATS, progress=tell)
 
 
@@ -67,7 +71,8 @@ def explore(piece: Any, out: Path, tell: Tell) -> None:
     api.explore(piece, {"spiral.thickness": [1.5, 2.0]}, out, progress=tell)
 
 
-OUTPUTS = (sheets, report, share, blend, everything, calibration, pytest.param(pictures, marks=pytest.mark.thorough))
+LONG = (pytest.param(one, marks=pytest.mark.thorough) for one in (all_formats, pictures))
+OUTPUTS = (sheets, report, share, blend, everything, calibration, *LONG)
 
 
 @contextmanager

@@ -28,7 +28,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link", "input"}
 # these need layouts to choose from, a scan and loads, see test_choose, test_compare, test_structure
 DRAWN = set(run_plots.NAMES) - {"choices", "scan", "loads", "utilisation"}
-FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
+FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +164,9 @@ def test_a_page_to_share_of_a_piece_and_of_what_an_object_holds(strip: api.Piece
     obj = api.show(strip)
     two = read(api.share(obj, tmp_path / "two.html"))
     assert one["simulated"] and two["simulated"] and two["title"] == obj.name
+    for page in (one, two):
+        for panel in page["panels"]:
+            panel.pop("hub")  # those in the middle of the strip are equally near to its centre
     for name in ("panels", "seams", "length"):
         assert one[name] == two[name]
     for track, other in zip(one["tracks"], two["tracks"], strict=True):  # the object keeps its pose in single precision

@@ -9,7 +9,7 @@ import bpy
 from flexmaps import api
 from flexmaps.api import pressing
 
-FEW = {"optimise.iterations": 2, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
+FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 
 def test_what_there_is_to_look_at_is_in_the_report_with_calls_that_cure_it(tmp_path: Path) -> None:

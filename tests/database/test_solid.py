@@ -117,6 +117,7 @@ def test_stubs_of_arms_without_load_stand_for_whole_arms(scale, height, twist):
     assert np.abs(np.linalg.eigvals(np.linalg.solve(one, other)).real - 1.0).max() < 1e-5
 
 
+@pytest.mark.thorough
 def test_equilibrium_matches_scikit_fem(root):
     """An independent St. Venant-Kirchhoff solver: quadratic hexahedra of scikit-fem on a finer mesh, same loads."""
     pytest.importorskip("skfem")

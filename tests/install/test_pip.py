@@ -68,7 +68,7 @@ import bpy
 import flexmaps
 flexmaps.register()
 from flexmaps import api
-settings = {"optimise.iterations": 2, "sheet.nesting": "FAST"}
+settings = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST"}
 piece = api.remesh(api.load("shape:dome", edge=20, settings=settings), quads=60)
 piece = api.optimise(piece, supports="lowest")
 api.export(piece, "out", formats=("svg", "dxf", "dxf-r12", "pdf", "stl", "3mf"))

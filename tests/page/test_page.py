@@ -28,6 +28,7 @@ DRAWN = """(() => { const gl = flexmaps.page.view.renderer.getContext();
                     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); })()"""
 SETTINGS = with_values(ObjectSettings(), {"spiral.border": "rim"})
 SIZES = ("desktop", "phone")
+MOSTLY_DESKTOP = ("desktop", pytest.param("phone", marks=pytest.mark.thorough))
 pytestmark = pytest.mark.timeout(600)  # drawn by software, maybe on a busy machine
 
 
@@ -285,7 +286,7 @@ def test_the_next_panel_flies_where_motion_is_wanted(browser: ModuleType, folder
 # -- elsewhere -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
 def test_the_report_holds_the_piece_too(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size) as page:
         page.open(folder / "report.html", ready=READY)
@@ -296,7 +297,7 @@ def test_the_report_holds_the_piece_too(browser: ModuleType, folder: Path, size:
         page.picture(PICTURES / f"report-{size}-whole.png", whole=True)
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
 def test_in_the_dark(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size, dark=True) as page:
         page.open(folder / "share.html", "#step=2", ready=READY)
@@ -308,7 +309,7 @@ def test_in_the_dark(browser: ModuleType, folder: Path, size: str) -> None:
         clean(page, folder / "report.html")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
 def test_a_piece_that_was_not_simulated_says_so(browser: ModuleType, flat_folder: Path, size: str) -> None:
     with browser.Browser(size) as page:
         page.open(flat_folder / "share.html", "#step=2", ready=READY)
@@ -320,7 +321,7 @@ def test_a_piece_that_was_not_simulated_says_so(browser: ModuleType, flat_folder
         clean(page, flat_folder / "share.html")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
 def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size, options=("--disable-3d-apis",)) as page:
         page.open(folder / "share.html", ready=READY)

@@ -104,6 +104,7 @@ def test_with_its_window(
     assert found["pictures"] == len(list(pictures.glob("*.png")))
 
 
+@pytest.mark.thorough
 def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     shutil.copy2(zip_file, tmp_path)
     pictures = ROOT / "out" / "window-brush"
@@ -113,6 +114,7 @@ def test_spirals_are_painted_with_the_pointer(real_blender: ModuleType, zip_file
     assert found["wrong"] == []
 
 
+@pytest.mark.thorough
 def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_file: Path, tmp_path: Path) -> None:
     shutil.copy2(zip_file, tmp_path)
     pictures = ROOT / "out" / "window-live"
@@ -123,7 +125,7 @@ def test_live_mode_follows_a_hand_on_the_mouse(real_blender: ModuleType, zip_fil
     assert found["pictures"] == len(list(pictures.glob("*.png")))
 
 
-@pytest.mark.parametrize("language", ["", "de_DE"])
+@pytest.mark.parametrize("language", ["", pytest.param("de_DE", marks=pytest.mark.thorough)])
 def test_the_tab_stays_in_its_place_and_in_sight(
     real_blender: ModuleType, zip_file: Path, tmp_path: Path, language: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

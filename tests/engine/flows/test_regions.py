@@ -78,7 +78,7 @@ def sound(made: FlatPatches) -> dict[str, object]:
     return report
 
 
-@pytest.mark.parametrize("name", ["cubesphere", "torus"])
+@pytest.mark.parametrize("name", ["cubesphere", pytest.param("torus", marks=pytest.mark.thorough)])
 def test_irregular_vertices_everywhere_do_not_shatter_a_surface(name: str) -> None:
     mesh = thirds(shapes.make(name))
     made = merged(mesh)
@@ -182,7 +182,13 @@ def test_angle_defects_sum_up_to_the_euler_number() -> None:
 
 
 @pytest.mark.parametrize(
-    "height", [bowl, lambda u, v: 3.0 * (u * u - v * v), lambda u, v: 5.0 * u * v], ids=["dome", "saddle", "hypar"]
+    "height",
+    [
+        bowl,
+        lambda u, v: 3.0 * (u * u - v * v),
+        pytest.param(lambda u, v: 5.0 * u * v, marks=pytest.mark.thorough),
+    ],
+    ids=["dome", "saddle", "hypar"],
 )
 def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
     mesh = grid(14, height)
@@ -209,7 +215,7 @@ def test_one_panel_stays_whole_where_it_is_flat_or_held() -> None:
     assert any("supports" in text for text in remarks)  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", ["dome", "three_holes"])
+@pytest.mark.parametrize("name", ["dome", pytest.param("three_holes", marks=pytest.mark.thorough)])
 def test_merging_what_was_merged_changes_nothing(name: str) -> None:
     mesh = shapes.make(name)
     once = merged(mesh)

@@ -21,12 +21,9 @@ CASES = {
 QUICK = {
     ("optimise", "clamped"),
     ("stopped", "hinged"),
-    ("stopped", "clamped"),
     ("explore", "pushed"),
-    ("explore", "rim"),
     ("choose", "wished"),
     ("live", "rim"),
-    ("live", "hinged"),
 }
 
 

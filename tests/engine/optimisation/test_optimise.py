@@ -230,7 +230,7 @@ def test_every_point_of_the_box_can_be_cut(groups: int) -> None:
             assert (ahead - behind)[inner] / (2 * h) == pytest.approx(slopes, rel=1e-4, abs=1e-7)
 
 
-@pytest.mark.parametrize("method", [gauss_newton, lbfgs])
+@pytest.mark.parametrize("method", [gauss_newton, pytest.param(lbfgs, marks=pytest.mark.thorough)])
 def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
     """The target is the equilibrium of a random smooth design: both optimisers must come near to it from a uniform start."""
     design, mesh = made()

@@ -36,7 +36,7 @@ def layouts() -> dict[str, FlatPatches]:
     return {name: merged(shapes.make(name)) for name in NAMES}
 
 
-@pytest.mark.parametrize("name", ["demo", "two_bodies"])
+@pytest.mark.parametrize("name", ["demo", pytest.param("two_bodies", marks=pytest.mark.thorough)])
 def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With nothing kept between changes the same seams, flat points and work come of it."""
     spent: list[float] = []
