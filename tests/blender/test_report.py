@@ -164,9 +164,8 @@ def test_a_page_to_share_of_a_piece_and_of_what_an_object_holds(strip: api.Piece
     obj = api.show(strip)
     two = read(api.share(obj, tmp_path / "two.html"))
     assert one["simulated"] and two["simulated"] and two["title"] == obj.name
-    for page in (one, two):
-        for panel in page["panels"]:
-            panel.pop("hub")  # those in the middle of the strip are equally near to its centre
+    for panel in (*one["panels"], *two["panels"]):
+        panel.pop("hub")  # those in the middle of the strip are equally near to its centre
     for name in ("panels", "seams", "length"):
         assert one[name] == two[name]
     for track, other in zip(one["tracks"], two["tracks"], strict=True):  # the object keeps its pose in single precision

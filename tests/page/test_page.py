@@ -28,7 +28,7 @@ DRAWN = """(() => { const gl = flexmaps.page.view.renderer.getContext();
                     gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); })()"""
 SETTINGS = with_values(ObjectSettings(), {"spiral.border": "rim"})
 SIZES = ("desktop", "phone")
-MOSTLY_DESKTOP = ("desktop", pytest.param("phone", marks=pytest.mark.thorough))
+DESKTOP = ("desktop", pytest.param("phone", marks=pytest.mark.thorough))
 pytestmark = pytest.mark.timeout(600)  # drawn by software, maybe on a busy machine
 
 
@@ -40,7 +40,6 @@ def written(found: Result, folder: Path, name: str) -> Path:
     """The folder with both pages of a result."""
     shown = page_data.Shown.from_result(found)
     assert shown is not None
-    text = page_data.text(shown, SETTINGS, name)
     described = report.build(found, source=f"{name}.obj", settings=SETTINGS)
     drawn = report_page.drawings(found, described, SETTINGS.layout.distortion_limit)
 
@@ -48,7 +47,7 @@ def written(found: Result, folder: Path, name: str) -> Path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         return Path(path)
 
-    report_page.write(described, drawn, folder, new, piece=text)
+    report_page.write(described, drawn, folder, new, piece=page_data.text(shown, SETTINGS, name))
     return folder
 
 
@@ -286,7 +285,7 @@ def test_the_next_panel_flies_where_motion_is_wanted(browser: ModuleType, folder
 # -- elsewhere -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_the_report_holds_the_piece_too(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size) as page:
         page.open(folder / "report.html", ready=READY)
@@ -297,7 +296,7 @@ def test_the_report_holds_the_piece_too(browser: ModuleType, folder: Path, size:
         page.picture(PICTURES / f"report-{size}-whole.png", whole=True)
 
 
-@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_in_the_dark(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size, dark=True) as page:
         page.open(folder / "share.html", "#step=2", ready=READY)
@@ -309,7 +308,7 @@ def test_in_the_dark(browser: ModuleType, folder: Path, size: str) -> None:
         clean(page, folder / "report.html")
 
 
-@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_a_piece_that_was_not_simulated_says_so(browser: ModuleType, flat_folder: Path, size: str) -> None:
     with browser.Browser(size) as page:
         page.open(flat_folder / "share.html", "#step=2", ready=READY)
@@ -321,7 +320,7 @@ def test_a_piece_that_was_not_simulated_says_so(browser: ModuleType, flat_folder
         clean(page, flat_folder / "share.html")
 
 
-@pytest.mark.parametrize("size", MOSTLY_DESKTOP)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_without_webgl_there_are_pictures(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size, options=("--disable-3d-apis",)) as page:
         page.open(folder / "share.html", ready=READY)
