@@ -9,13 +9,10 @@ must not touch themselves, and no slot may close and no arm break when offset by
 from __future__ import annotations
 
 import argparse
-import fnmatch
-from pathlib import Path
 
 import numpy as np
 import shapely
 import zoo
-from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.optimisation.optimisers import SearchRecord
@@ -26,7 +23,8 @@ from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.threads import one_thread
-from rows import Row, Table, at_most, row
+from harness import Bench
+from rows import Row, at_most
 
 STEPS = 5  # steps to judge per search
 TRUE = 1e-6  # metres, tolerance of polylines for arcs
@@ -35,26 +33,18 @@ MOST = 0.98  # width of the test's cutter over the smallest slot, and over the t
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench cuttable")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--most", type=int, default=400, help="largest number of spirals")
-    parser.add_argument("--patience", type=float, default=0.3)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table = Table(32)
-    for name, surface in zoo.SURFACES.items():
-        asked = any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(","))
-        if asked and not surface.refused and surface.remesh is None:
-            try:
-                found = job.run(
-                    surface.polygons(), Settings(), edge=0.02, supports=surface.supports, stop_after="spirals"
-                )
-                if len(found.mesh.quads) <= options.most:
-                    table.add(*measure(name, found, options.patience))
-            except FlexMapsError as error:
-                table.add(row(name, "refused", "", str(error)[:80], None))
-    table.finish(options.json)
-    return 0
+    bench = Bench(
+        "cuttable", arguments, 32, only="*", most=(400, "largest number of spirals"), patience=(0.3, "of the searches")
+    )
+    for name, surface in bench.cases(zoo.SURFACES.items()):
+        if not surface.refused and surface.remesh is None:
+            bench.measure(_rows, name, surface, bench.options)
+    return bench.finish()
+
+
+def _rows(name: str, surface: zoo.Surface, options: argparse.Namespace) -> list[Row]:
+    found = job.run(surface.polygons(), Settings(), edge=0.02, supports=surface.supports, stop_after="spirals")
+    return measure(name, found, options.patience) if len(found.mesh.quads) <= options.most else []
 
 
 @one_thread

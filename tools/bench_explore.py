@@ -9,21 +9,19 @@ for an idle machine; on a busy one, compare the processor seconds.
 
 from __future__ import annotations
 
-import argparse
-import json
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from bench_panels import processor
 from flexmaps import api
 from flexmaps.engine.errors import FlexMapsError
-from rows import Row, Table, at_least, at_most, row
+from harness import Bench
+from rows import Row, at_least, at_most, row
 
 SHAPE = "demo"  # built-in surface with about 400 quads
 VARY = {
@@ -37,31 +35,30 @@ SHARE = 0.8  # required speed-up as a share of the number of workers
 PART = 24  # candidates for the comparison with one worker: the initial samples and two full batches
 
 
-def main(argv: list[str]) -> int:
-    parser = argparse.ArgumentParser(prog="bench explore")
-    parser.add_argument("--candidates", type=int, default=200)
-    parser.add_argument("--cores", type=int, default=2)
-    parser.add_argument("--cluster", action="store_true")
-    parser.add_argument("--json", type=Path)
-    args = parser.parse_args(argv)
-    table = Table(34)
+def main(arguments: list[str]) -> int:
+    """Explore, print the table and write the rows; return 0 whatever the figures."""
+    bench = Bench(
+        "explore",
+        arguments,
+        34,
+        candidates=(200, "candidates to try"),
+        cores=(2, "workers on this machine"),
+        cluster=(False, "compare a cluster of them with one worker"),
+    )
+    options = bench.options
     piece = api.layout(api.load(f"shape:{SHAPE}", edge=16))
     began = processor()
-    seconds, made = tried(piece, args.candidates, cores=args.cores)
+    seconds, made = tried(piece, options.candidates, cores=options.cores)
     each = (processor() - began) / max(len(made.candidates), 1)
     name, faults = f"{SHAPE} {len(piece.mesh.quads)}", sum(bool(one.fault) for one in made.candidates)
-    asked = MINUTES if (args.candidates, args.cores) == (200, 2) else None
-    table.add(
+    asked = MINUTES if (options.candidates, options.cores) == (200, 2) else None
+    bench.table.add(
         row(name, "candidates", "", len(made.candidates), None),
         row(name, "candidates that could not be made", "", faults, None),
-        at_most(name, f"minutes on {args.cores} cores", asked, seconds / 60.0),
+        at_most(name, f"minutes on {options.cores} cores", asked, seconds / 60.0),
         at_most(name, "processor seconds a candidate", 60.0 * MINUTES * 2 / 200, round(each, 2)),
     )
-    if args.cluster:
-        table.add(*on_cluster(piece, args.cores, name))
-    if args.json:
-        args.json.write_text(json.dumps(table.rows, indent=2) + "\n", encoding="utf-8")
-    return 0
+    return bench.finish(*(on_cluster(piece, options.cores, name) if options.cluster else ()))
 
 
 def tried(piece: Any, count: int, **where: Any) -> tuple[float, Any]:

@@ -9,16 +9,13 @@ these reach another equilibrium, a finding has to say so. The stiffness of the s
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.optimisation.optimise import Optimisation, optimise
+from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.real_sheets import tolerance_band
@@ -26,7 +23,8 @@ from flexmaps.engine.simulation.rests import RESTS
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.files.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
-from rows import Row, Table, at_least, at_most, row
+from harness import Bench
+from rows import Row, at_least, at_most, row
 from zoo import hard
 
 EDGE = 0.02  # metres, median edge
@@ -40,43 +38,35 @@ SOFTEST = 0.05  # required stiffness of the softest motion, as a share
 
 def main(arguments: list[str]) -> int:
     """Measure and print the table; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench far")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--meshes", type=Path, help="a folder with more meshes")
-    parser.add_argument("--patience", type=float, default=1.0, help="times the usual seconds of search")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
+    bench = Bench(
+        "far",
+        arguments,
+        30,
+        only="*",
+        meshes=(Path, "a folder with more meshes"),
+        patience=(1.0, "times the usual search"),
+    )
     found: dict[str, Callable[[], PolygonMesh]] = {name: partial(_made, name) for name in hard.SURFACES}
-    if options.meshes:
-        found |= {p.stem: partial(read, p) for p in sorted(options.meshes.iterdir()) if p.suffix in FORMATS}
-    table = Table(30)
-    for name, make in found.items():
-        if any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
-            table.add(*_measured(name, make, options.patience))
-    table.finish(options.json)
-    return 0
+    if bench.options.meshes:
+        found |= {p.stem: partial(read, p) for p in sorted(bench.options.meshes.iterdir()) if p.suffix in FORMATS}
+    for name, make in bench.cases(found.items()):
+        bench.measure(_rows, name, make, bench.options.patience)
+    return bench.finish()
 
 
 def _made(name: str) -> PolygonMesh:
     return PolygonMesh.from_quads(hard.SURFACES[name]())
 
 
-def _measured(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[Row]:
-    """Return the rows of one surface."""
+def _rows(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[Row]:
+    """Search, and return the rows of one surface."""
     settings = Settings()
-    try:
-        made = job.run(make(), settings, edge=EDGE, stop_after="spirals")
-        assert made.design is not None
-        began = time.process_time()
-        params = replace(settings.optimise, patience=patience)
-        found = optimise(made.design, made.mesh, settings.material.chosen, params, settings.simulate)
-    except FlexMapsError as error:
-        return [row(name, "refused", "", str(error)[:80], None)]
-    return _rows(name, found, time.process_time() - began, settings)
-
-
-def _rows(name: str, found: Optimisation, seconds: float, settings: Settings) -> list[Row]:
-    """Return rows on the outcome of a search."""
+    made = job.run(make(), settings, edge=EDGE, stop_after="spirals")
+    assert made.design is not None
+    began = time.process_time()
+    params = replace(settings.optimise, patience=patience)
+    found = optimise(made.design, made.mesh, settings.material.chosen, params, settings.simulate)
+    seconds = time.process_time() - began
     after, physics = found.after, replace(settings.simulate, restarts=0)
     rms, strain = after.match["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, physics)

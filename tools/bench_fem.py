@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -11,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rows import Row, Table, at_least, at_most
+from harness import Bench
+from rows import Row, at_least, at_most
 
 most, least = partial(at_most, "spirals"), partial(at_least, "spirals")
 
@@ -227,13 +227,8 @@ def main(arguments: list[str]) -> int:
     """Run all parts; return 0 whatever the figures."""
     from threadpoolctl import threadpool_limits
 
-    parser = argparse.ArgumentParser(prog="tools/dev.py bench fem")
-    parser.add_argument("--json", type=Path, default=None)
-    parser.add_argument("--meshes", default=None, help="not used here: the fine level has no meshes of its own")
-    options = parser.parse_args(arguments)
-    table = Table(width=66)
+    bench = Bench("fem", arguments, 66, meshes=True)  # no part has meshes
     with threadpool_limits(1):
         for part in PARTS:
-            table.add(*part())
-    table.finish(options.json)
-    return 0
+            bench.table.add(*part())
+    return bench.finish()

@@ -8,11 +8,9 @@ shear moduli. Whole pieces are those in ``database/validation`` whose names begi
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from flexmaps.database import linear, table, validation
@@ -27,7 +25,8 @@ from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_complian
 from flexmaps.engine.mechanics.assembly import Assembly, of_design
 from flexmaps.engine.mechanics.elastic import summed
 from flexmaps.engine.spirals.known import table_twist_limit
-from rows import Row, Table, at_most, row
+from harness import Bench
+from rows import Row, at_most, row
 
 # required, percent: median and largest error of single spirals' energies; RMS distance of whole pieces over their size
 MEDIAN, MOST, APART = 3.0, 8.0, 0.5
@@ -40,16 +39,11 @@ def main(arguments: list[str]) -> int:
     """Run all parts; return 0 whatever the figures."""
     from threadpoolctl import threadpool_limits
 
-    parser = argparse.ArgumentParser(prog="tools/dev.py bench grain")
-    parser.add_argument("--spirals", type=int, default=90, help="random spirals whose solids are made; 0.5 s each")
-    parser.add_argument("--json", type=Path, default=None)
-    options = parser.parse_args(arguments)
-    rows = Table(width=52)
+    bench = Bench("grain", arguments, 52, spirals=(90, "random spirals whose solids are made; 0.5 s each"))
     with threadpool_limits(1):
-        for part in (derivatives(), pieces(), speed(), spirals(options.spirals)):
-            rows.add(*part)
-    rows.finish(options.json)
-    return 0
+        for part in (derivatives(), pieces(), speed(), spirals(bench.options.spirals)):
+            bench.table.add(*part)
+    return bench.finish()
 
 
 def plywoods(number: int, rng: np.random.Generator) -> Orthotropy:

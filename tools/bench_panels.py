@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-import json
 import os
 import time
 from collections.abc import Iterator
@@ -34,8 +33,9 @@ from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.symmetry import symmetries
 from flexmaps.engine.workers import Workers
+from harness import Bench
 from PIL import Image
-from rows import Row, Table, at_least, at_most, row
+from rows import Row, at_least, at_most, row
 
 MATCH = 1.0  # percent, asked of every surface
 EDGE = 0.02  # metres
@@ -47,33 +47,20 @@ PICTURE = 160  # pixels
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
-    parser = argparse.ArgumentParser(prog="dev.py bench panels")
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    bench = Bench(
+        "panels",
+        arguments,
+        32,
+        only="*",
+        meshes=True,
+        resume=True,
+        zoo=("", "patterns of names of the zoo, with commas"),
+        most=(1100, "largest number of quads"),
+        pictures=(Path, "folder for a picture of every surface's proposals"),
     )
-    parser.add_argument("--only", default="*", help="patterns of the files' names, with commas")
-    parser.add_argument("--zoo", default="", help="patterns of names of the zoo, with commas")
-    parser.add_argument("--most", type=int, default=1100, help="largest number of quads")
-    parser.add_argument("--pictures", type=Path, help="folder for a picture of every surface's proposals")
-    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
-    options = parser.parse_args(arguments)
-    table = Table(32)
-    known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
-    table.rows = [one for one in known if one["mesh"] != "all"]
-    done = {one["mesh"] for one in table.rows}
-    for name, polygons in surfaces(options):
-        if name in done:
-            continue
-        try:
-            table.add(*measure(name, polygons, options))
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:80], None))
-        if options.json:
-            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
-    table.add(*summed(table.rows))
-    table.finish(options.json)
-    return 0
+    for name, polygons in bench.fresh(surfaces(bench.options)):
+        bench.measure(measure, name, polygons, bench.options)
+    return bench.finish(*summed(bench.table.rows))
 
 
 def surfaces(options: argparse.Namespace) -> Iterator[tuple[str, PolygonMesh]]:

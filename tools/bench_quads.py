@@ -10,11 +10,9 @@ process and in the second Blender.
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
-import json
 import os
-from pathlib import Path
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import igl
@@ -28,7 +26,8 @@ from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
-from rows import Row, Table, at_most, row
+from harness import Bench
+from rows import Row, at_most, row
 
 FEWER, BETTER = 2 / 3, 0.8  # of the first answer alone: irregular vertices, misalignment to the principal directions
 ENERGY = 0.035  # distortion that a quad should keep below
@@ -44,35 +43,17 @@ MADE = ("remesh-potato", "remesh-rough", "remesh-spiky", "remesh-land", "cube", 
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    shared = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
-    parser = argparse.ArgumentParser(prog="dev.py bench quads")
-    parser.add_argument("--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of meshes")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--quads", type=int, default=1000, help="quads asked for")
-    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
-    options = parser.parse_args(arguments)
-    files = (
-        sorted([*options.meshes.glob("*.o[bf][jf]"), *options.meshes.glob("foreign/*.o[bf][jf]")])
-        if options.meshes
-        else []
-    )
-    surfaces: dict[str, Any] = {path.stem: lambda path=path: meshio.read(path) for path in files}
+    bench = Bench("quads", arguments, 26, only="*", meshes=True, resume=True, quads=(1000, "quads asked for"))
+    folder = bench.options.meshes
+    files = sorted([*folder.glob("*.o[bf][jf]"), *folder.glob("foreign/*.o[bf][jf]")]) if folder else []
+    surfaces: dict[str, Any] = {path.stem: partial(meshio.read, path) for path in files}
     surfaces |= {name: zoo.SURFACES[name].make for name in MADE if name in zoo.SURFACES}
-    table = Table(26)
-    known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
-    table.rows = [one for one in known if one["mesh"] != "all"]
-    done = {one["mesh"] for one in table.rows}
-    for name, make in surfaces.items():
-        if name[:17] not in done and any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(",")):
-            _measure(table, name[:17], make(), options.quads)
-        if options.json:
-            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
-    table.add(*_summed(table.rows))
-    table.finish(options.json)
-    return 0
+    for name, make in bench.cases((name[:17], make) for name, make in surfaces.items()):
+        bench.measure(_rows, name, make(), bench.options.quads)
+    return bench.finish(*_summed(bench.table.rows))
 
 
-def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None:
+def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
     """One surface, remeshed from its triangles: by the first answer alone, and as the program does."""
     target = requad.target_of(
         PolygonMesh.from_quads(polygons) if isinstance(polygons, QuadMesh) else converted(polygons)
@@ -91,10 +72,10 @@ def _measure(table: Table, name: str, polygons: PolygonMesh, count: int) -> None
             print(f"{name} {way}: {error}", flush=True)
         finally:
             requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE = usual
-    table.add(at_most(name, "refused", 0, int("best" not in found)))
+    yield at_most(name, "refused", 0, int("best" not in found))
     if len(found) == 2:
         (one, (off_one, _), mesh_one, seconds_one), (best, (off, bent), mesh, seconds) = found["first"], found["best"]
-        table.add(
+        yield from (
             row(name, IRREGULAR, "", best.irregular, None, {"first": one.irregular}),
             row(name, OFF, "", round(off, 1), None, {"first": round(off_one, 1)}),
             row(name, BENT, "", round(bent, 3), None),

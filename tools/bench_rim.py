@@ -10,9 +10,7 @@ FOLDER whose name fits is taken too, if its border is open. The surface of the d
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import fnmatch
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -35,6 +33,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.files.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
+from harness import Bench
 from rows import Table, at_least, at_most, row
 
 MADE = ("demo", "vault", "dome", "saddle", "vault-plain", "barrel", "catenoid", "hypar", "tower")
@@ -49,27 +48,27 @@ LARGE = 5.0  # metres, of the sheets: panels are not to be split for them
 
 def main(arguments: list[str]) -> int:
     """Measure and print the table; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench rim")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--meshes", type=Path, help="a folder with more meshes")
-    parser.add_argument("--no-optimise", action="store_true", help="simulate alone")
-    parser.add_argument("--pictures", type=Path, help="render the three borders of every piece into this folder")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
+    bench = Bench(
+        "rim",
+        arguments,
+        40,
+        only="*",
+        meshes=(Path, "a folder with more meshes"),
+        no_optimise=(False, "simulate alone"),
+        pictures=(Path, "render the three borders of every piece into this folder"),
+    )
+    options, table = bench.options, bench.table
     # the zoo's others only where they are asked for
     found: dict[str, Any] = {
         name: name for name in (MADE if options.only == "*" else dict.fromkeys((*MADE, *zoo.SURFACES)))
     }
     if options.meshes:
         found |= {path.name: path for path in sorted(options.meshes.iterdir()) if path.suffix in FORMATS}
-    table = Table(40)
-    if any(fnmatch.fnmatch("strips", one) for one in options.only.split(",")):
+    if bench.asked("strips"):
         _strips(table)
-    for name, source in found.items():
-        if any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
-            _judged(table, name, source, not options.no_optimise, options.pictures)
-    table.finish(options.json)
-    return 0
+    for name, source in bench.cases(found.items()):
+        _judged(table, name, source, not options.no_optimise, options.pictures)
+    return bench.finish()
 
 
 def _strips(table: Table) -> None:

@@ -8,7 +8,6 @@ a sentence instead of a surface: at most a quarter of all.
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 from collections.abc import Callable
@@ -34,7 +33,8 @@ from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing.bodies import without_crumbs
 from flexmaps.engine.surface.welding import welded
-from rows import Table, at_least, at_most
+from harness import Bench
+from rows import at_least, at_most
 from scene_kinds import CLOSE, MADE, WRONG, bent, braces, far_object, hidden, keyed, linked, right
 from scipy.spatial import cKDTree
 
@@ -48,20 +48,14 @@ Kind = Callable[[str, np.random.Generator], str]
 
 def main(arguments: list[str]) -> int:
     """Try every kind, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench scenes")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--seed", type=int, default=0, help="another number makes others")
-    options = parser.parse_args(arguments)
-    table, refused, whole = Table(44), 0, 0
+    bench, refused, whole = Bench("scenes", arguments, 44, seed=(0, "another number makes others")), 0, 0
     for kind in KINDS:
-        random = np.random.default_rng(options.seed)
+        random = np.random.default_rng(bench.options.seed)
         found = [kind(NAMES[k % len(NAMES)], random) for k in range(MANY)]
         told = (kind.__doc__ or "").rstrip(".")
-        table.add(at_least(kind.__name__, told, MANY, float(MANY - found.count(WRONG))))
+        bench.table.add(at_least(kind.__name__, told, MANY, float(MANY - found.count(WRONG))))
         refused, whole = refused + found.count(REFUSAL), whole + MANY
-    table.add(at_most("all", "share that is refused by name", REFUSED, refused / whole))
-    table.finish(options.json)
-    return 0
+    return bench.finish(at_most("all", "share that is refused by name", REFUSED, refused / whole))
 
 
 def quads(name: str) -> PolygonMesh:

@@ -12,9 +12,8 @@ lie, how large they are, and what is left round them; what they bear has to be t
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
 import tempfile
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -35,6 +34,7 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
+from harness import Bench
 from rows import Table, at_least, at_most, row
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
@@ -70,18 +70,12 @@ class Fit:
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench standing")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--kinds", default="feet,frame,eyelets", help="kinds of base, with commas between them")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table, counts = Table(40), dict.fromkeys(("feet", "frame", "eyelets"), 0)
-    for name, polygons in _surfaces().items():
-        if not any(fnmatch.fnmatch(name, one) for one in options.only.split(",")):
-            continue
-        for kind in options.kinds.split(","):
-            if name in HUNG and kind != "eyelets":
-                continue
+    bench = Bench(
+        "standing", arguments, 40, only="*", kinds=("feet,frame,eyelets", "kinds of base, with commas between them")
+    )
+    kinds, table, counts = bench.options.kinds.split(","), bench.table, Counter[str]()
+    for name, polygons in bench.cases(_surfaces().items()):
+        for kind in kinds if name not in HUNG else ["eyelets"] if "eyelets" in kinds else []:
             try:
                 made = _made(polygons, kind)
             except FlexMapsError as error:
@@ -89,11 +83,8 @@ def main(arguments: list[str]) -> int:
                 continue
             (_hung if kind == "eyelets" else _stands)(table, f"{name} {kind}", made)
             counts[kind] += 1
-    if options.only == "*":
-        for kind in options.kinds.split(","):
-            table.add(at_least("all", f"open meshes with {kind}", 6, counts[kind]))
-    table.finish(options.json)
-    return 0
+    summary = [at_least("all", f"open meshes with {kind}", 6, counts[kind]) for kind in kinds]
+    return bench.finish(*(summary if bench.options.only == "*" else []))
 
 
 def _made(polygons: PolygonMesh, kind: str) -> Result:

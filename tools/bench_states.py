@@ -5,13 +5,11 @@ python3 tools/dev.py bench states [--only PATTERNS] [--patience P] [--json FILE]
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
-from pathlib import Path
 from typing import Any
 
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
+from harness import Bench
 from rows import Table, at_most, row
 from state_cases import STAGES, Case
 
@@ -37,19 +35,12 @@ WAYS: dict[str, dict[str, Any]] = {
 
 def main(arguments: list[str]) -> int:
     """Compare and print the table; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench states")
-    parser.add_argument("--only", default="*", help="patterns of 'shape, way', with semicolons")
-    parser.add_argument("--patience", type=float, default=0.3, help="of the searches")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table = Table(40)
+    bench = Bench("states", arguments, 40, only="*", between=";", patience=(0.3, "of the searches"))
     for name, make in MADE.items():
-        for way, options_of_way in WAYS.items():
-            case = Case(f"{name}, {way}", make(), **options_of_way)
-            if any(fnmatch.fnmatch(case.name, one) for one in options.only.split(";")):
-                _compared(table, name, way, case, options.patience)
-    table.finish(options.json)
-    return 0
+        for way, how in WAYS.items():
+            if bench.asked(f"{name}, {way}"):
+                _compared(bench.table, name, way, Case(f"{name}, {way}", make(), **how), bench.options.patience)
+    return bench.finish()
 
 
 def _compared(table: Table, name: str, way: str, case: Case, patience: float) -> None:

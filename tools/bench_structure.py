@@ -8,10 +8,8 @@ them out. Both are pushed by the fall of their middle, so that they go past thei
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from equilibrium_cases import EDGE, MATERIAL, straight_row
@@ -26,6 +24,7 @@ from flexmaps.engine.structure.actions import Action
 from flexmaps.engine.structure.buckling import linear_buckling
 from flexmaps.engine.structure.path import Path as LoadPath
 from flexmaps.engine.structure.path import PathFollower, follow
+from harness import Bench
 from rows import Table, at_most, row
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair
 
@@ -41,25 +40,21 @@ SIZES = (150, 600, 1000)  # approximate numbers of spirals
 
 def main(arguments: list[str]) -> int:
     """Measure everything, print the table, write the rows; 0 whatever was measured."""
-    parser = argparse.ArgumentParser(prog="dev.py bench structure")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--plain", action="store_true", help="leave the solids out")
-    options = parser.parse_args(arguments)
-    table = Table(width=52)
+    bench = Bench("structure", arguments, 52, plain=(False, "leave the solids out"))
+    table, plain = bench.table, bench.options.plain
     column(table)
     small_loads(table)
     derivatives(table)
     for piece in (arch(), dome(), dome(*SHORT)):
         path = piece.path(100.0)
         itself(table, piece, path)
-        if not options.plain:
+        if not plain:
             solids(table, piece, path)
-    if not options.plain:
+    if not plain:
         finite_turns(table)
     pressures(table)
     seconds(table)
-    table.finish(options.json)
-    return 0
+    return bench.finish()
 
 
 def column(table: Table) -> None:

@@ -14,7 +14,6 @@ The quads of the panels, as they lie flat, are the surface that is made, whateve
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -35,7 +34,8 @@ from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
-from rows import Row, Table, at_least, at_most, row
+from harness import Bench
+from rows import Row, at_least, at_most, row
 
 NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each
 FILL, STRIP_SECONDS = 0.6, 25  # share of the sheets that is wanted; seconds that the strip is searched
@@ -49,31 +49,28 @@ SHEETS = {
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench workshop")
-    root = Path(__file__).resolve().parent.parent
-    shared = root.parent / "shared" / "meshes"
-    parser.add_argument("--only", default="calibration,fill,remnants", help="which rows, with commas")
-    parser.add_argument("--names", default="demo,bunny,three_holes,spot", help="pieces whose sheets are filled")
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
+    bench = Bench(
+        "workshop",
+        arguments,
+        38,
+        only="calibration,fill,remnants",
+        meshes=True,
+        names=("demo,bunny,three_holes,spot", "pieces whose sheets are filled"),
+        seconds=(SheetParams().nesting_seconds, "nesting_seconds"),
+        draws=(150, "calibrations that are played"),
     )
-    parser.add_argument("--seconds", type=float, default=SheetParams().nesting_seconds, help="nesting_seconds")
-    parser.add_argument("--draws", type=int, default=150, help="calibrations that are played")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table, wanted = Table(38), options.only.split(",")
-    if "calibration" in wanted:
+    table, options = bench.table, bench.options
+    if bench.asked("calibration"):
         table.add(*played(options.draws))
         for name, values in SHEETS.items():
             table.add(*against_solids(name, coupons(with_values(Settings(), values))))
-    if "remnants" in wanted:
+    if bench.asked("remnants"):
         table.add(*remnants())
-    if "fill" in wanted:
+    if bench.asked("fill"):
         for name, polygons in surfaces(options.meshes):
             if name.removeprefix("made:") in options.names.split(",") and name != "made:three_holes":
                 table.add(*filled(name.removeprefix("made:"), polygons, options.seconds))
-    table.finish(options.json)
-    return 0
+    return bench.finish()
 
 
 def played(draws: int) -> list[Row]:
