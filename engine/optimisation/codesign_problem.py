@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import csr_array, dia_array, diags_array, hstack
 
 from ..arrays import Bool, Float, Int
+from ..mechanics.arms.bar_loads import LOADS
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import arm_wrenches
 from ..mechanics.arms.strain_changes import by_shapes
 from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
@@ -247,7 +247,7 @@ class FlatPoint(DesignPoint):
     def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
         """Derivatives (m, r, 6), by the rest geometry, of the quantities of every joint, ties to a rim included.
 
-        In this order: the joint's gradient (12); the wrenches of both arms (12), where strains count; the joint's share of every
+        In this order: the joint's gradient (12); the loads of both arms (2 ``LOADS``), where strains count; the joint's share of every
         soft eigenvalue, where some are low; the motions of both tips (12), where slots close.
         """
         strained, pairs = self.strains is not None, self._joint_pairs
@@ -258,7 +258,7 @@ class FlatPoint(DesignPoint):
             state = model.start(pose)
             found = [model.joint_gradients(state)]
             if strained:
-                found.append(arm_wrenches(model.assembly, model.wrenches(state)).reshape(-1, 12))
+                found.append(model.arm_loads(state).reshape(-1, 2 * LOADS))
             if self._modes is not None:
                 found.append(self._modes.variations(model, pose, pairs))
             if self._closing is not None:
@@ -341,8 +341,8 @@ class FlatPoint(DesignPoint):
         rows = self._rows_of_spirals(e, found)
         rims = e >= len(self._by_geometry)  # strips
         e = np.where(rims, 0, e)
-        wrench = 12 + 6 * (arms % 2)[:, None] + np.arange(6)
-        by = (found.arms.by_wrench[:, None] @ self._by_geometry[e[:, None], wrench])[:, 0]
+        loads = 12 + LOADS * (arms % 2)[:, None] + np.arange(LOADS)
+        by = (found.arms.by_loads[:, None] @ self._by_geometry[e[:, None], loads])[:, 0]
         by = by + by_shapes(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
         column = 6 * e[:, None] + np.arange(6)
         start = np.arange(0, column.size + 1, 6)

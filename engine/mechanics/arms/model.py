@@ -28,7 +28,7 @@ from .compliances import ArmCompliances, arm_compliances
 from .curving import CurvedArms, curved, moved_curving, second_order_strains, weighted
 from .cut import by_shapes, shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
-from .sensitivity import JointChanges, convex_by_design
+from .sensitivity import JointChanges, arm_loads, convex_by_design
 from .strain_changes import arm_strains
 
 
@@ -241,10 +241,19 @@ class ArmModel:
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint, in its
         half-way axes."""
+        e, slope = _add_second_order(self._motion_at_joint(state), self.curving_at_joint)
+        return times(np.swapaxes(slope, -1, -2), times(self.at_joint, e))
+
+    def _motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
+        """(m, 6) motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
-        e, slope = _add_second_order(motion, self.curving_at_joint)
-        return times(np.swapaxes(slope, -1, -2), times(self.at_joint, e))
+        return motion
+
+    def arm_loads(self, state: ArmState) -> Float[np.ndarray, "joints 2 15"]:
+        """Loads of both arms of every joint in their own axes, see ``bar_loads``."""
+        linear = times(self.at_joint, self._motion_at_joint(state))
+        return arm_loads(self.assembly, self.wrenches(state), linear, state.motion.turn)
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
         """(m, 12) contribution of every joint to the gradient of the energy, in the order of ``Expansion.hessian``."""
@@ -266,7 +275,7 @@ class ArmModel:
         -------
         (m, 2)
         """
-        return arm_strains(self.assembly, self.wrenches(state), material)
+        return arm_strains(self.assembly, self.arm_loads(state), material)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly

@@ -26,6 +26,8 @@ from .curving import curved, weighted
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order
 
+SENSES = np.array([1.0, -1.0])  # the second arm of a joint feels the opposite of what the first one does
+
 # Parameters of a joint, for the spiral on either side: width of the arm that meets it, twist (indices ``WIDTH`` and
 # ``TWIST`` of ``cut``), and half the sum of the widths of the two arms beside that arm (``BESIDE``).
 PARAMETERS = 3
@@ -40,6 +42,10 @@ class JointChanges:
     by_pose : (m, 6, 12) derivatives of the joint's motion y by the increments of both hubs
     wrench_by_design : (m, 2, 3, 6) at a fixed pose, per side of the joint and parameter
     wrench_by_pose : (m, 6, 12) by the increments of both hubs
+    at_joint : (m, 6, 6) stiffness, as in ``ArmModel``
+    linear, linear_by_design : the wrench to first order in the joint's motion, K y, and its derivatives; without the
+        second-order term, the wrench itself
+    turn : (m, 3) radians, of the second hub relative to the first
     turned : (m, 2, 3) contribution of the moving bend points to the derivative by the twist of the gradient by the
         turn, per side
     """
@@ -49,6 +55,10 @@ class JointChanges:
     by_pose: Float[np.ndarray, "joints 6 12"]
     wrench_by_design: Float[np.ndarray, "joints 2 parameters 6"]
     wrench_by_pose: Float[np.ndarray, "joints 6 12"]
+    at_joint: Float[np.ndarray, "joints 6 6"]
+    linear: Float[np.ndarray, "joints 6"]
+    linear_by_design: Float[np.ndarray, "joints 2 parameters 6"]
+    turn: Float[np.ndarray, "joints 3"]
     turned: Float[np.ndarray, "joints 2 3"]
 
     @classmethod
@@ -74,7 +84,7 @@ class JointChanges:
         angle = np.linalg.norm(turn, axis=1)
         shift = motion.shift + np.cross(offset, turn)
         strains = np.concatenate([shift, turn], axis=1)
-        slope, tangent = np.eye(6)[None], at_joint
+        slope, tangent, linear = np.eye(6)[None], at_joint, times(at_joint, strains)
         if curving is not None:
             strains, slope = curved(strains, curving)
         inner, across = times(at_joint, strains), np.swapaxes(slope, 1, 2)
@@ -87,12 +97,16 @@ class JointChanges:
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
         turned = np.zeros((len(turn), 2, 3))
         changes = -softened(assembly, by, inner) @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
+        first = changes if curving is None else -softened(assembly, by, linear) @ at_joint[:, None]
         for side in (0, 1):
             sign = 1.0 if side == 0 else -1.0
             moved, found = _bend_shift(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
             changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
+            if curving is not None:
+                first[:, side, TWIST] += sign * times(at_joint[..., :3], moved)
             turned[:, side] = -found
-        return cls(assembly.sides, wrench, by_pose, changes, tangent @ by_pose, turned)
+        known = (assembly.sides, wrench, by_pose, changes, tangent @ by_pose)
+        return cls(*known, at_joint, linear, first, turn, turned)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
         """(m, 2, 5): contract ``gradient_by_design`` with a motion ``way`` (m, 12) of both hubs."""
@@ -170,19 +184,20 @@ def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.nd
     return out
 
 
-def arm_wrenches(assembly: Assembly, wrench: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 2 6"]:
-    """Rotate wrenches (N and N m) from the joints' axes to the axes of both arms.
+def arm_loads(
+    assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], linear: Float[np.ndarray, "joints 6"], turn: np.ndarray
+) -> Float[np.ndarray, "joints 2 15"]:
+    """Loads of both arms of m joints in their own axes, as each arm feels them (see ``bar_loads``).
 
     Parameters
     ----------
     assembly : with m joints
-    wrench : (m, 6)
-
-    Returns
-    -------
-    (m, 2, 6)
+    wrench, linear : (m, 6) N and N m, as in ``JointChanges``
+    turn : (m, 3) radians, of the second hub relative to the first
     """
-    return (np.swapaxes(assembly.arm_axes, 2, 3) @ wrench[:, None, :, None])[..., 0]
+    vectors = np.stack([wrench, linear, np.concatenate([np.zeros_like(turn), turn], axis=1)], axis=1)
+    own = (vectors[:, None] @ assembly.arm_axes).reshape(len(turn), 2, -1)
+    return SENSES[:, None] * own[..., [*range(12), 15, 16, 17]]
 
 
 def _way_by_twist(assembly: Assembly, side: int) -> Float[np.ndarray, "joints 3"]:

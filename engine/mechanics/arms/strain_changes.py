@@ -14,9 +14,11 @@ from ...arrays import Float, Int
 from ...materials import Material
 from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..assembly import Assembly
+from ..vectors import times
+from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
 from .cut import TWIST, WIDTH, CutArms, shapes
 from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
-from .sensitivity import PARAMETERS, JointChanges, arm_wrenches, of_spirals
+from .sensitivity import SENSES, JointChanges, arm_loads, of_spirals
 
 # Kink (see ``kinks``) above which the estimated strain is less certain, and the largest ratio of true to estimated
 # strain there. Of 770 joints in 30 solids, those above reach 1.6 (95 of 100 at most 1.2), those below 1.2.
@@ -30,7 +32,7 @@ class StrainSlopes:
 
     by_pose : (K, 12) by the increments of both hubs of their joint
     by_design : (K, 2, 5) by the four widths and the twist of the spirals on both sides of the joint
-    arms : by their own wrenches and parameters
+    arms : by their own loads and parameters
     """
 
     by_pose: Float[np.ndarray, "k 12"]
@@ -43,18 +45,18 @@ class Strains:
     """Largest strains (m, 2) of both arms of m joints; see ``peak_strain``.
 
     assembly, changes, arms : the joints, their derivatives, and the parameters of their arms
-    wrench : (2 m, 6) N and N m, in the arms' own axes
+    loads : (2 m, LOADS) see ``bar_loads``
     """
 
     assembly: Assembly
     changes: JointChanges
     arms: StrainedArms
-    wrench: Float[np.ndarray, "n 6"]
+    loads: Float[np.ndarray, "n 15"]
     values: Float[np.ndarray, "joints 2"]
 
     @classmethod
     def from_changes(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
-        """Compute the strains under the wrenches of ``changes``.
+        """Compute the strains under the loads of ``changes``.
 
         Parameters
         ----------
@@ -62,17 +64,20 @@ class Strains:
         changes : wrenches of the joints, with derivatives
         """
         arms = strained_arms(assembly, material)
-        wrench = arm_wrenches(assembly, changes.wrench).reshape(-1, 6)
-        return cls(assembly, changes, arms, wrench, arms.values(wrench).reshape(-1, 2))
+        loads = arm_loads(assembly, changes.wrench, changes.linear, changes.turn).reshape(-1, LOADS)
+        return cls(assembly, changes, arms, loads, arms.values(loads).reshape(-1, 2))
 
     def slopes(self, arms: Int[np.ndarray, " k"]) -> StrainSlopes:
         """Derivatives of the strains of arms (k,); arm 2 e + side belongs to joint e."""
-        found, known = self.arms.slopes(self.wrench[arms], arms), self.assembly
+        found, known, changes = self.arms.slopes(self.loads[arms], arms), self.assembly, self.changes
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
-        by_wrench = (known.arm_axes[e, side] @ found.by_wrench[..., None])[:, None, :, 0]
-        by_pose = (by_wrench @ self.changes.wrench_by_pose[e])[:, 0]
-        through = by_wrench @ self.changes.wrench_by_design[e].reshape(len(e), 2 * PARAMETERS, 6).swapaxes(1, 2)
-        by_design = through.reshape(-1, 2, PARAMETERS)
+        axes, by_loads = known.arm_axes[e, side], SENSES[side, None] * found.by_loads
+        by_wrench, by_linear = (times(axes, by_loads[:, part]) for part in (WRENCH, FIRST_ORDER))
+        by_motion = times(changes.at_joint[e], by_linear)
+        by_motion[:, 3:] += times(axes[:, 3:, 3:], by_loads[:, TURN])
+        by_pose = (by_wrench[:, None] @ changes.wrench_by_pose[e] + by_motion[:, None] @ changes.by_pose[e])[:, 0]
+        by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
+        by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
         mate, sign = (of[arms] for of in _mates(known))
         # a neck depends on the arm beyond its joint, a strip on nothing
         own = np.where((e >= known.inner) & (side == 1), 0, side)
@@ -138,11 +143,10 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
 
 
 def arm_strains(
-    assembly: Assembly, wrench: Float[np.ndarray, "joints 6"], material: Material
+    assembly: Assembly, loads: Float[np.ndarray, "joints 2 15"], material: Material
 ) -> Float[np.ndarray, "joints 2"]:
-    """(m, 2) largest strains of both arms of every joint under wrenches (N and N m) in the joints' axes."""
-    arms = strained_arms(assembly, material)
-    return arms.values(arm_wrenches(assembly, wrench).reshape(-1, 6)).reshape(-1, 2)
+    """(m, 2) largest strains of both arms of every joint under loads in the arms' own axes (see ``bar_loads``)."""
+    return strained_arms(assembly, material).values(loads.reshape(-1, LOADS)).reshape(-1, 2)
 
 
 def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS, STRAINED, Material
+from flexmaps.engine.mechanics.arms.bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH, BarLoads
 from flexmaps.engine.mechanics.arms.bar_sections import SATURATION, Curvature, Torsion
+from flexmaps.engine.mechanics.arms.bars import Bars
 from flexmaps.engine.mechanics.arms.peak_strain import GRAIN, NUMBERS, SHARE, StrainedArms
+from flexmaps.engine.mechanics.arms.sensitivity import arm_loads
 from flexmaps.engine.mechanics.arms.strain_changes import (
     KINKED,
     KINKED_STRAIN,
@@ -30,6 +33,12 @@ from flexmaps.engine.surface import shapes
 
 POM, BIRCH = MATERIALS["pom"], MATERIALS["birch"]
 UNITS = np.repeat([1.0, 0.01], 3)  # N and N m of ordinary wrenches
+LOAD_UNITS = np.concatenate([UNITS, 0.1 * UNITS, [0.5, 0.5, 0.5]])  # of wrenches, first-order wrenches and turns
+
+
+def unbent(wrench: np.ndarray) -> np.ndarray:
+    """Loads of arms that stay flat under their wrenches."""
+    return np.concatenate([wrench, np.zeros((len(wrench), LOADS - 6))], axis=1)
 
 
 def arms(count: int, material: Material = POM, seed: int = 0) -> StrainedArms:
@@ -108,13 +117,13 @@ def test_straight_arms_are_cantilevers() -> None:
     for component, modulus in ((2, 0.0015 * 0.002**2 / 6.0), (1, 0.002 * 0.0015**2 / 6.0)):
         wrench = np.zeros((1, 6))
         wrench[0, component] = 0.5
-        found = known.values(wrench)[0] * POM.youngs * modulus / 0.5
+        found = known.values(unbent(wrench))[0] * POM.youngs * modulus / 0.5
         # the arm ends about a width and a half before its hub's centre
         assert 0.010 < found < 0.015
-    stretched = known.values(np.array([[10.0, 0.0, 0.0, 0.0, 0.0, 0.0]]))[0]
+    stretched = known.values(unbent(np.array([[10.0, 0.0, 0.0, 0.0, 0.0, 0.0]])))[0]
     uniform = 10.0 / (POM.youngs * 0.0015 * 0.002)
     assert stretched == pytest.approx(uniform / SHARE, rel=0.01)
-    twisted = straight(0.002).values(np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]]))[0]
+    twisted = straight(0.002).values(unbent(np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]])))[0]
     shear = 0.01 / (0.208 * 0.002**3) * 2.0 * (1.0 + POM.poisson) / POM.youngs
     # reached in half of the points: the middles of the sides
     assert twisted == pytest.approx(0.5 * shear * 0.5 ** (1.0 / 32.0) / SHARE, rel=0.02)
@@ -126,26 +135,45 @@ def test_loads_that_cancel_do() -> None:
     known, wrench = straight(0.0015), np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
     moment = np.array([[0.0, 0.0, 0.0, 0.0, 0.0, 0.006]])
     against, along = wrench - moment, wrench + moment
-    alone = known.values(wrench)[0]
-    assert known.values(against)[0] < 0.6 * alone < 0.9 * known.values(along)[0]
-    some, loads = arms(40), np.random.default_rng(1).normal(size=(40, 6)) * UNITS
+    alone = known.values(unbent(wrench))[0]
+    assert known.values(unbent(against))[0] < 0.6 * alone < 0.9 * known.values(unbent(along))[0]
+    some, loads = arms(40), unbent(np.random.default_rng(1).normal(size=(40, 6)) * UNITS)
     assert some.values(-loads) == pytest.approx(some.values(loads), rel=1e-12)
     assert some.values(2.0 * loads) == pytest.approx(2.0 * some.values(loads), rel=0.03)
 
 
+@pytest.mark.parametrize("axis", [1, 2])
+def test_loads_of_an_arm_bent_to_a_circle(axis: int) -> None:
+    """A moment bends a straight arm to an arc, so that a pull along its tip bends it back the more, the nearer to the hub."""
+    known = straight(0.0015)
+    bars = Bars.from_numbers(known.numbers, known.shortest, known.fillet)
+    place, angle, pull = bars.lever[0].real, 0.5, 3.0
+    compliance = np.full((3, 1, len(place)), 20.0)
+    length, loads = bars.length.sum(), np.zeros((1, LOADS))
+    loads[0, WRENCH.start], loads[0, FIRST_ORDER.start + 3 + axis] = pull, angle / (20.0 * length)
+    loads[0, TURN.start + axis] = 2.0 * angle
+    found = BarLoads.from_bars(bars, loads, compliance)
+    turned, radius = angle * place / length, length / angle
+    assert found.normal[0] == pytest.approx(pull * np.cos(turned), rel=0.01)
+    bending = np.abs({1: found.lift, 2: found.turn}[axis][0])
+    wanted = pull * radius * (1.0 - np.cos(turned))
+    assert bending == pytest.approx(wanted, rel=0.03, abs=0.01 * wanted.max())
+    assert np.abs(found.torque).max() < 1e-12
+
+
 @pytest.mark.parametrize("material", [POM, BIRCH], ids=lambda m: m.name)
-def test_derivatives_by_wrenches_and_numbers(material: Material) -> None:
-    known, loads = arms(60, material), np.random.default_rng(2).normal(size=(60, 6)) * UNITS
+def test_derivatives_by_loads_and_numbers(material: Material) -> None:
+    known, loads = arms(60, material), np.random.default_rng(2).normal(size=(60, LOADS)) * LOAD_UNITS
     every = np.arange(60)
     found = known.slopes(loads, every)
     assert found.values == pytest.approx(known.values(loads), rel=1e-13)
     assert not len(known.slopes(loads[:0], every[:0]).values)
     some = known.slopes(loads[[7, 3]], np.array([7, 3]))
     assert some.by_numbers == pytest.approx(found.by_numbers[[7, 3]], rel=1e-9)
-    for k in range(6):
-        way = UNITS * (np.arange(6) == k)
+    for k in range(LOADS):
+        way = LOAD_UNITS * (np.arange(LOADS) == k)
         slope = fourth_order(lambda t, d=way: known.values(loads + t * d), 1e-4)
-        assert found.by_wrench @ way == pytest.approx(slope, rel=1e-7, abs=1e-9), k
+        assert found.by_loads @ way == pytest.approx(slope, rel=1e-7, abs=1e-9), k
     for k in range(NUMBERS):
         way = (np.arange(NUMBERS) == k) * (1e-3 if k in (OWN_WIDTH, MATE_WIDTH) else 1e-2 if k == RADIUS else 1.0)
         slope = fourth_order(lambda t, d=way: replace(known, numbers=known.numbers + t * d).values(loads), 1e-5)
@@ -168,9 +196,10 @@ def joints(count: int, *, clockwise: bool = False, cut: CutSettings | None = Cut
 def test_the_mirror_image_is_strained_alike() -> None:
     known, mirror = joints(20), np.array([1.0, -1.0, 1.0])
     image = replace(known, lever=known.lever * mirror, clockwise=True, grain=-known.grain)
-    wrench = np.random.default_rng(3).normal(size=(20, 6)) * UNITS
-    turned = wrench * [1.0, -1.0, 1.0, -1.0, 1.0, -1.0]
-    found = arm_strains(known, wrench, BIRCH)
+    wrench, linear = np.random.default_rng(3).normal(size=(2, 20, 6)) * UNITS
+    turn, across = 0.5 * wrench[:, 3:] / UNITS[3:], np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    found = arm_strains(known, arm_loads(known, wrench, linear, turn), BIRCH)
+    turned = arm_loads(image, wrench * across, linear * across, turn * across[3:])
     assert arm_strains(image, turned, BIRCH) == pytest.approx(found, rel=1e-12)
     assert largest(known, found) == pytest.approx(np.repeat(found.max(axis=1), 2))
 
@@ -179,7 +208,7 @@ def test_the_mirror_image_is_strained_alike() -> None:
 def test_derivatives_by_the_rest_geometry(clockwise: bool) -> None:
     known = joints(20, clockwise=clockwise)
     own = strained_arms(known, BIRCH)
-    loads = np.random.default_rng(4).normal(size=(40, 6)) * UNITS
+    loads = np.random.default_rng(4).normal(size=(40, LOADS)) * LOAD_UNITS
     found = by_shapes(known, np.arange(40), own.slopes(loads, np.arange(40)).by_numbers)
     rng = np.random.default_rng(6)
     move, turn = rng.normal(size=(20, 2, 2)) * 0.01, rng.normal(size=(20, 2))

@@ -1,0 +1,207 @@
+"""Forces and moments in the sections of arms that bend under their loads, with exact derivatives.
+
+An arm carries the wrench W at its tip, in the frame half way between both hubs of its joint. There its hub is turned
+back by half of the joint's turn, so that a section between hub and tip is turned by
+
+    rotation vector = -turn / 2 + bends of all pieces from the hub to the section.
+
+The bends are those of a beam (Castigliano) under the first-order wrench at the tip, which is the joint's stiffness times
+its motion: together both arms' bends explain the turn, whereas W may include a second order. The sections' rotations,
+integrated from the tip, give the bent arm, along which the moments of W are taken. The rotations are Cayley transforms:
+orthogonal however large they are, and 0.02 rad from Rodrigues' formula at 0.6 rad.
+
+Vectors are split into their part in the plane of the flat arm and their part along the normal, as in ``tip_beams``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Float
+from .bars import BarPull, Bars
+from .tip_beams import Pair
+
+# Columns of the loads of an arm, in its own axes: the wrench at its tip, N and N m; the first-order wrench, which bends
+# the arm; and the turn of the other hub of its joint relative to its own, radians. All are as this arm feels them.
+WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
+LOADS = 15  # number of these columns
+
+
+@dataclass(frozen=True, eq=False)
+class BarLoads:
+    """Loads in the middles of the pieces of n bars: normal force, torque, bending moments out of the sheet and in it.
+
+    bars, loads : n arms, and their loads in the columns above
+    compliance : turn of the pieces per N m and metre: along the arm, across it, about the normal
+    flat : torque and bending moments of the first-order wrench along the flat arm
+    half : half of the rotation vectors of the sections; tangent : turned by them; lever : from the sections to the tip
+    """
+
+    bars: Bars
+    loads: Float[np.ndarray, "n 15"]
+    compliance: Float[np.ndarray, "3 n pieces"]
+    flat: _FlatLoads
+    half: Pair
+    tangent: Pair
+    lever: Pair
+    whole: Pair
+    normal: Float[np.ndarray, "n pieces"]
+    torque: Float[np.ndarray, "n pieces"]
+    lift: Float[np.ndarray, "n pieces"]
+    turn: Float[np.ndarray, "n pieces"]
+
+    @classmethod
+    def from_bars(
+        cls, bars: Bars, loads: Float[np.ndarray, "n 15"], compliance: Float[np.ndarray, "3 n pieces"]
+    ) -> BarLoads:
+        """Bend the bars and take the moments along them; arguments as the attributes."""
+        flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
+        twist, lift, turn = compliance * bars.length * flat.moments
+        hub = _pair(loads[:, TURN])
+        half = Pair(
+            0.5 * _from_hub((twist + 1j * lift) * bars.tangent) - 0.25 * hub.flat,
+            0.5 * _from_hub(turn) - 0.25 * hub.off,
+        )
+        along = Pair(bars.tangent, np.zeros_like(bars.length))
+        moved = _turned(half, along)
+        lever = Pair(bars.lever + _from_tip(moved.flat * bars.length), _from_tip(moved.off * bars.length))
+        force, moment = _pair(loads[:, 0:3]), _pair(loads[:, 3:6])
+        whole = _sum(_cross(lever, force), moment)
+        own = _sum(whole, _turned(_negative(half), whole))
+        tangent = _sum(along, moved)
+        normal = (np.conj(tangent.flat) * force.flat).real + tangent.off * force.off
+        bent = np.conj(bars.tangent) * own.flat
+        return cls(bars, loads, compliance, flat, half, tangent, lever, whole, normal, bent.real, bent.imag, own.off)
+
+    def pulled(
+        self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
+    ) -> tuple[Float[np.ndarray, "n 15"], BarPull, Float[np.ndarray, "3 n pieces"]]:
+        """Vector-Jacobian product: derivatives by the loads, by the bars, and by the compliances of their pieces.
+
+        Parameters
+        ----------
+        normal, torque, lift, turn : (n, pieces) derivatives of one number per arm by the loads in the sections
+        """
+        bars, along = self.bars, Pair(self.bars.tangent, np.zeros_like(self.normal))
+        force = _pair(self.loads[:, 0:3])
+        by_own = Pair((torque + 1j * lift) * bars.tangent, turn)
+        by_along = (torque - 1j * lift) * (self.torque + 1j * self.lift) * bars.tangent
+        by_whole, by_back = _turned_vjp(_negative(self.half), self.whole, by_own)
+        by_whole = _sum(by_whole, by_own)
+        by_lever = _cross(force, by_whole)
+        by_force = _sum(_cross(by_whole, self.lever), Pair(normal * self.tangent.flat, normal * self.tangent.off))
+        steps = Pair(_from_hub(by_lever.flat), _from_hub(by_lever.off))
+        moved = Pair(self.tangent.flat - along.flat, self.tangent.off)
+        by_length = _dot(steps, moved)
+        by_tangent = Pair(normal * force.flat, normal * force.off)
+        by_moved = _sum(by_tangent, Pair(bars.length * steps.flat, bars.length * steps.off))
+        back, by_half = _turned_vjp(self.half, along, by_moved)
+        by_half = Pair(by_half.flat - by_back.flat, by_half.off - by_back.off)
+        by_along = by_along + by_tangent.flat + back.flat
+        wrench = [_vectors(by_force), _vectors(by_whole)]
+        hub = -0.25 * _vectors(by_half)
+        # the bends of the pieces
+        bend = Pair(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
+        local = np.conj(bars.tangent) * bend.flat
+        by_bends = np.stack([local.real, local.imag, bend.off])
+        bends = self.compliance * self.flat.moments
+        by_length += (by_bends * bends).sum(0)
+        by_along += bars.length * bend.flat * (bends[0] - 1j * bends[1])
+        by_first, lever, along_flat = self.flat.pulled(by_bends * self.compliance * bars.length)
+        angle = (np.conj(1j * bars.tangent) * (by_along + along_flat)).real
+        none = np.zeros_like(angle)
+        pull = BarPull(by_lever.flat + lever, by_length, none, none, angle)
+        by_compliance = by_bends * bars.length * self.flat.moments
+        return np.concatenate([*wrench, by_first, hub], axis=1), pull, by_compliance
+
+
+@dataclass(frozen=True, eq=False)
+class _FlatLoads:
+    """Loads of wrenches at the tips along flat bars.
+
+    moment : in the plane; moments : torque and bending moments out of the sheet and in it
+    """
+
+    bars: Bars
+    force: Pair
+    moment: np.ndarray
+    moments: Float[np.ndarray, "3 n pieces"]
+
+    @classmethod
+    def from_wrench(cls, bars: Bars, wrench: Float[np.ndarray, "n 6"]) -> _FlatLoads:
+        force, moment = _pair(wrench[:, :3]), _pair(wrench[:, 3:])
+        plane = moment.flat - 1j * bars.lever * force.off
+        turned = np.conj(bars.tangent) * plane
+        turn = moment.off + (np.conj(bars.lever) * force.flat).imag
+        return cls(bars, force, plane, np.stack([turned.real, turned.imag, turn]))
+
+    def pulled(self, by: Float[np.ndarray, "3 n pieces"]) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
+        """Derivatives by the wrenches, the levers and the tangents from those by the moments."""
+        bars, turn = self.bars, by[2]
+        moment = (by[0] + 1j * by[1]) * bars.tangent
+        by_tangent = (by[0] - 1j * by[1]) * self.moment
+        lever = 1j * (self.force.off * moment - self.force.flat * turn)
+        force = Pair(1j * turn * bars.lever, (np.conj(-1j * bars.lever) * moment).real)
+        return np.concatenate([_vectors(force), _vectors(Pair(moment, turn))], axis=1), lever, by_tangent
+
+
+def _pair(vectors: Float[np.ndarray, "n 3"]) -> Pair:
+    """Vectors of n arms, to be combined with (n, pieces)."""
+    return Pair.from_vectors(vectors[:, None])
+
+
+def _vectors(pairs: Pair) -> Float[np.ndarray, "n 3"]:
+    """Sums of pairs (n, pieces) over the pieces, as vectors."""
+    flat = pairs.flat.sum(1)
+    return np.stack([flat.real, flat.imag, pairs.off.sum(1)], axis=1)
+
+
+def _sum(a: Pair, b: Pair) -> Pair:
+    return Pair(a.flat + b.flat, a.off + b.off)
+
+
+def _negative(a: Pair) -> Pair:
+    return Pair(-a.flat, -a.off)
+
+
+def _dot(a: Pair, b: Pair) -> np.ndarray:
+    return (np.conj(a.flat) * b.flat).real + a.off * b.off
+
+
+def _cross(a: Pair, b: Pair) -> Pair:
+    return Pair(1j * (a.off * b.flat - a.flat * b.off), (np.conj(a.flat) * b.flat).imag)
+
+
+def _size(half: Pair) -> np.ndarray:
+    """Factor of the Cayley transform of half a rotation vector q: it moves v by this factor times q x v + q x (q x v)."""
+    return 2.0 / (1.0 + _dot(half, half))
+
+
+def _turned(half: Pair, vector: Pair) -> Pair:
+    """Change of vectors when they are turned by Cayley transforms."""
+    once, size = _cross(half, vector), _size(half)
+    twice = _cross(half, once)
+    return Pair(size * (once.flat + twice.flat), size * (once.off + twice.off))
+
+
+def _turned_vjp(half: Pair, vector: Pair, by: Pair) -> tuple[Pair, Pair]:
+    """Vector-Jacobian product of ``_turned``: derivatives by the vectors and by ``half``."""
+    once, size = _cross(half, vector), _size(half)
+    both = _sum(once, _cross(half, once))
+    scaled = Pair(size * by.flat, size * by.off)
+    inner = _sum(scaled, _cross(scaled, half))
+    less = size * _dot(scaled, both)
+    direct = _sum(_cross(vector, inner), _cross(once, scaled))
+    return _cross(inner, half), Pair(direct.flat - less * half.flat, direct.off - less * half.off)
+
+
+def _from_tip(x: np.ndarray) -> np.ndarray:
+    """Sums over the pieces from the tip to the middle of each."""
+    return np.cumsum(x, axis=1) - 0.5 * x
+
+
+def _from_hub(x: np.ndarray) -> np.ndarray:
+    """Sums over the pieces from the end of the bar to the middle of each."""
+    return np.cumsum(x[:, ::-1], axis=1)[:, ::-1] - 0.5 * x

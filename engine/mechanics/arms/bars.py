@@ -1,0 +1,156 @@
+"""Arms as bars in pieces, from their tips to a little before their first fillets, with exact derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Complex, Float
+from ...spirals.blends import (
+    ANGLE,
+    MATE_LEAN,
+    MATE_WIDTH,
+    MATE_WIND,
+    NUMBERS,
+    OWN_LEAN,
+    OWN_WIDTH,
+    OWN_WIND,
+    RADIUS,
+    smooth_positive,
+)
+from ...spirals.lines import ArmCurves
+from .tip_beams import HUB_SHARE, hub_ends
+
+# Pieces from the tip to the end of the bar; more are slower. 9 miss the kinks of short blends; 32 change strains by
+# less than 2 %.
+PIECES = 16
+# Distance before the first fillet, in arm widths, at which the last piece ends, because the hub supports the inner edge
+# there; smaller overestimates strains, by 10 to 30 % at zero.
+BEFORE_FILLET = 0.35
+LEAST_END, END_SOFT = 0.3, 0.1  # share of t that is always evaluated, and the width in t of the smooth transition to it
+
+
+@dataclass(frozen=True, eq=False)
+class Bars:
+    """n arms in pieces, from their tips inwards: piece ends at even stations, middles at odd ones.
+
+    end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters of ``blends``
+    t, point, velocity : at all stations, velocity per t; width : metres, at the middles
+    """
+
+    lines: ArmCurves
+    end: Float[np.ndarray, " n"]
+    end_by: Float[np.ndarray, "n numbers"]
+    t: Float[np.ndarray, "n places"]
+    point: Complex[np.ndarray, "n places"]
+    velocity: Complex[np.ndarray, "n places"]
+    width: Float[np.ndarray, "n pieces"]
+
+    @classmethod
+    def from_numbers(cls, numbers: Float[np.ndarray, "n _"], shortest: float, fillet: float) -> Bars:
+        """Divide arms with these parameters of ``blends``; shortest, fillet : as in ``StrainedArms``."""
+        pairs = ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
+        width, wind, lean = (numbers[:, list(both)] for both in pairs)
+        lines = ArmCurves.from_arms(
+            np.zeros(len(numbers), dtype=complex),
+            numbers[:, RADIUS],
+            numbers[:, ANGLE],
+            (width, wind, lean),
+            shortest,
+        )
+        end, end_by = _bar_ends(lines, fillet)
+        t = end[:, None] * np.linspace(0.0, 1.0, 2 * PIECES + 1)
+        point, velocity, _, half = lines.at(np.arange(len(end))[:, None], t)[:4]
+        return cls(lines, end, end_by, t, point, velocity, 2.0 * half[:, 1::2])
+
+    @cached_property
+    def pace(self) -> Float[np.ndarray, "n pieces"]:
+        """Length of the velocity at the middles, metres per t."""
+        return np.abs(self.velocity[:, 1::2])
+
+    @cached_property
+    def length(self) -> Float[np.ndarray, "n pieces"]:
+        """Lengths of the pieces, metres."""
+        return self.pace * (self.end[:, None] / PIECES)
+
+    @cached_property
+    def tangent(self) -> Complex[np.ndarray, "n pieces"]:
+        """Unit tangents at the middles, outwards."""
+        return -self.velocity[:, 1::2] / self.pace
+
+    @cached_property
+    def lever(self) -> Complex[np.ndarray, "n pieces"]:
+        """Vectors from the middles to the tip, metres."""
+        return self.point[:, :1] - self.point[:, 1::2]
+
+    @cached_property
+    def bend(self) -> Float[np.ndarray, "n pieces"]:
+        """Curvature of the pieces times their width, positive to the left of the outward tangent."""
+        ends = self.velocity[:, ::2]
+        return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
+
+    def pulled(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
+        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters of ``blends``."""
+        ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
+        by_turn = -pull.bend * self.width / self.length
+        by_length = pull.length - pull.bend * self.bend / self.length
+        by_width = pull.width + pull.bend * self.bend / self.width
+        points, velocity, half = np.zeros_like(self.point), np.zeros_like(self.velocity), np.zeros_like(self.t)
+        points[:, 0], points[:, 1::2] = pull.lever.sum(1), -pull.lever
+        velocity[:, 1::2] = middles / self.pace * (1j * pull.angle / self.pace + self.end[:, None] / PIECES * by_length)
+        spin = 1j * ends / np.abs(ends) ** 2
+        velocity[:, 2::2] += spin[:, 1:] * by_turn
+        velocity[:, :-1:2] -= spin[:, :-1] * by_turn
+        half[:, 1::2] = 2.0 * by_width
+        numbers, by_t = self.lines.pulled(self.t, points, velocity, half)
+        by_end = by_t @ np.linspace(0.0, 1.0, 2 * PIECES + 1) + (by_length * self.pace).sum(1) / PIECES
+        return numbers + by_end[:, None] * self.end_by
+
+
+@dataclass(frozen=True, eq=False)
+class BarPull:
+    """Derivatives of one number per arm by its bar: by lever, length, width, bend and tangent angle, (n, pieces) each."""
+
+    lever: Complex[np.ndarray, "n pieces"]
+    length: Float[np.ndarray, "n pieces"]
+    width: Float[np.ndarray, "n pieces"]
+    bend: Float[np.ndarray, "n pieces"]
+    angle: Float[np.ndarray, "n pieces"]
+
+
+def _bar_ends(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
+    """t a little before the first fillets of regular spirals, and its derivatives by the parameters of ``blends``."""
+    radius, wind, width = lines.radius, lines.wind, lines.width
+    root, root_by = _first_fillets(lines, fillet)
+    left = 1.0 - root
+    # speed of the spiral there, in radii per t
+    pace = np.sqrt(1.0 + (wind * left) ** 2)
+    back = BEFORE_FILLET * width / (radius * pace)
+    back_by = (back / pace**2 * wind**2 * left)[:, None] * root_by
+    back_by[:, OWN_WIND] -= back / pace**2 * wind * left**2
+    back_by[:, RADIUS] -= back / radius
+    back_by[:, OWN_WIDTH] += back / width
+    over, slope = smooth_positive(root - back - LEAST_END, END_SOFT)
+    return LEAST_END + over, slope[:, None] * (root_by - back_by)
+
+
+def _first_fillets(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
+    """t beside the fillets at the inner edges of regular spirals, and its derivatives by the parameters of ``blends``.
+
+    The middle of a fillet lies at the t of ``hub_ends``, half way between two arms. Across an arm that crosses the radius
+    at the angle a, the place beside it is farther out by the sine of a times the distance, and on the next arm farther in.
+    """
+    radius, wind, away = lines.radius, lines.wind, 0.5 * lines.width + fillet
+    hub, slopes = hub_ends(radius, wind, away)
+    root, by = hub / HUB_SHARE, np.zeros((len(hub), NUMBERS))
+    by[:, [RADIUS, OWN_WIND, OWN_WIDTH]] = slopes * np.array([1.0, 1.0, 0.5]) / HUB_SHARE
+    left, share = 1.0 - root, away / radius
+    pace = np.sqrt(1.0 + (wind * left) ** 2)
+    sine = wind * left / pace
+    by *= (1.0 + share * wind / pace**3)[:, None]
+    by[:, OWN_WIND] -= share * left / pace**3
+    by[:, RADIUS] += share * sine / radius
+    by[:, OWN_WIDTH] -= 0.5 * sine / radius
+    return root - share * sine, by
