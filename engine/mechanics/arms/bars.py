@@ -13,16 +13,19 @@ from ...spirals.blends import (
     MATE_LEAN,
     MATE_WIDTH,
     MATE_WIND,
-    NUMBERS,
     OWN_LEAN,
     OWN_WIDTH,
     OWN_WIND,
     RADIUS,
     smooth_positive,
 )
+from ...spirals.blends import NUMBERS as BLEND_NUMBERS
 from ...spirals.lines import ArmCurves
 from .tip_beams import HUB_SHARE, hub_ends
 
+# Parameter after those of ``blends``: metres, width of the spiral's next arm on the side of the inner edge
+BESIDE = BLEND_NUMBERS
+NUMBERS = BLEND_NUMBERS + 1  # number of parameters of a bar
 # Pieces from the tip to the end of the bar; more are slower. 9 miss the kinks of short blends; 32 change strains by
 # less than 2 %.
 PIECES = 16
@@ -36,7 +39,7 @@ LEAST_END, END_SOFT = 0.3, 0.1  # share of t that is always evaluated, and the w
 class Bars:
     """n arms in pieces, from their tips inwards: piece ends at even stations, middles at odd ones.
 
-    end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters of ``blends``
+    end : (n,) t at the end of the last piece; end_by : its derivatives by the parameters
     t, point, velocity : at all stations, velocity per t; width : metres, at the middles
     """
 
@@ -50,7 +53,7 @@ class Bars:
 
     @classmethod
     def from_numbers(cls, numbers: Float[np.ndarray, "n _"], shortest: float, fillet: float) -> Bars:
-        """Divide arms with these parameters of ``blends``; shortest, fillet : as in ``StrainedArms``."""
+        """Divide arms with these parameters; shortest, fillet : as in ``StrainedArms``."""
         pairs = ((OWN_WIDTH, MATE_WIDTH), (OWN_WIND, MATE_WIND), (OWN_LEAN, MATE_LEAN))
         width, wind, lean = (numbers[:, list(both)] for both in pairs)
         lines = ArmCurves.from_arms(
@@ -60,7 +63,7 @@ class Bars:
             (width, wind, lean),
             shortest,
         )
-        end, end_by = _bar_ends(lines, fillet)
+        end, end_by = _bar_ends(lines, numbers[:, BESIDE], fillet)
         t = end[:, None] * np.linspace(0.0, 1.0, 2 * PIECES + 1)
         point, velocity, _, half = lines.at(np.arange(len(end))[:, None], t)[:4]
         return cls(lines, end, end_by, t, point, velocity, 2.0 * half[:, 1::2])
@@ -92,7 +95,7 @@ class Bars:
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
     def pulled(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
-        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters of ``blends``."""
+        """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -pull.bend * self.width / self.length
         by_length = pull.length - pull.bend * self.bend / self.length
@@ -106,7 +109,9 @@ class Bars:
         half[:, 1::2] = 2.0 * by_width
         numbers, by_t = self.lines.pulled(self.t, points, velocity, half)
         by_end = by_t @ np.linspace(0.0, 1.0, 2 * PIECES + 1) + (by_length * self.pace).sum(1) / PIECES
-        return numbers + by_end[:, None] * self.end_by
+        out = by_end[:, None] * self.end_by
+        out[:, :BLEND_NUMBERS] += numbers
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +125,12 @@ class BarPull:
     angle: Float[np.ndarray, "n pieces"]
 
 
-def _bar_ends(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """t a little before the first fillets of regular spirals, and its derivatives by the parameters of ``blends``."""
+def _bar_ends(
+    lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
+    """t a little before the first fillets, and its derivatives by the parameters."""
     radius, wind, width = lines.radius, lines.wind, lines.width
-    root, root_by = _first_fillets(lines, fillet)
+    root, root_by = _first_fillets(lines, beside, fillet)
     left = 1.0 - root
     # speed of the spiral there, in radii per t
     pace = np.sqrt(1.0 + (wind * left) ** 2)
@@ -136,21 +143,22 @@ def _bar_ends(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"],
     return LEAST_END + over, slope[:, None] * (root_by - back_by)
 
 
-def _first_fillets(lines: ArmCurves, fillet: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
-    """t beside the fillets at the inner edges of regular spirals, and its derivatives by the parameters of ``blends``.
+def _first_fillets(
+    lines: ArmCurves, beside: Float[np.ndarray, " n"], fillet: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n numbers"]]:
+    """t beside the fillets at the inner edges of arms, and its derivatives by the parameters.
 
-    The middle of a fillet lies at the t of ``hub_ends``, half way between two arms. Across an arm that crosses the radius
-    at the angle a, the place beside it is farther out by the sine of a times the distance, and on the next arm farther in.
+    The middle between both arms beside a fillet lies at the t of ``hub_ends``. Where the arms cross the radius at the
+    angle a, half their distance times the sine of a brings one of them farther out and the other farther in.
     """
-    radius, wind, away = lines.radius, lines.wind, 0.5 * lines.width + fillet
+    radius, wind, away = lines.radius, lines.wind, 0.25 * (lines.width + beside) + fillet
     hub, slopes = hub_ends(radius, wind, away)
-    root, by = hub / HUB_SHARE, np.zeros((len(hub), NUMBERS))
-    by[:, [RADIUS, OWN_WIND, OWN_WIDTH]] = slopes * np.array([1.0, 1.0, 0.5]) / HUB_SHARE
+    root, by_both = hub / HUB_SHARE, slopes / HUB_SHARE
     left, share = 1.0 - root, away / radius
     pace = np.sqrt(1.0 + (wind * left) ** 2)
     sine = wind * left / pace
-    by *= (1.0 + share * wind / pace**3)[:, None]
-    by[:, OWN_WIND] -= share * left / pace**3
-    by[:, RADIUS] += share * sine / radius
-    by[:, OWN_WIDTH] -= 0.5 * sine / radius
+    by_both *= (1.0 + share * wind / pace**3)[:, None]
+    by_both -= np.stack([-share * sine, share * radius * left / pace**3, sine], axis=1) / radius[:, None]
+    by = np.zeros((len(root), NUMBERS))
+    by[:, [RADIUS, OWN_WIND, OWN_WIDTH, BESIDE]] = by_both[:, [0, 1, 2, 2]] * [1.0, 1.0, 0.25, 0.25]
     return root - share * sine, by

@@ -27,14 +27,14 @@ import numpy as np
 
 from ...arrays import Float
 from ...materials import Material
-from ...spirals.blends import NUMBERS as BLEND_NUMBERS
 from .bar_loads import LOADS, BarLoads
 from .bar_sections import Curvature, Torsion
+from .bars import NUMBERS as BAR_NUMBERS
 from .bars import PIECES, BarPull, Bars
 from .grain import direction_share
 
-GRAIN = BLEND_NUMBERS  # parameter after those of ``blends``: radians from the radius to the grain
-NUMBERS = BLEND_NUMBERS + 1  # number of parameters of an arm
+GRAIN = BAR_NUMBERS  # parameter after those of ``bars``: radians from the radius to the grain
+NUMBERS = BAR_NUMBERS + 1  # number of parameters of an arm
 INNER_SHEAR = 0.25  # relative rise of the torsional shear on the inner side, per curvature times width
 # Pieces on either side over which the change of the twist rate is taken, about one sheet thickness; the derivative at
 # the section itself is too large in short kinks.
@@ -55,18 +55,18 @@ class PeakStrain:
 
     values: Float[np.ndarray, " arms"]
     by_loads: Float[np.ndarray, "arms 15"]
-    by_numbers: Float[np.ndarray, "arms 9"]
+    by_numbers: Float[np.ndarray, "arms 10"]
 
 
 @dataclass(frozen=True, eq=False)
 class StrainedArms:
     """N arms in their own axes: along the radius to the tip, and to the side to which they wind inwards.
 
-    numbers : (N, NUMBERS) parameters of ``blends`` and the grain
+    numbers : (N, NUMBERS) parameters of ``bars`` and the grain
     shortest : share of t over which an arm that hardly turns is blended; fillet, thickness : metres
     """
 
-    numbers: Float[np.ndarray, "arms 9"]
+    numbers: Float[np.ndarray, "arms 10"]
     shortest: float
     fillet: float
     thickness: float
@@ -97,7 +97,9 @@ class StrainedArms:
 class _SectionStrains:
     """Strains at eight points of every section: its corners and the middles of its sides and faces."""
 
-    def __init__(self, arms: StrainedArms, numbers: Float[np.ndarray, "n 9"], loads: Float[np.ndarray, "n 15"]) -> None:
+    def __init__(
+        self, arms: StrainedArms, numbers: Float[np.ndarray, "n 10"], loads: Float[np.ndarray, "n 15"]
+    ) -> None:
         self.arms, self.grain = arms, numbers[:, GRAIN]
         self.bars = bars = Bars.from_numbers(numbers, arms.shortest, arms.fillet)
         self.curvature, self.torsion = Curvature.evaluate(bars.bend), Torsion.evaluate(bars.width, arms.thickness)
@@ -166,7 +168,7 @@ class _SectionStrains:
         angle = self.grain[:, None] - np.angle(self.bars.tangent)
         return direction_share(known.orthotropy.strength, known.strength, angle)
 
-    def slopes(self) -> tuple[Float[np.ndarray, "n 15"], Float[np.ndarray, "n 9"]]:
+    def slopes(self) -> tuple[Float[np.ndarray, "n 15"], Float[np.ndarray, "n 10"]]:
         """Derivatives of the values by the loads and by the arms' parameters."""
         by_axial, by_shear, by_weak = self._by_points()
         sections, by_rate, own = self._by_sections(by_axial, by_shear)

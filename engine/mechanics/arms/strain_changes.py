@@ -16,6 +16,7 @@ from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WI
 from ..assembly import Assembly
 from ..vectors import times
 from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
+from .bars import BESIDE
 from .cut import TWIST, WIDTH, CutArms, shapes
 from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointChanges, arm_loads, of_spirals
@@ -87,11 +88,14 @@ class Strains:
         for at, numbers, weight in ((own, (OWN_WIDTH, OWN_WIND), 1.0), (beyond, (MATE_WIDTH, MATE_WIND), sign)):
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
-        return StrainSlopes(by_pose, of_spirals(by_design, known.sides[e]), found)
+        out = of_spirals(by_design, known.sides[e])
+        cut = known.pairs[e, side] < known.spirals  # beside necks and strips there are only strips
+        out[rows, side, _inner_side(known, known.sides[e, side])] += cut * found.by_numbers[:, BESIDE]
+        return StrainSlopes(by_pose, out, found)
 
 
 def by_shapes(
-    assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 9"]
+    assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 10"]
 ) -> Float[np.ndarray, "k 2 3"]:
     """Convert derivatives by the arms' parameters to derivatives by the rest geometry of both sides of their joint.
 
@@ -130,6 +134,7 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
     numbers[:, OWN_WIDTH], numbers[:, MATE_WIDTH] = width, width[mate]
     numbers[:, OWN_WIND], numbers[:, MATE_WIND] = twist, sign * twist[mate]
     numbers[:, RADIUS] = shape[:, 0]
+    numbers[:, BESIDE] = assembly.width[assembly.pairs, _inner_side(assembly, assembly.sides)].ravel()
     if cut is not None:
         lean = shape[:, 1]
         if assembly.nodes:
@@ -184,3 +189,8 @@ def _mates(assembly: Assembly) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray,
         rim = slice(2 * assembly.inner, None)
         mate[rim], sign[rim] = own[rim], -1.0
     return mate, sign
+
+
+def _inner_side(assembly: Assembly, sides: Int[np.ndarray, "*n"]) -> Int[np.ndarray, "*n"]:
+    """Arms of the same spirals beside the inner edges of these arms."""
+    return (sides + (1 if assembly.clockwise else -1)) % 4

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS, STRAINED, Material
 from flexmaps.engine.mechanics.arms.bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH, BarLoads
 from flexmaps.engine.mechanics.arms.bar_sections import SATURATION, Curvature, Torsion
-from flexmaps.engine.mechanics.arms.bars import Bars
+from flexmaps.engine.mechanics.arms.bars import BEFORE_FILLET, BESIDE, Bars
 from flexmaps.engine.mechanics.arms.peak_strain import GRAIN, NUMBERS, SHARE, StrainedArms
 from flexmaps.engine.mechanics.arms.sensitivity import arm_loads
 from flexmaps.engine.mechanics.arms.strain_changes import (
@@ -21,12 +21,21 @@ from flexmaps.engine.mechanics.arms.strain_changes import (
     largest,
     strained_arms,
 )
-from flexmaps.engine.mechanics.assembly import Assembly, CutSettings
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, of_design
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.blends import ANGLE, MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
+from flexmaps.engine.spirals.blends import (
+    ANGLE,
+    MATE_LEAN,
+    MATE_WIDTH,
+    MATE_WIND,
+    OWN_LEAN,
+    OWN_WIDTH,
+    OWN_WIND,
+    RADIUS,
+)
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.spiral import centre_line
 from flexmaps.engine.surface import shapes
@@ -44,17 +53,17 @@ def unbent(wrench: np.ndarray) -> np.ndarray:
 def arms(count: int, material: Material = POM, seed: int = 0) -> StrainedArms:
     """Arms unlike their mates, some of them with sharp kinks."""
     rng, numbers = np.random.default_rng(seed), np.zeros((count, NUMBERS))
-    numbers[:, [OWN_WIDTH, MATE_WIDTH]] = rng.uniform(0.001, 0.002, (count, 2))
+    numbers[:, [OWN_WIDTH, MATE_WIDTH, BESIDE]] = rng.uniform(0.001, 0.002, (count, 3))
     numbers[:, [OWN_WIND, MATE_WIND]] = rng.uniform(0.0, 4.0, (count, 2))
     numbers[:, RADIUS] = rng.uniform(0.008, 0.015, count)
-    numbers[:, ANGLE:] = rng.uniform(-0.4, 0.4, (count, NUMBERS - ANGLE))
+    numbers[:, [ANGLE, OWN_LEAN, MATE_LEAN, GRAIN]] = rng.uniform(-0.4, 0.4, (count, 4))
     return StrainedArms(numbers, 0.3, 0.00015, 0.002, material)
 
 
 def straight(width: float, length: float = 0.015) -> StrainedArms:
     found = arms(1)
     numbers = np.zeros((1, NUMBERS))
-    numbers[:, [OWN_WIDTH, MATE_WIDTH]], numbers[:, RADIUS] = width, length
+    numbers[:, [OWN_WIDTH, MATE_WIDTH, BESIDE]], numbers[:, RADIUS] = width, length
     return replace(found, numbers=numbers)
 
 
@@ -175,10 +184,31 @@ def test_derivatives_by_loads_and_numbers(material: Material) -> None:
         slope = fourth_order(lambda t, d=way: known.values(loads + t * d), 1e-4)
         assert found.by_loads @ way == pytest.approx(slope, rel=1e-7, abs=1e-9), k
     for k in range(NUMBERS):
-        way = (np.arange(NUMBERS) == k) * (1e-3 if k in (OWN_WIDTH, MATE_WIDTH) else 1e-2 if k == RADIUS else 1.0)
+        way = (np.arange(NUMBERS) == k) * (
+            1e-3 if k in (OWN_WIDTH, MATE_WIDTH, BESIDE) else 1e-2 if k == RADIUS else 1.0
+        )
         slope = fourth_order(lambda t, d=way: replace(known, numbers=known.numbers + t * d).values(loads), 1e-5)
         assert found.by_numbers @ way == pytest.approx(slope, rel=1e-6, abs=1e-9), k
     assert found.by_numbers[:, GRAIN].any() == (material is BIRCH)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_bars_end_before_the_first_fillets_of_the_arms_that_are_cut(clockwise: bool) -> None:
+    """To within 0.4 of the arms' widths, against the fillets of whole spirals of unlike arms."""
+    mesh = shapes.vault(4)
+    mesh = mesh.moved(mesh.vertices * 0.02 / mesh.median_edge)
+    flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool)), LayoutParams())
+    rng, count = np.random.default_rng(7), len(mesh.quads)
+    width, twist = rng.uniform(0.0008, 0.0015, (count, 4)), rng.uniform(0.0, 3.5, count)
+    design = SpiralDesign(flat, SpiralParams(clockwise=clockwise), width, twist)
+    known, roots = of_design(design), design.roots
+    own = strained_arms(known, POM)
+    bars = Bars.from_numbers(own.numbers, own.shortest, own.fillet)
+    at = known.pairs, known.sides
+    first = np.minimum(roots.left, np.roll(roots.right, 1, axis=1))[at].ravel()
+    speed = bars.lines.radius * np.hypot(1.0, bars.lines.wind * (1.0 - first))
+    missed = (bars.end - first) * speed / bars.lines.width + BEFORE_FILLET
+    assert np.abs(missed).max() < 0.4 and np.abs(missed).mean() < 0.2
 
 
 def joints(count: int, *, clockwise: bool = False, cut: CutSettings | None = CutSettings(0.15, 0.00015)) -> Assembly:  # noqa: B008
@@ -195,7 +225,14 @@ def joints(count: int, *, clockwise: bool = False, cut: CutSettings | None = Cut
 
 def test_the_mirror_image_is_strained_alike() -> None:
     known, mirror = joints(20), np.array([1.0, -1.0, 1.0])
-    image = replace(known, lever=known.lever * mirror, clockwise=True, grain=-known.grain)
+    image = replace(
+        known,
+        sides=-known.sides % 4,
+        width=known.width[:, [0, 3, 2, 1]],
+        lever=known.lever * mirror,
+        clockwise=True,
+        grain=-known.grain,
+    )
     wrench, linear = np.random.default_rng(3).normal(size=(2, 20, 6)) * UNITS
     turn, across = 0.5 * wrench[:, 3:] / UNITS[3:], np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
     found = arm_strains(known, arm_loads(known, wrench, linear, turn), BIRCH)
