@@ -16,8 +16,9 @@ import numpy as np
 from ...arrays import Float
 
 # Curvature times width at which the curvature counts less and less, because the material beside a short kink supports
-# it. Larger values raise the strains inside kinks; solids of 18 pieces (see ``peak_strain``) agree best with 1.6.
-SATURATION = 1.6
+# it. Larger values raise the strains inside kinks, from 2 without bound; solids of 40 designs (see ``peak_strain``) agree
+# best with 1.8 to 2.
+SATURATION = 1.8
 _SERIES_BELOW = 0.1  # curvature times width below which a series replaces logarithms that cancel
 _SERIES_TERMS = 6  # of that series: within 1e-15
 _TERMS = 60  # of the series for the rectangle's torsion, odd numbers: within 1e-9 between the spline's ends

@@ -32,6 +32,9 @@ PIECES = 16
 # Distance before the first fillet, in arm widths, at which the last piece ends, because the hub supports the inner edge
 # there; smaller overestimates strains, by 10 to 30 % at zero.
 BEFORE_FILLET = 0.35
+# Length in t of the last piece over that of the first one. Larger resolves short kinks near the tip, and blurs the root.
+# From 1.6 to 3 it differs from solids of 40 designs by 5.0 to 5.1 % (standard deviation), with 1 by 5.3 %.
+GROWTH = 1.8
 LEAST_END, END_SOFT = 0.3, 0.1  # share of t that is always evaluated, and the width in t of the smooth transition to it
 
 
@@ -64,7 +67,7 @@ class Bars:
             shortest,
         )
         end, end_by = _bar_ends(lines, numbers[:, BESIDE], fillet)
-        t = end[:, None] * np.linspace(0.0, 1.0, 2 * PIECES + 1)
+        t = end[:, None] * _STATIONS
         point, velocity, _, half = lines.at(np.arange(len(end))[:, None], t)[:4]
         return cls(lines, end, end_by, t, point, velocity, 2.0 * half[:, 1::2])
 
@@ -76,7 +79,7 @@ class Bars:
     @cached_property
     def length(self) -> Float[np.ndarray, "n pieces"]:
         """Lengths of the pieces, metres."""
-        return self.pace * (self.end[:, None] / PIECES)
+        return self.pace * (self.end[:, None] * _STEPS)
 
     @cached_property
     def tangent(self) -> Complex[np.ndarray, "n pieces"]:
@@ -102,16 +105,29 @@ class Bars:
         by_width = pull.width + pull.bend * self.bend / self.width
         points, velocity, half = np.zeros_like(self.point), np.zeros_like(self.velocity), np.zeros_like(self.t)
         points[:, 0], points[:, 1::2] = pull.lever.sum(1), -pull.lever
-        velocity[:, 1::2] = middles / self.pace * (1j * pull.angle / self.pace + self.end[:, None] / PIECES * by_length)
+        velocity[:, 1::2] = middles / self.pace * (1j * pull.angle / self.pace + self.end[:, None] * _STEPS * by_length)
         spin = 1j * ends / np.abs(ends) ** 2
         velocity[:, 2::2] += spin[:, 1:] * by_turn
         velocity[:, :-1:2] -= spin[:, :-1] * by_turn
         half[:, 1::2] = 2.0 * by_width
         numbers, by_t = self.lines.pulled(self.t, points, velocity, half)
-        by_end = by_t @ np.linspace(0.0, 1.0, 2 * PIECES + 1) + (by_length * self.pace).sum(1) / PIECES
+        by_end = by_t @ _STATIONS + (by_length * self.pace) @ _STEPS
         out = by_end[:, None] * self.end_by
         out[:, :BLEND_NUMBERS] += numbers
         return out
+
+
+def _stations() -> Float[np.ndarray, " places"]:
+    """Shares of ``end`` at the ends and middles of the pieces, whose lengths grow evenly from the tip inwards."""
+    lengths = np.linspace(1.0, GROWTH, PIECES)
+    ends = np.concatenate([[0.0], np.cumsum(lengths) / lengths.sum()])
+    out = np.empty(2 * PIECES + 1)
+    out[::2], out[1::2] = ends, 0.5 * (ends[1:] + ends[:-1])
+    return out
+
+
+_STATIONS = _stations()
+_STEPS = np.diff(_STATIONS[::2])
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointChanges, arm_loads, of_spirals
 
 # Kink (see ``kinks``) above which the estimated strain is less certain, and the largest ratio of true to estimated
-# strain there. Of 1,006 joints in 40 solids, those above reach 1.58 (99 of 100 at most 1.21), those below 1.18.
+# strain there. Of 1,006 joints in 40 solids, those above reach 1.6 (99 of 100 at most 1.19), those below 1.21.
 KINKED, KINKED_STRAIN = 0.9, 1.6
 _UNCUT = 0.3  # blended share of t, where every arm counts as blended with an equal arm and the value has no effect
 
