@@ -24,7 +24,8 @@ from .bars import BarPull, Bars
 from .tip_beams import Pair
 
 # Columns of the loads of an arm, in its own axes: the wrench at its tip, N and N m; the first-order wrench, which bends
-# the arm; and the turn of the other hub of its joint relative to its own, radians. All are as this arm feels them.
+# the arm; and the turn of the other hub of its joint relative to its own, radians. The second arm of a joint feels the
+# opposite of what the first one does.
 WRENCH, FIRST_ORDER, TURN = slice(0, 6), slice(6, 12), slice(12, 15)
 LOADS = 15  # number of these columns
 
@@ -36,7 +37,8 @@ class BarLoads:
     bars, loads : n arms, and their loads in the columns above
     compliance : turn of the pieces per N m and metre: along the arm, across it, about the normal
     flat : torque and bending moments of the first-order wrench along the flat arm
-    half : half of the rotation vectors of the sections; tangent : turned by them; lever : from the sections to the tip
+    half : half of the rotation vectors of the sections; tangent : turned by them
+    lever, moment : from the sections to the tip, and the moments about them; in the half-way frame
     """
 
     bars: Bars
@@ -46,7 +48,7 @@ class BarLoads:
     half: Pair
     tangent: Pair
     lever: Pair
-    whole: Pair
+    moment: Pair
     normal: Float[np.ndarray, "n pieces"]
     torque: Float[np.ndarray, "n pieces"]
     lift: Float[np.ndarray, "n pieces"]
@@ -65,15 +67,15 @@ class BarLoads:
             0.5 * _from_hub(turn) - 0.25 * hub.off,
         )
         along = Pair(bars.tangent, np.zeros_like(bars.length))
-        moved = _turned(half, along)
-        lever = Pair(bars.lever + _from_tip(moved.flat * bars.length), _from_tip(moved.off * bars.length))
-        force, moment = _pair(loads[:, 0:3]), _pair(loads[:, 3:6])
-        whole = _sum(_cross(lever, force), moment)
-        own = _sum(whole, _turned(_negative(half), whole))
-        tangent = _sum(along, moved)
+        change = _turned(half, along)
+        lever = Pair(bars.lever + _from_tip(change.flat * bars.length), _from_tip(change.off * bars.length))
+        force, at_tip = _pair(loads[:, 0:3]), _pair(loads[:, 3:6])
+        moment = _sum(_cross(lever, force), at_tip)
+        own = _sum(moment, _turned(_negative(half), moment))
+        tangent = _sum(along, change)
         normal = (np.conj(tangent.flat) * force.flat).real + tangent.off * force.off
         bent = np.conj(bars.tangent) * own.flat
-        return cls(bars, loads, compliance, flat, half, tangent, lever, whole, normal, bent.real, bent.imag, own.off)
+        return cls(bars, loads, compliance, flat, half, tangent, lever, moment, normal, bent.real, bent.imag, own.off)
 
     def pulled(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
@@ -88,19 +90,19 @@ class BarLoads:
         force = _pair(self.loads[:, 0:3])
         by_own = Pair((torque + 1j * lift) * bars.tangent, turn)
         by_along = (torque - 1j * lift) * (self.torque + 1j * self.lift) * bars.tangent
-        by_whole, by_back = _turned_vjp(_negative(self.half), self.whole, by_own)
-        by_whole = _sum(by_whole, by_own)
-        by_lever = _cross(force, by_whole)
-        by_force = _sum(_cross(by_whole, self.lever), Pair(normal * self.tangent.flat, normal * self.tangent.off))
+        by_moment, by_back = _turned_vjp(_negative(self.half), self.moment, by_own)
+        by_moment = _sum(by_moment, by_own)
+        by_lever = _cross(force, by_moment)
+        by_force = _sum(_cross(by_moment, self.lever), Pair(normal * self.tangent.flat, normal * self.tangent.off))
         steps = Pair(_from_hub(by_lever.flat), _from_hub(by_lever.off))
-        moved = Pair(self.tangent.flat - along.flat, self.tangent.off)
-        by_length = _dot(steps, moved)
+        change = Pair(self.tangent.flat - along.flat, self.tangent.off)
+        by_length = _dot(steps, change)
         by_tangent = Pair(normal * force.flat, normal * force.off)
-        by_moved = _sum(by_tangent, Pair(bars.length * steps.flat, bars.length * steps.off))
-        back, by_half = _turned_vjp(self.half, along, by_moved)
+        by_change = _sum(by_tangent, Pair(bars.length * steps.flat, bars.length * steps.off))
+        back, by_half = _turned_vjp(self.half, along, by_change)
         by_half = Pair(by_half.flat - by_back.flat, by_half.off - by_back.off)
         by_along = by_along + by_tangent.flat + back.flat
-        wrench = [_vectors(by_force), _vectors(by_whole)]
+        wrench = [_vectors(by_force), _vectors(by_moment)]
         hub = -0.25 * _vectors(by_half)
         # the bends of the pieces
         bend = Pair(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
