@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS, STRAINED, Material
-from flexmaps.engine.mechanics.arms.bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH, BarLoads
+from flexmaps.engine.mechanics.arms.bar_loads import BEYOND, FIRST_ORDER, LOADS, TURN, WRENCH, BarLoads
 from flexmaps.engine.mechanics.arms.bar_sections import SATURATION, Curvature, Torsion
 from flexmaps.engine.mechanics.arms.bars import BEFORE_FILLET, BESIDE, Bars
 from flexmaps.engine.mechanics.arms.peak_strain import GRAIN, NUMBERS, SHARE, StrainedArms
@@ -158,7 +158,7 @@ def test_loads_of_an_arm_bent_to_a_circle(axis: int) -> None:
     bars = Bars.from_numbers(known.numbers, known.shortest, known.fillet)
     place, angle, pull = bars.lever[0].real, 0.5, 3.0
     compliance = np.full((3, 1, len(place)), 20.0)
-    length, loads = bars.length.sum(), np.zeros((1, LOADS))
+    length, loads = bars.length.sum() + BEYOND * 0.0015, np.zeros((1, LOADS))
     loads[0, WRENCH.start], loads[0, FIRST_ORDER.start + 3 + axis] = pull, angle / (20.0 * length)
     loads[0, TURN.start + axis] = 2.0 * angle
     found = BarLoads.from_bars(bars, loads, compliance)
