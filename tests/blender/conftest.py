@@ -17,7 +17,7 @@ from flexmaps.engine.surface.mesh import QuadMesh
 
 sys.path.append(str(Path(__file__).parent))  # for what several tests share, in support/
 sys.modules["flexmaps_shapes"].watch("bridge/store", "bridge/view")
-shapes.BUILDERS["dome"] = partial(shapes.dome, 5)  # in fewer quads: several panels are enough here
+shapes.BUILDERS["dome"] = partial(shapes.dome, 6)  # in fewer quads: several panels are enough here
 
 
 @pytest.fixture(scope="session")

@@ -28,8 +28,8 @@ def test_every_part_of_every_tier_runs_once(checks: ModuleType) -> None:
         assert parts == [(tier, k, len(parts)) for k in range(len(parts))] and parts
     # who chooses tests gets one process a tier; what builds the zip never runs beside each other
     assert checks._pieces(["window", "engine", "install"], ["-k", "name"]) == [
+        [("window", 0, 1), ("install", 0, 1)],
         [("engine", 0, 1)],
-        [("install", 0, 1), ("window", 0, 1)],
     ]
 
 
