@@ -13,7 +13,6 @@ import numpy as np
 
 from ..fabrication.connectors.connect import Connections
 from ..fabrication.panels.labels import panel_name, seam_name
-from ..mechanics.arms.model import ArmModel
 from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..simulation.simulate import Simulation
@@ -178,11 +177,14 @@ def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
     """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
     model, rest = simulation.model, simulation.equilibrium
-    if not isinstance(model, ArmModel) or not rest.converged or simulation.locked:
+    if not rest.converged or simulation.locked:
+        return None
+    wrenches = model.wrenches(model.start(rest.pose))
+    if wrenches is None:
         return None
     mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
     wrench = np.zeros((len(mesh.edges), 6))
-    wrench[~mesh.border] = model.wrenches(model.start(rest.pose))[: model.assembly.inner]
+    wrench[~mesh.border] = wrenches[: model.assembly.inner]
     force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
     stress = joints.stresses(wrench, joints.necks(design, made), thickness)
     return np.column_stack([force, moment, stress / material.strength])

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.assembly import Assembly, Pose, of_design
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
@@ -103,13 +104,13 @@ class LiveState:
 
     def refined(self) -> Generator[None, None, LiveState]:
         """Compute all approximate parts in small steps; return the exact rig."""
-        given, model = self.given, self.model
-        if isinstance(model, ArmModel):
+        given, model, arms = self.given, self.model, with_arms(self.model)
+        if arms is not None:
             joints = np.flatnonzero(self.rough)
             for first in range(0, len(joints), BATCH):
                 some = joints[first : first + BATCH]
-                part = model.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
-                model = _replace_joints(model, part, self.assembly, some, given.material)
+                part = arms.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
+                model = arms = _replace_joints(arms, part, self.assembly, some, given.material)
                 yield
         area = self.design.area if self.guessed else self.area
         rough = np.zeros_like(self.rough)
@@ -166,22 +167,22 @@ def _model(
     """Return the elastic model, and a mask of the joints whose second order of strains comes from an earlier design."""
     material, name = given.material, given.simulate.model
     rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
-    if name != ArmModel.name or old is None or not isinstance(old.model, ArmModel) or rimmed:
+    arms = None if old is None or rimmed else with_arms(old.model)
+    if name != ArmModel.name or old is None or arms is None:
         return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
     joints = _changed_joints(assembly, material, old.assembly, old.given)
     if not joints.any():
-        return replace(old.model, assembly=assembly), old.rough
+        return replace(arms, assembly=assembly), old.rough
     some = np.flatnonzero(joints)
     hubs = np.unique(assembly.pairs[some])
-    whole = len(some) <= BATCH
-    part = build_model(assembly.part(hubs, some), material, name, quick=not whole, slopes=False)
-    assert isinstance(part, ArmModel)
-    if not whole:
-        curving = old.model.part(hubs, some).curving_at_joint
-        part = part.with_curving(curving)
+    exact, few = len(some) <= BATCH, assembly.part(hubs, some)
+    if exact:
+        part = ArmModel.from_assembly(few, material, slopes=False)
+    else:
+        part = arms.part(hubs, some).rebuilt(few, material)
     rough = old.rough.copy()
-    rough[some] = not whole
-    return _replace_joints(old.model, part, assembly, some, material), rough
+    rough[some] = not exact
+    return _replace_joints(arms, part, assembly, some, material), rough
 
 
 def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: LiveInput) -> Bool[np.ndarray, " joints"]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Float, Int
+from ..materials import Material
 from .assembly import Assembly, Pose
 from .beyond import Beyond
 
@@ -105,6 +106,48 @@ class ElasticModel(Protocol):
 
     def torsion(self, state: Any) -> Float[np.ndarray, " joints"]:
         """(m,) radians, turn of the two hubs of every joint relative to each other about the line across it."""
+
+    def rebuilt(self, assembly: Assembly, material: Material) -> ElasticModel:
+        """Build the model of a slightly changed assembly of the same joints; what hardly changes may be kept.
+
+        Parameters
+        ----------
+        assembly : spirals and joints at rest
+        material : elastic constants
+        """
+
+    def with_bending(self, factor: float) -> ElasticModel | None:
+        """Multiply the stiffness against bending out of the sheet; None where that has no stiffness of its own."""
+
+    def wrenches(self, state: Any) -> Float[np.ndarray, "joints 6"] | None:
+        """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint; None if unknown."""
+
+    def strains(self, state: Any, material: Material) -> Float[np.ndarray, "joints 2"] | None:
+        """(m, 2) largest strain on the surface of both arms of every joint, without fillets; None if unknown.
+
+        Parameters
+        ----------
+        state, material : where the joints are, and the sheet
+        """
+
+    def in_plane_energy(self, state: Any) -> Float[np.ndarray, " joints"] | None:
+        """(m,) joules, energy of every joint from motions in the plane of the sheet; None if unknown."""
+
+
+class JointsOnly:
+    """Base of models that know joints as a whole but not their arms: the arms' quantities are unknown."""
+
+    def with_bending(self, factor: float) -> None:
+        return None
+
+    def wrenches(self, state: Any) -> None:
+        return None
+
+    def strains(self, state: Any, material: Material) -> None:
+        return None
+
+    def in_plane_energy(self, state: Any) -> None:
+        return None
 
 
 def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) -> Float[np.ndarray, "spirals 6"]:

@@ -15,7 +15,6 @@ import numpy as np
 
 from ..arrays import Float
 from ..errors import FlexMapsError
-from ..mechanics.arms.model import ArmModel
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
@@ -59,7 +58,7 @@ def refine_flat_shapes(
     ------
     FlexMapsError : the elastic model is not the one of arms
     """
-    if not isinstance(start.model, ArmModel):
+    if start.arms is None:
         raise FlexMapsError(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )

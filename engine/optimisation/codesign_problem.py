@@ -250,8 +250,8 @@ class FlatPoint(DesignPoint):
         In this order: the joint's gradient (12); the loads of both arms (2 ``LOADS``), where strains count; the joint's share of every
         soft eigenvalue, where some are low; the motions of both tips (12), where slots close.
         """
-        strained, pairs = self.strains is not None, self._joint_pairs
-        assert isinstance(self.model, ArmModel)
+        strained, pairs, arms = self.strains is not None, self._joint_pairs, self.arms
+        assert arms is not None
 
         def measure(model: ArmModel, pose: Pose) -> np.ndarray:
             self.progress(0.0)
@@ -267,7 +267,7 @@ class FlatPoint(DesignPoint):
             return np.concatenate(found, axis=1)
 
         self.problem.work.add(GEOMETRY, self.assembly.size)
-        found = joint_derivatives(self.model, self.equilibrium.pose, measure)
+        found = joint_derivatives(arms, self.equilibrium.pose, measure)
         return found.reshape(*found.shape[:2], 6)
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.strain_changes import largest
+from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.equilibrium import solve
 from ..params import SimulateParams
 from ..simulation.simulate import Simulation
@@ -19,8 +20,8 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
     lengths. A thinner piece gets a new equilibrium, sought from its present pose. Widths and twists do not change.
     None for the rod model, and with a rim, whose nodes would need an equilibrium first.
     """
-    old = simulation.model
-    if not isinstance(old, ArmModel) or simulation.assembly.rim is not None:
+    old = with_arms(simulation.model)
+    if old is None or simulation.assembly.rim is not None:
         return None
     given, pose, material = simulation.assembly, simulation.equilibrium.pose, simulation.material
 

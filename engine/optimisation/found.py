@@ -9,7 +9,6 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..errors import Cancelled, FlexMapsError
 from ..materials import STRAINED
-from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..progress import Progress
 from ..simulation.simulate import Simulation
@@ -169,8 +168,8 @@ def _ease_strains(
 
 def _with_measured_slots(point: DesignPoint, slots: SpaceSlots) -> DesignPoint:
     """Return the point in a problem whose estimates of slots agree with the exact ``slots`` of this state."""
-    opening, model = point.problem.opening, point.model
-    if opening is None or not isinstance(model, ArmModel):
+    opening, model = point.problem.opening, point.arms
+    if opening is None or model is None:
         return point
     measured = opening.with_excess(model, point.equilibrium.pose, slots)
     return replace(point, problem=replace(point.problem, opening=measured))

@@ -14,6 +14,7 @@ from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.sensitivity import JointChanges
 from ..mechanics.arms.strain_changes import Strains, StrainSlopes
+from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.assembly import Assembly, Pose
 from ..mechanics.elastic import ElasticModel, JointSum
 from ..mechanics.equilibrium import Equilibrium, solve
@@ -33,8 +34,7 @@ from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
-# Smallest stability margin of an equilibrium, as a share of its stiffness (see ``Equilibrium.spare``). Below it, changes of 0.01 mm, as
-# proving a design makes them, let a piece snap into another shape. Most surfaces end at 0.3 to 0.8
+# Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
 MIN_STABILITY = 0.01
 NEARLY = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
 
@@ -47,8 +47,7 @@ class InverseProblem:
     opening : required width of slots in space; None lets slots close; bearing : limit of the arms' strains; None for no limit
     firmness : required stability of equilibria; None requires ``MIN_STABILITY`` only; simulate : settings of equilibria
     work : counter of the work for all points; room : clearances of a design; None does not check whether designs can be cut
-    stance : poses of the supports; None holds them where the search for an equilibrium starts
-    shared, sums : caches, see ``factors`` and ``joint_sum``
+    stance : poses of the supports; None holds them where the search starts; shared, sums : caches of ``factors`` and ``joint_sum``
     """
 
     assembly: Assembly
@@ -188,6 +187,11 @@ class DesignPoint:
     factors: Factors
 
     @property
+    def arms(self) -> ArmModel | None:
+        """The elastic model, if it knows the arms of every joint."""
+        return with_arms(self.model)
+
+    @property
     def system(self) -> NewtonSystem:
         """Linear system with the factor of this equilibrium's Hessian."""
         return self.factors.system_of(self.equilibrium, lambda: self.model.expand(self._state).hessian)
@@ -217,8 +221,7 @@ class DesignPoint:
         found, strain : mismatch and largest strain of the same design, simulated; the point's own by default
         """
         # barriers of the flat shapes guide a search and say nothing about its result
-        costs = InverseProblem.costs(self.problem, self.x)
-        value = (found or self.mismatch).value + sum(cost.value for cost in costs)
+        value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
         value += 0.0 if self._closing is None else self._closing.value
         value *= 1.0 if self.barrier is None else self.barrier.merit
         if self.strains is None or self.problem.bearing is None:
@@ -231,8 +234,7 @@ class DesignPoint:
 
         In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
-        bearing = self.problem.bearing
-        bearing = None if bearing is None else replace(bearing, weight=WEIGHT * mismatch)
+        bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
         return replace(self, problem=replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
     def firmed(self, *, strong: bool) -> Self:
@@ -274,7 +276,7 @@ class DesignPoint:
     @cached_property
     def strains(self) -> Strains | None:
         """Strains of the arms; None where they do not count."""
-        if self.problem.bearing is None or not isinstance(self.model, ArmModel):
+        if self.problem.bearing is None or self._changes is None:
             return None
         return Strains.from_changes(self.model.assembly, self._changes, self.problem.bearing.material)
 
@@ -282,10 +284,10 @@ class DesignPoint:
     def _modes(self) -> SoftModes | None:
         """Softest modes that are less stable than required; None if there are none."""
         asked, found = self.problem.firmness, self.equilibrium
-        if asked is None or not found.converged or found.spare >= asked.enough or not isinstance(self.model, ArmModel):
+        if asked is None or not found.converged or found.spare >= asked.enough or self.arms is None:
             return None
         self.problem.work.add(SOFTEST, self.problem.assembly.size)
-        modes = SoftModes.from_equilibrium(self.model, found.pose, self.system, asked)
+        modes = SoftModes.from_equilibrium(self.arms, found.pose, self.system, asked)
         return modes if len(modes.rises) else None
 
     @cached_property
@@ -296,17 +298,17 @@ class DesignPoint:
 
     def _by_modes(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
         """Return the derivatives of the softest eigenvalues by the hubs, and by the coordinates at fixed hubs."""
-        modes, pose = self._modes, self.equilibrium.pose
-        assert modes is not None and isinstance(self.model, ArmModel)
+        modes, arms, pose = self._modes, self.arms, self.equilibrium.pose
+        assert modes is not None and arms is not None
         self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
-        return modes.by_hubs(self.model, pose), modes.by_spirals(self.model, pose, self._slopes)
+        return modes.by_hubs(arms, pose), modes.by_spirals(arms, pose, self._slopes)
 
     @cached_property
     def _closing(self) -> NarrowSlots | None:
-        if self._opening is None or not isinstance(self.model, ArmModel):
+        if self._opening is None or self.arms is None:
             return None
         self.problem.work.add(OPENING, self.problem.assembly.size)
-        found = self._opening.at(self.model, self.equilibrium.pose)
+        found = self._opening.at(self.arms, self.equilibrium.pose)
         return found if len(found.found.values) else None
 
     @property
@@ -322,9 +324,8 @@ class DesignPoint:
         return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
-    def _changes(self) -> JointChanges:
-        assert isinstance(self.model, ArmModel)
-        return self.model.changes(self._state)
+    def _changes(self) -> JointChanges | None:
+        return None if self.arms is None else self.arms.changes(self._state)
 
     @cached_property
     def _forces(self) -> csr_array:
@@ -333,8 +334,8 @@ class DesignPoint:
 
     def _forces_by_spirals(self) -> csr_array:
         """Return the derivatives (6 n, K n) of the hubs' forces by the spirals' coordinates, K a spiral."""
-        arms = isinstance(self.model, ArmModel)
-        by_design = self._changes.gradient_by_design if arms else self.model.gradient_by_design(self._state)
+        known = self._changes
+        by_design = self.model.gradient_by_design(self._state) if known is None else known.gradient_by_design
         blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
         return self.problem.joint_sum(blocks.transpose(0, 2, 1, 3))
 

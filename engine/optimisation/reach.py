@@ -10,7 +10,6 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..materials import STRAINED
-from ..mechanics.arms.model import ArmModel
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
 from ..simulation.rests import snapping_spirals
@@ -105,8 +104,9 @@ def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, r
 def _reasons(simulation: Simulation, progress: Progress) -> dict[str, np.ndarray]:
     """Return a mask (F,) for every reason that follows from the simulation."""
     found = {"distorted": simulation.design.flat.energy > DISTORTED_ABOVE}
-    if isinstance(simulation.model, ArmModel):
-        found["stretched"] = _find_stretched(simulation, simulation.model)
+    plane = simulation.model.in_plane_energy(simulation.model.start(simulation.equilibrium.pose))
+    if plane is not None:
+        found["stretched"] = _find_stretched(simulation, plane)
         found["unstable"] = _find_unstable(simulation, progress)
     return found
 
@@ -123,15 +123,15 @@ def _bounds(of: Optimisation) -> dict[str, np.ndarray]:
     return {"softest": soft, "stiffest": stiff & ~soft}
 
 
-def _find_stretched(simulation: Simulation, model: ArmModel) -> Bool[np.ndarray, " quads"]:
-    """Return a mask (F,) of the spirals most of whose elastic energy comes from motions in the plane of the sheet."""
-    strains = model.start(simulation.equilibrium.pose).motion.vector
-    inside = np.where(np.isin(np.arange(6), (0, 1, 5)), strains, 0.0)
-    plane = 0.5 * np.einsum("mi,mij,mj->m", inside, model.stiffness, inside, optimize=True)
+def _find_stretched(simulation: Simulation, plane: Float[np.ndarray, " joints"]) -> Bool[np.ndarray, " quads"]:
+    """Return a mask (F,) of the spirals most of whose elastic energy comes from motions in the plane of the sheet.
+
+    plane : joules, energy of every joint from such motions
+    """
     both = np.stack([plane, simulation.equilibrium.per_joint], axis=1)
     total = np.zeros((simulation.assembly.size, 2))
     for side in (0, 1):
-        np.add.at(total, model.assembly.owners[:, side], both)
+        np.add.at(total, simulation.model.assembly.owners[:, side], both)
     return total[:, 0] > STRETCHED_ABOVE * np.maximum(total[:, 1], 1e-300)
 
 

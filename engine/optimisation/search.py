@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from ..materials import Material
-from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
@@ -246,7 +245,7 @@ class Search:
         starts : points in the design's flat shapes, which share the time of the first stage equally
         """
         params, work = self.task.params, self.task.work
-        codesigned = params.codesign and isinstance(starts[0].model, ArmModel)
+        codesigned = params.codesign and starts[0].arms is not None
         first, end = (replace(params, stop=max(params.stop, FIRST_STOP)), 0.3) if codesigned else (params, 0.8)
         tried: list[StageResult] = []
         for k, start in enumerate(starts):

@@ -9,15 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..mechanics.arms.model import ArmModel
-from ..mechanics.assembly import Assembly, target_pose
+from ..mechanics.assembly import target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import solve
 from ..mechanics.loads import GRAVITY, Loads
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .band import Tolerance, ToleranceBand
-from .simulate import Simulation, build_model
+from .simulate import Simulation
 
 # tolerance of the sheet's thickness, as a share of the nominal thickness: of plywood, of all other materials
 PLYWOOD_THICKNESS, THICKNESS = 0.10, 0.05
@@ -41,7 +40,7 @@ def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Pro
         ("thickness", share, f"with a sheet {100.0 * share:.0f} % thicker or thinner"),
         ("width", WIDTH, f"with arms {1e3 * WIDTH:g} mm wider or narrower"),
     ]
-    if isinstance(simulation.model, ArmModel):
+    if simulation.model.with_bending(1.0) is not None:
         ends.append(("stiffness", STIFFNESS, f"with {100.0 * STIFFNESS:.0f} % more or less stiffness in bending"))
     tolerances = []
     for k, (name, step, words) in enumerate(ends):
@@ -59,29 +58,22 @@ def _rms_distance(
 ) -> float | None:
     """Return the RMS distance from the target, in metres, after changing one quantity; None if no equilibrium is found."""
     progress(0.0, "Real sheets")
-    assembly, loads = simulation.assembly, simulation.loads
+    assembly, loads, model, material = simulation.assembly, simulation.loads, simulation.model, simulation.material
+    changed: ElasticModel | None
     if name == "thickness":
         if params.gravity:
-            heavier = step * simulation.design.area * assembly.thickness * simulation.material.density
+            heavier = step * simulation.design.area * assembly.thickness * material.density
             loads = Loads(loads.fixed, loads.force - GRAVITY * np.outer(heavier, [0.0, 0.0, 1.0]))
-        model = _rebuild_model(simulation, replace(assembly, thickness=(1.0 + step) * assembly.thickness))
+        changed = model.rebuilt(replace(assembly, thickness=(1.0 + step) * assembly.thickness), material)
     elif name == "width":
-        model = _rebuild_model(simulation, assembly.redesigned(assembly.width + step, assembly.twist))
+        changed = model.rebuilt(assembly.redesigned(assembly.width + step, assembly.twist), material)
     else:
-        assert isinstance(simulation.model, ArmModel)
-        model = simulation.model.with_bending(1.0 + step)
-    equilibrium = solve(model, simulation.equilibrium.pose, loads, params, replace(progress, shown=None))
+        changed = model.with_bending(1.0 + step)
+    if changed is None:
+        return None
+    equilibrium = solve(changed, simulation.equilibrium.pose, loads, params, replace(progress, shown=None))
     if not equilibrium.converged:
         return None
     aim = target_pose(simulation.target, simulation.design.flat.corners)
     apart = loads.laid(equilibrium.pose, assembly.pairs, aim).centres - simulation.target.centroids
     return float(np.sqrt((apart**2).sum(axis=1).mean()))
-
-
-def _rebuild_model(simulation: Simulation, assembly: Assembly) -> ElasticModel:
-    """Build the model of a slightly changed assembly, but keep the second order of the strains, which takes longest."""
-    old = simulation.model
-    model = build_model(assembly, simulation.material, old.name, quick=True, slopes=False)
-    if isinstance(model, ArmModel) and isinstance(old, ArmModel):
-        return model.with_curving(old.curving_at_joint)
-    return model

@@ -82,8 +82,6 @@ class Simulation:
     @cached_property
     def joint_strain(self) -> Float[np.ndarray, "joints 2"] | None:
         """(m, 2) largest surface strain of both arms of every joint, without fillets; None for the rod model."""
-        if not isinstance(self.model, ArmModel):
-            return None
         return self.model.strains(self.model.start(self.equilibrium.pose), self.material)
 
     @cached_property

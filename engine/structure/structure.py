@@ -17,7 +17,6 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..fabrication.connectors.connect import Connections
 from ..materials import STRAINED, Material
-from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.strain_changes import largest
 from ..mechanics.assembly import Pose
 from ..mechanics.equilibrium import Equilibrium, solve
@@ -232,11 +231,11 @@ class _Strength:
     def borne(self, pose: Pose, strain: float) -> Borne:
         """Return the use of arms and joints in a pose for a strain limit."""
         model, material = self.simulation.model, self.simulation.material
-        if not isinstance(model, ArmModel):
-            return Borne()
         state = model.start(pose)
-        worst = largest(model.assembly, model.strains(state, material)) / strain
-        wrench = model.wrenches(state)[: model.assembly.inner]
+        strains, wrenches = model.strains(state, material), model.wrenches(state)
+        if strains is None or wrenches is None:
+            return Borne()
+        worst, wrench = largest(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
         stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Borne(worst, stress / (material.youngs * strain), force, moment)

@@ -101,6 +101,10 @@ class ArmModel:
         found = self._assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
+    def rebuilt(self, assembly: Assembly, material: Material) -> ArmModel:
+        made = ArmModel.from_assembly(assembly, material, curving=False, slopes=False)
+        return made.with_curving(self.curving_at_joint)  # which takes longest
+
     def with_compliance(self, compliance: ArmCompliances) -> ArmModel:
         """Return the model of the same spirals with these arm compliances, without the strains' second-order term."""
         return self._assemble(self.assembly, compliance, self.assembly.bend[0], self.material, False)
@@ -108,10 +112,8 @@ class ArmModel:
     @cached_property
     def _cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.by_shapes``."""
-        found, ties = (
-            by_shapes(self.assembly, self.compliance.table.reshape(-1, 6, 6), self.material),
-            self.assembly.ties,
-        )
+        table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.ties
+        found = by_shapes(self.assembly, table, self.material)
         if self.assembly.nodes:  # necks and strips have no table compliance
             found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
         return found
@@ -265,17 +267,12 @@ class ArmModel:
         )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """Largest strain on the surface of both arms of every joint, without fillets; see ``peak_strain``.
-
-        Parameters
-        ----------
-        state, material : where the joints are, and the sheet
-
-        Returns
-        -------
-        (m, 2)
-        """
+        """Largest strain on the surface of both arms of every joint, see ``peak_strain``."""
         return arm_strains(self.assembly, self.arm_loads(state), material)
+
+    def in_plane_energy(self, state: ArmState) -> Float[np.ndarray, " joints"]:
+        inside = np.where(OUT_OF_PLANE, 0.0, state.motion.vector)
+        return 0.5 * np.einsum("mi,mij,mj->m", inside, self.stiffness, inside, optimize=True)
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly
@@ -379,8 +376,7 @@ def _rotate_to_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]
     return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
 
 
-# motions of a joint that leave the plane of the sheet: the shift along its normal and the turns about the two axes in
-# it
+# motions of a joint out of the sheet's plane: the shift along the normal and the turns about the two axes in the plane
 OUT_OF_PLANE = np.array([False, False, True, True, True, False])
 BATCH = 1000  # joints at a time, few enough to stay in the processor's cache
 

@@ -17,7 +17,7 @@ from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly, Pose
 from ..beyond import Beyond
-from ..elastic import Expansion, summed
+from ..elastic import Expansion, JointsOnly, summed
 from ..vectors import outer
 from . import stiffness, strains
 from .motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
@@ -25,7 +25,7 @@ from .sensitivity import gradient_by_design
 
 
 @dataclass(frozen=True, eq=False)
-class RodModel:
+class RodModel(JointsOnly):
     """The rod model of an assembly.
 
     assembly : spirals and joints at rest
@@ -87,6 +87,9 @@ class RodModel:
         rest = np.stack([along, np.cross(normal, along), normal], axis=3)
         springs = moduli[..., 1:] / half[..., None]
         return cls(assembly, springs, (moduli[..., 0] * half).sum(axis=1), rest, length, change)
+
+    def rebuilt(self, assembly: Assembly, material: Material) -> RodModel:
+        return RodModel.from_assembly(assembly, material)
 
     @property
     def pairs(self) -> np.ndarray:

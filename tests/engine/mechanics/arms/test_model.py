@@ -130,3 +130,15 @@ def test_a_spiral_outside_the_table_is_named() -> None:
     with pytest.raises(FlexMapsError, match="not a number") as caught:
         ArmModel.from_assembly(assembly.redesigned(width, assembly.twist), VERO)
     assert caught.value.faces == [1]
+
+
+def test_motions_in_the_plane_and_out_of_it_share_the_energy() -> None:
+    """Stiffness against bending out of the sheet bears nothing of a motion in its plane, and all of one out of it."""
+    model, pose = ArmModel.from_assembly(row(3), VERO, curving=False), straight(3)
+    for axis, share in ((0, 1.0), (2, 0.0)):
+        centres = pose.centres.copy()
+        centres[1, axis] += 1e-6
+        state = model.start(dataclasses.replace(pose, centres=centres))
+        energy = model.energy(state)
+        assert model.in_plane_energy(state).sum() == pytest.approx(share * energy, abs=1e-6 * energy)
+        assert model.with_bending(2.0).energy(state) == pytest.approx((2.0 - share) * energy, rel=1e-6)
