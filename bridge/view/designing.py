@@ -40,7 +40,7 @@ class Designing(LiveShape):
         self._wind = -look.twist if params.clockwise else look.twist
         self._highest = params.twist_max
         high = f"{np.degrees(params.twist_max):.3g}\N{DEGREE SIGN}"
-        title = f"Twist of the spirals; step {len(history) - 1}, RMSE {1e3 * look.rmse:.3g} mm"
+        title = f"Twist of the spirals; step {look.step}, RMSE {1e3 * look.rmse:.3g} mm"
         self.legend = Legend(title, "0\N{DEGREE SIGN}", high, PALE)
 
     @property

@@ -200,8 +200,7 @@ def optimise(
     def accepted(point: DesignPoint) -> None:
         nonlocal latest
         latest = point, search.held[-1].design if search.held else design
-        vertices = move_vertices(design, problem.target.laid(point.equilibrium.pose), target)
-        progress.show(OptimisationStep(vertices, *point.spirals, point.mismatch.rmse, len(trace.rows)))
+        progress.show(_snapshot(point, design, target, len(trace.rows)))
 
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
@@ -215,6 +214,12 @@ def optimise(
     if prove and trace.ended != STOPPED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
+
+
+def _snapshot(point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> OptimisationStep:
+    """Return the snapshot of a point, its pose laid onto the target where nothing holds the piece."""
+    vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
+    return OptimisationStep(vertices, *point.spirals, point.mismatch.rmse, step)
 
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
@@ -355,6 +360,8 @@ def starts(
         point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
+            if len(points) == 1:  # the other starts take as long again, and a first picture should not wait for them
+                progress.show(_snapshot(point, design, target, 0))
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
         if points:
             break

@@ -31,7 +31,7 @@ def made() -> tuple[SpiralDesign, QuadMesh]:
 def test_stopping_keeps_the_best_so_far() -> None:
     design, mesh = made()
     looks = []
-    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 3)
+    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 4)  # of the given design, the best start, and two steps
     found = optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
     assert not found.finished and len(found.trace.rows) == 2
     assert found.report()["laplacian_rmse_mm"] < found.report()["laplacian_rmse_mm_before"]
@@ -39,6 +39,20 @@ def test_stopping_keeps_the_best_so_far() -> None:
         optimise.optimise(
             design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=Progress(stopped=lambda: True)
         )
+
+
+def test_given_design_is_shown_before_the_other_starts_are_computed() -> None:
+    design, mesh = made()
+    looks, events = [], []
+
+    def show(look: optimise.OptimisationStep) -> None:
+        looks.append(look)
+        events.append("shown")
+
+    progress = Progress(lambda _, text: events.append(text), lambda: len(looks) >= 2, shown=show)
+    optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
+    assert looks[0].width == pytest.approx(design.width, rel=1e-6)
+    assert "Starting shapes" in events[events.index("shown") :]
 
 
 @pytest.mark.parametrize(
