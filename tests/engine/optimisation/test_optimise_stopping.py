@@ -31,7 +31,7 @@ def made() -> tuple[SpiralDesign, QuadMesh]:
 def test_stopping_keeps_the_best_so_far() -> None:
     design, mesh = made()
     looks = []
-    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 4)  # of the given design, the best start, and two steps
+    progress = Progress(shown=looks.append, stopped=lambda: len(looks) >= 4)  # given design, best start, two steps
     found = optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
     assert not found.finished and len(found.trace.rows) == 2
     assert found.report()["laplacian_rmse_mm"] < found.report()["laplacian_rmse_mm_before"]
