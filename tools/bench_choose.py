@@ -1,4 +1,4 @@
-"""What *Propose layouts* makes of a piece that was made fit: panels, match, seconds of processor, and what is told meanwhile.
+"""Benchmark of *Propose layouts* on a piece that was made fit: panels, match, seconds of processor, and the messages on the way.
 
 python3 tools/dev.py bench choose [--thorough] [--only PATTERNS] [--quads N] [--json FILE]
 
@@ -55,7 +55,7 @@ KINDS = {".obj", ".off"}
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the rows; 0 whatever was measured."""
+    """Measure, print the table, write the rows; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench choose")
     parser.add_argument("--thorough", action="store_true", help="all surfaces")
     parser.add_argument("--only", help="patterns of names among all surfaces, with commas")
@@ -117,7 +117,7 @@ def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
 
 @dataclass
 class _Watch:
-    """What somebody sees who waits: when the first proposal is told, and how the time left goes on.
+    """Record of the progress: time of the first proposal, and the predicted time left.
 
     first : seconds of processor, infinite before; least : seconds, the shortest time left that was told
     rise : the largest ratio of a time left to the shortest one before, of which ``FIRST`` seconds count at least

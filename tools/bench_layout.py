@@ -47,7 +47,7 @@ SYMMETRIC = {"vault", "torus", "cubesphere"}
 
 
 def main(arguments: list[str]) -> int:
-    """Measure every mesh, print the table, write the rows; 0 whatever was measured."""
+    """Measure every mesh, print the table, write the rows; return 0 whatever the figures."""
     root = Path(__file__).resolve().parent.parent
     parser = argparse.ArgumentParser(prog="dev.py bench layout")
     shared = root.parent / "shared" / "meshes"
@@ -75,7 +75,7 @@ def main(arguments: list[str]) -> int:
 
 
 def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
-    """Rows {mesh, row, asked, measured, peer, ok} of every mesh of a folder and of the self-made ones."""
+    """Return the rows of every mesh of a folder and of the self-made ones."""
     table = Table()
     for name, polygons in surfaces(meshes_dir):
         try:

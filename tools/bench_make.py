@@ -44,7 +44,7 @@ MADE = (
 
 
 def main(arguments: list[str]) -> int:
-    """Measure, print the table, write the starts; 0 whatever was measured."""
+    """Measure, print the table, write the starts; return 0 whatever the figures."""
     parser = argparse.ArgumentParser(prog="dev.py bench make")
     parser.add_argument("--starts", type=int, default=1000, help="starts over all surfaces")
     parser.add_argument("--only", default="*", help="patterns of names, with commas")
@@ -117,7 +117,7 @@ def told_apart(name: str) -> list[Row]:
 
 
 def _mesh(name: str) -> QuadMesh:
-    """A surface of the zoo, or a built-in one."""
+    """Return a surface of the zoo or a built-in one."""
     return as_quad_mesh(zoo.SURFACES[name].polygons()) if name in zoo.SURFACES else shapes.make(name)
 
 

@@ -107,7 +107,7 @@ def main(arguments: list[str]) -> int:
 
 
 def supports(mesh: QuadMesh) -> np.ndarray | None:
-    """The spirals that an open surface stands on; None for a closed one."""
+    """Return the spirals that support an open surface; None for a closed one."""
     if not mesh.border.any():
         return None
     low = mesh.vertices[:, 2] < mesh.vertices[:, 2].min() + LOW * np.ptp(mesh.vertices[:, 2])
@@ -173,7 +173,7 @@ def _slots(simulation: Simulation) -> SpaceSlots:
 
 
 def _closed(simulation: Simulation) -> str:
-    """How many slots are closed in the simulated shape, and by how much at most."""
+    """Return the number of closed slots in the simulated shape, and the largest overlap."""
     slots = _slots(simulation)
     return f"{len(slots.closed)} of {len(slots.width)}, {1e3 * float(slots.width.min()):.2f} mm"
 
@@ -198,7 +198,7 @@ Run = tuple[DesignPoint, float, SearchRecord]
 
 
 def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -> tuple[Run, Run]:
-    """Ours and the baseline on the same problem from the same start: best point, processor seconds, trace."""
+    """Run our optimiser and the baseline on one problem from one start: best point, processor seconds, trace."""
     assembly = of_design(design)
     loads = Loads.for_spirals(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, free=held is None)

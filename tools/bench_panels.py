@@ -64,7 +64,7 @@ def main(arguments: list[str]) -> int:
 
 
 def surfaces(options: argparse.Namespace) -> Iterator[tuple[str, PolygonMesh]]:
-    """Names and polygons of what is measured."""
+    """Yield names and polygons of the surfaces to measure."""
     for name, surface in zoo.SURFACES.items():
         asked = any(fnmatch.fnmatch(name, pattern) for pattern in options.zoo.split(","))
         if asked and not surface.refused and surface.remesh is None:
@@ -124,7 +124,7 @@ def measure(name: str, polygons: PolygonMesh, options: argparse.Namespace) -> li
 
 
 def _chosen(piece: LayoutProblem, flat: Any, params: ChooseParams) -> tuple[Choice, float, float]:
-    """The choice, seconds until something was judged, and in all."""
+    """Return the choice, the seconds until the first layout was judged, and the total."""
     began, first = time.perf_counter(), list[float]()
 
     def tell(fraction: float, text: str) -> None:

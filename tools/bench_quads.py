@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
-    """One surface, remeshed from its triangles: by the first answer alone, and as the program does."""
+    """Return the rows of one surface, remeshed by QuadriFlow's first result and by the program."""
     target = requad.target_of(
         PolygonMesh.from_quads(polygons) if isinstance(polygons, QuadMesh) else converted(polygons)
     )

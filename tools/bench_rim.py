@@ -127,7 +127,7 @@ def _judged(table: Table, name: str, source: str | Path, optimised: bool, pictur
 
 
 def _left_out(stubs: Result) -> Result:
-    """The same spirals without the arms at the border, simulated."""
+    """Simulate the spirals without the arms at the border."""
     assert stubs.design is not None
     design = make_fabricable(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
     return job.go_on(dataclasses.replace(stubs, design=design), _settings("left_out"), ["simulate"])

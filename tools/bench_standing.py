@@ -53,7 +53,7 @@ LEVEL = 1e-6  # metres inside the base at which its upper and its lower side are
 
 @dataclass(frozen=True)
 class Fit:
-    """How the feet of a piece fit their slots, the worst of all: mm and degrees.
+    """Worst fit between the feet of a piece and their slots, in mm and degrees.
 
     outside : how far a tongue reaches out of its slot; loose : how much wider a slot is than its tongue and the clearance
     high : how far shoulders are above the base, or below it; turned : between the slot and the tongue's section
@@ -290,7 +290,7 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
 
 
 def _back(points: np.ndarray, turn: float, shift: np.ndarray) -> np.ndarray:
-    """From a sheet into a part's own frame."""
+    """Transform from a sheet into a part's own frame."""
     cos, sin = np.cos(turn), np.sin(turn)
     return (points - shift) @ np.array([[cos, -sin], [sin, cos]])
 
@@ -313,7 +313,7 @@ def _extruded(shape: Any, height: float) -> Any:
 
 
 def _section(body: Any, height: float) -> Any:
-    """What a level plane cuts out of a body, seen from above."""
+    """Return the section of a body by a level plane, seen from above."""
     lines = trimesh.intersections.mesh_plane(body, [0.0, 0.0, 1.0], [0.0, 0.0, height])
     return shapely.convex_hull(shapely.multipoints(lines.reshape(-1, 3)[:, :2]))
 

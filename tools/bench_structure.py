@@ -39,7 +39,7 @@ SIZES = (150, 600, 1000)  # approximate numbers of spirals
 
 
 def main(arguments: list[str]) -> int:
-    """Measure everything, print the table, write the rows; 0 whatever was measured."""
+    """Measure everything, print the table, write the rows; return 0 whatever the figures."""
     bench = Bench("structure", arguments, 52, plain=(False, "leave the solids out"))
     table, plain = bench.table, bench.options.plain
     column(table)
@@ -99,7 +99,7 @@ def small_loads(table: Table) -> None:
 
 
 def derivatives(table: Table) -> None:
-    """Of the forces of a pressure by the hubs' turns, and of the residual by supports that move: central differences."""
+    """Compare the derivatives of a pressure's forces by the hubs' turns, and of the residual by moving supports, with central differences."""
     piece = arch()
     pose = piece.rest.pose
     count = len(pose.centres)
@@ -165,7 +165,7 @@ def solids(table: Table, piece: Pushed, path: LoadPath) -> None:
 
 
 def finite_turns(table: Table) -> None:
-    """Whether what a joint of short arms is off its solid by depends on how far it is turned: then its second order would be wrong."""
+    """Check that the error of a joint of short arms against its solid does not grow with the rotation; else its second order is wrong."""
     for name, axis in (("twisted", (1.0, 0.0, 0.0)), ("bent", (0.0, 1.0, 0.0)), ("bent in the sheet", (0.0, 0.0, 1.0))):
         off = turned_pair(SHORT[2], SHORT[3], axis, TURNS)
         peer = {f"{angle:g} rad": f"{100.0 * one:+.2f} %" for angle, one in zip(TURNS, off, strict=True)}
@@ -173,7 +173,7 @@ def finite_turns(table: Table) -> None:
 
 
 def pressures(table: Table) -> None:
-    """What it matters that a pressure turns with the hubs, and that its tangent is exact."""
+    """Measure the effect of pressures that turn with the hubs, and of their exact tangent."""
     piece = dome()
     count = len(piece.rest.pose.centres)
     follows = Action(np.zeros((count, 3)), np.full(count, -1.0), np.zeros((count, 3)))
@@ -188,7 +188,7 @@ def pressures(table: Table) -> None:
 
 
 def seconds(table: Table) -> None:
-    """Processor's seconds of a path up to where domes give way under a pressure from above, linear buckling beside it."""
+    """Measure the processor seconds of load paths of domes under pressure up to collapse, and of linear buckling."""
     for size in SIZES:
         found = dome_of(size)
         low = found.pose.centres[:, 2] < np.quantile(found.pose.centres[:, 2], 0.1)

@@ -74,7 +74,7 @@ def main(arguments: list[str]) -> int:
 
 
 def played(draws: int) -> list[Row]:
-    """How far modulus and kerf come back from what they were played with."""
+    """Measure the errors of modulus and kerf estimated from simulated readings."""
     random, youngs, kerfs, sure = np.random.default_rng(0), [], [], []
     warned = 0
     for _ in range(draws):
@@ -136,7 +136,7 @@ def against_solids(name: str, made: Coupons) -> list[Row]:
 
 
 def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
-    """How well the sheets of a piece are filled, and an endless strip of the same panels."""
+    """Measure the fill of the sheets of a piece, and of an endless strip of its panels."""
     settings = with_values(Settings(), {"sheet.nesting_seconds": seconds, "spiral.border": "left_out"})
     result = job.run(polygons, settings, edge=EDGE)
     made, flat, params = result.sheets, result.flat, settings.sheet
@@ -176,7 +176,7 @@ def laid_shapes(packing: Packing, shapes: list[np.ndarray]) -> list[shapely.Poly
 
 
 def too_near(on: list[shapely.Polygon], spacing: float) -> int:
-    """How many pairs of shapes on one sheet are nearer to each other than they should be, by shapely."""
+    """Count pairs of shapes on one sheet that are nearer to each other than the spacing, by shapely."""
     return sum(a.distance(b) < spacing - 1e-7 for i, a in enumerate(on) for b in on[:i])
 
 

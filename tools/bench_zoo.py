@@ -55,7 +55,7 @@ class Task:
         return OUT / "records" / f"{self.name.replace('/', '--')}.json"
 
     def earlier(self) -> dict[str, Any] | None:
-        """The record of an earlier run, if nothing has changed since."""
+        """Return the record of an earlier run if nothing has changed since."""
         try:
             record: dict[str, Any] = json.loads(self.path.read_text())
         except (OSError, ValueError):
@@ -64,7 +64,7 @@ class Task:
 
 
 def main(arguments: list[str]) -> int:
-    """Run what has not been run, print a line a surface and the summary; 0 whatever was measured."""
+    """Run what has not been run, print a line a surface and the summary; return 0 whatever the figures."""
     options = _options(arguments)
     if options.one:
         return _one(options)
@@ -178,7 +178,7 @@ def _tasks(options: argparse.Namespace) -> list[Task]:
 
 
 def _program() -> str:
-    """A hash of everything that the results depend on besides the surface."""
+    """Return a hash of everything that the results depend on besides the surface."""
     made = hashlib.sha256()
     folders = [ROOT / "engine", ROOT / "data"]
     parts = [path for folder in folders for path in sorted(folder.rglob("*")) if path.suffix != ".pyc"]
@@ -192,7 +192,7 @@ def _program() -> str:
 
 
 def _one(options: argparse.Namespace) -> int:
-    """In the process of one surface: run it and leave its record."""
+    """Run one surface in its own process and write its record."""
     import flexmaps
 
     task = Task(options.one, _surfaces(options)[options.one], options.key, 0)
@@ -226,7 +226,7 @@ class Processes:
         self._running: set[subprocess.Popen[bytes]] = set()
 
     def run(self, tasks: list[Task]) -> Iterator[tuple[Task, dict[str, Any]]]:
-        """Every task with its record, as they come."""
+        """Yield every task with its record as it finishes."""
         pool = ThreadPoolExecutor(self._options.jobs)
         try:
             waiting = {pool.submit(self._one, task): task for task in tasks}
@@ -238,7 +238,7 @@ class Processes:
                 os.killpg(process.pid, signal.SIGKILL)
 
     def _one(self, task: Task) -> dict[str, Any]:
-        """The record of a surface; where it crashes or takes too long, it says in which stage."""
+        """Return the record of a surface; after a crash or timeout it names the stage."""
         part, log = task.path.with_suffix(".part"), task.path.with_suffix(".log")
         for path in (task.path, part):
             path.unlink(missing_ok=True)
@@ -289,7 +289,7 @@ HEAD = (
 
 
 def line(name: str, record: dict[str, Any]) -> str:
-    """One row of the table."""
+    """Format one row of the table."""
     spent = (summary.busy(record, stages) for stages in (summary.LAYOUT, ("optimise",), ("sheets",), job.NAMES))
     seconds = "".join(f"{each:>7.1f}" for each in spent) + f"{record.get('memory_mb', 0):>6.0f}"
     if "patches" not in record:
@@ -318,7 +318,7 @@ def figures(record: dict[str, Any]) -> str:
 
 
 def said(record: dict[str, Any]) -> str:
-    """What went wrong with a surface, in one line; empty where nothing did, or where it was to be refused."""
+    """Describe the failure of a surface in one line; empty if there is none, or if it was to be refused."""
     words = []
     wanted = record.get("to_be_refused")
     if wanted and wanted in record.get("findings", []) and summary.refused(record):

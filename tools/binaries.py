@@ -37,7 +37,7 @@ def kind(data: bytes) -> tuple[str, set[str]]:
 
 
 def wanted(tag: str) -> tuple[str, set[str]]:
-    """What the files of a wheel of a platform's tag have to be."""
+    """Return the required format and processors of the files in a wheel with a platform tag."""
     if tag.startswith("win"):
         return PE, {ARM if "arm64" in tag else X86}
     if tag.startswith("macosx"):

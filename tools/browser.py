@@ -36,7 +36,7 @@ def found() -> str | None:
 
 
 def obstacle() -> str | None:
-    """Why there can be no browser here, as a sentence; ``None`` if there is one. Installs Debian's on the first call, as root."""
+    """Return the reason why no browser is available, as a sentence; ``None`` if one is. Installs Debian's on the first call, as root."""
     if sys.platform != "linux":
         return "the browser for the page is only tried on Linux"
     if found() is not None:
@@ -127,7 +127,7 @@ class Browser:
     # -- the protocol ----------------------------------------------------------------------------------------------------
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
-        """One command of the DevTools protocol; what happens meanwhile is noted."""
+        """Send a command of the DevTools protocol and record the events until its answer."""
         self._number += 1
         sent: dict[str, Any] = {"id": self._number, "method": method, "params": params}
         if self._session is not None:
@@ -255,7 +255,7 @@ class Browser:
         self.settle()
 
     def picture(self, path: Path, *, whole: bool = False) -> None:
-        """What the window shows as a PNG file, or the whole page."""
+        """Take a PNG picture of the window or of the whole page."""
         self.settle()
         data = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)["data"]
         path.parent.mkdir(parents=True, exist_ok=True)

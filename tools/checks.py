@@ -57,7 +57,7 @@ Found = TypeVar("Found")
 
 @dataclass
 class Row:
-    """What came of a tier, or of one part of it."""
+    """Result of a tier or of a part of it."""
 
     status: int = 0
     counts: Counter[str] = field(default_factory=Counter)  # passed, failed, skipped
@@ -98,7 +98,7 @@ def main(argv: list[str]) -> int:
 
 
 def _pieces(wanted: list[str], options: list[str]) -> list[list[Piece]]:
-    """What runs side by side, the longest first; the pieces of one list run one after the other."""
+    """Return the lists of work to run in parallel, the longest first; the items of one list run in sequence."""
     chosen = any(word != THOROUGH for word in options)  # then few tests run, which are not worth several processes
     lines = [[(tier, 1 if chosen else parts) for tier, parts in line if tier in wanted] for line in QUEUE]
     return [[(tier, k, of) for tier, of in line] for line in lines if line for k in range(max(of for _, of in line))]
@@ -133,7 +133,7 @@ def _logged(work: Callable[[IO[str]], Found]) -> Found:
 
 
 def _lint(log: IO[str] | None = None) -> list[str]:
-    """Style and types; returns the names of what failed. What is said goes into a file if there is one."""
+    """Check style and types; return the names of failed checks. The output goes into a file if one is given."""
     failed = []
     for name, command in (
         ("ruff check", ["ruff", "check", "."]),
@@ -158,7 +158,7 @@ def _lint(log: IO[str] | None = None) -> list[str]:
 
 
 def _run(tier: str, part: int, of: int, options: list[str], log: IO[str] | None) -> Row:
-    """Every ``of``-th file of a tier from the ``part``-th on, its output into a file if there is one."""
+    """Run every ``of``-th file of a tier from the ``part``-th on, with its output in a file if one is given."""
     which = "" if of == 1 else f", part {part + 1} of {of}"
     print(f"== {tier}: {TIERS[tier]}{which}", file=log, flush=True)
     if log is not None:
@@ -179,7 +179,7 @@ def _run(tier: str, part: int, of: int, options: list[str], log: IO[str] | None)
 
 
 def _counted(results: Path) -> Row:
-    """What a file of pytest's results tells; nothing where a crash left none."""
+    """Read a file of pytest's results; empty if a crash left none."""
     row = Row()
     for case in ElementTree.parse(results).iter("testcase") if results.is_file() else ():
         kinds = {child.tag: child for child in case}

@@ -208,7 +208,7 @@ class Ticker(threading.Thread):
         say("  %3d s  %s" % (self.last - self.start_time, text))
 
     def line(self, line):
-        """One line of pip's output."""
+        """Handle one line of pip's output."""
         if line.startswith("Collecting ") or line.startswith("Requirement already"):
             return
         size = re.match(r"\s*(?:Downloading|Using cached) (?:\S*/)?([\w.]+-[\w.]+)-\S+ \(([\d.]+) (kB|MB|GB)\)", line)

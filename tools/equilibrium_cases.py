@@ -28,7 +28,7 @@ MATERIAL = material("vero")
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What is brought to equilibrium: spirals and joints, both models of them, the pose in the target.
+    """Subject of an equilibrium: spirals and joints, both models of them, the pose in the target.
 
     outside : number of spirals outside the rod model's parameters; they get the median ones
     """

@@ -53,7 +53,7 @@ def measured(obj: bpy.types.Object, source: bpy.types.Object | None) -> dict[str
 
 
 def unsaid(obj: bpy.types.Object, source: bpy.types.Object | None, told: dict[str, Any]) -> list[str]:
-    """Sentences on what the findings of a piece keep silent about, or tell otherwise; ``told``: what ``api.press`` returned."""
+    """Return sentences on faults that the findings of a piece omit or contradict; ``told``: result of ``api.press``."""
     figures, keys = measured(obj, source), {finding["key"] for finding in told["findings"]}
     figures["strain"] = told["figures"]["strain_share"] or 0.0
     bad = {

@@ -87,7 +87,7 @@ class _Quiet(http.server.SimpleHTTPRequestHandler):
 
 @contextmanager
 def served(folder: Path) -> Iterator[str]:
-    """A folder on a web server of this machine; gives its address."""
+    """Serve a folder on a local web server; yield its address."""
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
@@ -124,7 +124,7 @@ def tried(zip_file: Path, folder: Path, python: str = sys.executable) -> dict[st
 
 
 def told(script: str, word: str, folder: Path, own: dict[str, str], python: str = sys.executable) -> dict[str, Any]:
-    """What a script tells in such a Blender, given a word. Raises ``RuntimeError`` with Blender's last words where it fails."""
+    """Run a script in such a Blender and return its result; raises ``RuntimeError`` with the end of Blender's output if it fails."""
     (folder / "script.py").write_text(script, encoding="utf-8")
     command = [python, "-S", str(folder / "script.py"), word]
     done = subprocess.run(command, env=own, cwd=folder, capture_output=True, text=True, timeout=280)

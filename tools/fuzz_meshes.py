@@ -52,7 +52,7 @@ def _good(rng: np.random.Generator) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _spoilt(rng: np.random.Generator, p: np.ndarray, faces: list[list[int]]) -> None:
-    """One fault more, in place."""
+    """Add one fault, in place."""
     f, v, w = int(rng.integers(len(faces))), int(rng.integers(len(p))), int(rng.integers(len(p)))
     face = faces[f]
     a, b = rng.permutation(len(face))[:2]
@@ -100,7 +100,7 @@ def mutant(number: int) -> PolygonMesh:
 
 
 def play(number: int, whole: bool) -> str:
-    """Which error stops it, or "made"."""
+    """Return the error that stops it, or "made"."""
     mesh = mutant(number)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)

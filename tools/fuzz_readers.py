@@ -96,7 +96,7 @@ def _move(rng: random.Random, data: bytes) -> bytes:
 
 
 def _head(data: bytes) -> int:
-    """Where the text of a file ends: all of it, or the head of a binary one."""
+    """Return the length of the text of a file: all of it, or the header of a binary file."""
     end = data.find(b"end_header")
     return end + 10 if end >= 0 and b"binary" in data[:end] else len(data)
 
@@ -194,7 +194,7 @@ def mutant(number: int) -> tuple[str, bytes]:
 
 
 def outcome(name: str, data: bytes, whole: bool = False) -> str:
-    """How far the file comes: "refused", "faulty" (not one that can be made) or "made"; anything but FlexMapsError gets out.
+    """Return how far the file is processed: "refused", "faulty" (not one that can be made) or "made"; anything but FlexMapsError gets out.
 
     whole : make a small mesh that passes the checks, down to the sheets
     """
@@ -235,6 +235,6 @@ def play(number: int, whole: bool) -> str:
 
 
 def described(number: int) -> str:
-    """What the mutant holds."""
+    """Describe the mutant."""
     name, data = mutant(number)
     return f"{name}, {len(data)} bytes: {data[:1500]!r}"

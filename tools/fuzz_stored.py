@@ -69,7 +69,7 @@ def _text(rng: random.Random, mesh: Any) -> str:
 
 
 def _other_value(rng: random.Random, text: str) -> str:
-    """The same JSON with another value somewhere."""
+    """Return the JSON with one value changed."""
     try:
         found = json.loads(text)
     except ValueError:
@@ -205,7 +205,7 @@ def _calls(obj: Any, folder: Path) -> dict[str, Callable[[], Any]]:
 
 
 def _called(name: str, call: Callable[[], Any]) -> str:
-    """Calls it; what a user may be told is no fault."""
+    """Call it; ``FlexMapsError`` is not a fault."""
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             call()
@@ -255,5 +255,5 @@ def play(number: int, whole: bool) -> str:
 
 
 def described(number: int) -> str:
-    """What is damaged."""
+    """Describe the damage."""
     return "; ".join(_begun(number)[2])

@@ -108,7 +108,7 @@ def main(argv: list[str]) -> int:
 
 
 def make(name: str) -> None:
-    """One object: all stages, its sheets, its picture, its figures."""
+    """Make one object: all stages, sheets, picture and figures."""
     import bpy
     from flexmaps import api
     from flexmaps.bridge.hosts import job_folder

@@ -52,7 +52,7 @@ def shells(side: int) -> PatchLayout:
 
 
 def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, float]]:
-    """Every stage and the processor seconds that it took."""
+    """Return the processor seconds of every stage."""
     begin = time.process_time()
 
     def spent(stage: str) -> tuple[str, float]:

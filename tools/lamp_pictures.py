@@ -136,7 +136,7 @@ def in_the_room(
 
 
 def step(piece: Any, kind: str, path: Path, size: tuple[int, int]) -> None:
-    """What one stage shows, by the same functions as the sidebar's pictures: target, layout, panels, shape, together."""
+    """Draw one stage with the functions of the sidebar's pictures: target, layout, panels, shape, together."""
     import bpy
     from flexmaps import api
     from flexmaps.bridge.view import picture

@@ -83,7 +83,7 @@ def strokes(obj: bpy.types.Object, share: float, count: int = STROKES) -> Held:
 
 
 def _taken_again(obj: bpy.types.Object) -> None:
-    """What follows an undo: the easel takes the former spirals, and computes how they look, as the next redraw does."""
+    """Measure the work after an undo: the easel takes the former spirals and computes their colours, as the next redraw does."""
     easel.easel_of(obj, bpy.context.scene).shape.prepared(bpy.context.scene.unit_settings.scale_length)
 
 

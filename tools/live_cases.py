@@ -26,7 +26,7 @@ def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralD
 
 
 def given_of(made: SpiralDesign, **others: Any) -> LiveInput:
-    """What a live piece of a design is given."""
+    """Return the inputs of a live piece for a design."""
     flat, mesh = made.flat, made.flat.layout.mesh
     sizes = np.full(len(mesh.quads), 4)
     cut = flat.layout.cut

@@ -58,7 +58,7 @@ class Hand:
 
     @property
     def process(self) -> int:
-        """Of the process beside Blender."""
+        """Return the process beside Blender."""
         companion = live.current()._companion  # type: ignore[union-attr]
         return next(iter(companion._workers._all))._popen.pid  # type: ignore[union-attr]
 
@@ -66,7 +66,7 @@ class Hand:
         live.stop()
 
     def act(self) -> None:
-        """One act, and a look at what came of it."""
+        """Perform one random action and check its result."""
         name = str(self.rng.choice([*ACTS], p=np.array([*WEIGHTS]) / sum(WEIGHTS)))
         try:
             ACTS[name](self)

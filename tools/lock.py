@@ -55,7 +55,7 @@ def _locked(uv: Path, wanted: Path, target: Path, of: str, python: str, *more: s
 
 
 def hashes(text: str) -> dict[str, list[str]]:
-    """Of every name==version, as ``plain`` writes it, the words that tell pip its files' checksums."""
+    """Return pip's hash options for every name==version, as ``plain`` writes it."""
     found: dict[str, list[str]] = {}
     for entry in re.split(r"\n(?=[\w])", text):
         pin = re.match(r"([\w.-]+)==([\w.+!]+)", entry)

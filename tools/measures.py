@@ -66,7 +66,7 @@ FILE, FUNCTION = 400, 60  # most lines
 
 
 class Place(NamedTuple):
-    """Where something was found, and what."""
+    """Place and description of a finding."""
 
     path: str
     line: int
@@ -199,7 +199,7 @@ def bare_numbers() -> list[Place]:
 
 
 def _numeric(value: ast.AST) -> bool:
-    """Whether an expression holds a number; which member of a list it takes is none."""
+    """Return whether an expression contains a number, apart from list indices."""
     if isinstance(value, ast.Subscript):
         return _numeric(value.value)
     if isinstance(value, ast.Constant):

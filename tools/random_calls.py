@@ -60,7 +60,7 @@ STEPS = (
 
 @dataclass
 class Log:
-    """What was called and what came of it."""
+    """Record of calls and their results."""
 
     outcomes: Counter = field(default_factory=Counter)  # (operator, outcome) -> times
     faults: list[str] = field(default_factory=list)
@@ -72,7 +72,7 @@ class Log:
 
 
 def session(rng: random.Random, calls: int, folder: Path, log: Log) -> None:
-    """An empty file, a random mesh, and so many calls on it; what is wrong goes to ``log.faults``."""
+    """Make a random mesh in an empty file and call random functions on it; faults go to ``log.faults``."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     log.lines = []
     _start(rng, log)
@@ -279,7 +279,7 @@ def _spoil(rng: random.Random, vertices: np.ndarray, faces: list[list[int]]) -> 
 
 
 def _meddle(rng: random.Random, obj: Any, log: Log) -> None:
-    """What a person does between two buttons."""
+    """Change something as a user may between two buttons."""
     what = rng.choice(("mode", "seams", "vertex", "undo", "redo", "twin", "scale", "key", "modifier", "rename", "lose"))
     log.lines.append(what)
     if what == "mode":

@@ -56,12 +56,12 @@ openbox >/dev/null 2>&1 &
 
 
 def folder() -> Path:
-    """Where the Debian with its Blender is, or will be."""
+    """Return the folder of the Debian with its Blender."""
     return Path(os.environ.get("FLEXMAPS_BLENDER_ROOT", Path.home() / ".cache" / "flexmaps" / SUITE))
 
 
 def obstacle() -> str | None:
-    """Why there can be no real Blender here, as a sentence; ``None`` once it is ready. Makes it on the first call."""
+    """Return the reason why no real Blender is available, as a sentence; ``None`` if one is. Installs it on the first call."""
     if sys.platform != "linux" or not hasattr(os, "geteuid") or os.geteuid() != 0:
         return "a real Blender for the window needs root on Linux (chroot)"
     if subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode:

@@ -32,7 +32,7 @@ _VERSION = re.compile(r'^version = "(.+)"$', re.MULTILINE)
 
 
 class Refused(Exception):
-    """Why there can be no release; its text is what is told."""
+    """Raised with the reason why there can be no release."""
 
 
 def main(argv: list[str]) -> int:
@@ -107,7 +107,7 @@ def prepared(root: Path, version: str) -> dict[str, str]:
 
 
 def noted(text: str, version: str, day: str) -> str:
-    """The changelog with what was not released yet under the version. Raises ``Refused`` where nothing is said of it."""
+    """Return the changelog with the unreleased entries under the version. Raises ``Refused`` if there are none."""
     own = re.search(rf"^## \[{re.escape(version)}\].*$", text, re.MULTILINE)
     head, marker, rest = text.partition(f"{UNRELEASED}\n")
     fresh = bool(marker) and re.split(r"^## ", rest, maxsplit=1, flags=re.MULTILINE)[0].strip() != ""
@@ -146,7 +146,7 @@ def written(root: Path, texts: dict[str, str], *, keep: bool) -> Iterator[None]:
 
 
 def built(folder: Path, platforms: list[str], lines: list[str] | None) -> None:
-    """Every zip, the repository and the wheel for pip, looked at and tried as far as this machine can. Raises ``Refused``.
+    """Build every zip, the repository and the wheel for pip, and test them as far as this machine can. Raises ``Refused``.
 
     lines : None for those that there are on each platform
     """

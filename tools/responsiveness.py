@@ -241,7 +241,7 @@ def next_button(_: argparse.Namespace) -> Iterator[Row]:
 
 
 def _by_next(name: str, found: dict[str, Any]) -> Iterator[Row]:
-    """What came of one model: whether it has sheets, how well the piece keeps its shape, and the seconds of its stages."""
+    """Return the result of one model: whether it has sheets, its match, and the seconds of its stages."""
     for wrong in (*found["errors"], *found.get("wrong", ())):
         print(wrong, file=sys.stderr)
     model = found.get("models", {}).get(name, {"blocks": {}, "seconds": {}})

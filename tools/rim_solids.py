@@ -95,7 +95,7 @@ def _plane(length: float, width: float, hole: float) -> tuple[np.ndarray, np.nda
 
 
 class _Sheet:
-    """What ``_beams`` asks of an assembly."""
+    """The part of an assembly that ``_beams`` uses."""
 
     grain = 0.0
 

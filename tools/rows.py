@@ -10,7 +10,7 @@ Row = dict[str, Any]
 
 
 def row(mesh: str, name: str, asked: str, measured: Any, ok: bool | None, peer: dict[str, Any] | None = None) -> Row:
-    """One row; ``ok`` is None where nothing was asked."""
+    """Make one row; ``ok`` is None without a required value."""
     return {"mesh": mesh, "row": name, "asked": asked, "measured": measured, "peer": peer or {}, "ok": ok}
 
 

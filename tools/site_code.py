@@ -89,7 +89,7 @@ def blocks(text: str) -> Iterator[Block]:
 
 
 def _setting(before: str) -> str:
-    """What a comment right before a block asks for."""
+    """Return the setting in a comment right before a block."""
     found = re.search(r"<!-- code: (\w+) -->\s*$", before)
     return found.group(1) if found else ""
 
@@ -118,7 +118,7 @@ def _language(body: str) -> str:
 
 
 def shell_faults(text: str) -> list[str]:
-    """What is wrong with the lines of a shell block: commands that there are not, flags and values that the parsers refuse."""
+    """List the faults of a shell block: unknown commands, flags and values that the parsers refuse."""
     found = []
     for line in text.replace("\\\n", " ").splitlines():
         try:
@@ -133,7 +133,7 @@ def shell_faults(text: str) -> list[str]:
 
 
 def _refused(words: list[str]) -> str:
-    """Why a command is no good; empty where it is."""
+    """Return why a command is refused; empty if it is accepted."""
     from flexmaps.command import arguments
 
     if words[:3] == ["blender", "--command", "flexmaps"]:
@@ -250,7 +250,7 @@ def _small_files() -> None:
 
 
 def summary(paths: Iterable[Path]) -> tuple[dict[str, int], list[str]]:
-    """What is looked at without running it: how many blocks of each kind pages have, and the faults of shell blocks and names."""
+    """Count the blocks of each kind on pages, and list the faults of shell blocks and names, without running anything."""
     counts, found = dict.fromkeys(("python", "shell", ""), 0), list[str]()
     for path in paths:
         text = text_of(path)

@@ -14,7 +14,7 @@ CSS_URL = re.compile(r"url\(\s*['\"]?(?!data:)([^'\")]+)|@import\s+['\"]([^'\"]+
 
 @dataclass(frozen=True)
 class Found:
-    """What a folder's pages link to.
+    """Links of a folder's pages.
 
     count : links within the folder; broken : those that lead nowhere, as "page: link"; elsewhere : addresses that a person may follow
     loaded : addresses elsewhere that a browser would ask for by itself

@@ -205,7 +205,7 @@ def _cell(text: str) -> str:
 
 
 def licences() -> str:
-    """What others wrote and the zips carry; each zip's own THIRD_PARTY.md also says where each licence's text lies."""
+    """List the packages of others in the zips; each zip's own THIRD_PARTY.md also says where each licence's text lies."""
     import third_party
 
     pins = re.findall(r"^([\w.-]+)==([\w.]+)", (ROOT / "requirements" / "runtime.txt").read_text(), re.MULTILINE)

@@ -162,7 +162,7 @@ def after_stop(result: Result, settings: Settings, looks: int = 5) -> list[Compa
 
 
 def after_judging(result: Result, settings: Settings, share: float, thorough: bool | None) -> list[Comparison]:
-    """What Choose and Explore tell of a layout that they have judged."""
+    """Compare the figures that Choose and Explore report of a layout."""
     assert result.flat is not None
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
     judged = judge(piece, Laid(result.flat, "", 1), share, thorough=thorough)

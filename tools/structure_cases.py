@@ -119,7 +119,7 @@ def by_solid(piece: Pushed, falls: np.ndarray) -> np.ndarray:
 
 
 def turned_pair(width: float, twist: float, axis: tuple[float, float, float], angles: tuple[float, ...]) -> list[float]:
-    """By what share the model's energy of two joined spirals differs from the solid's, the second one turned by these angles against the first.
+    """Return the relative error of the model's energy of two joined spirals against the solid, for these rotations of the second.
 
     width, twist : mm and degrees; axis : across the joint, along it, normal; angles : radians, rising. The second one may shift.
     """

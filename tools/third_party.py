@@ -64,7 +64,7 @@ class Package(NamedTuple):
 
 
 class Part(NamedTuple):
-    """What is compiled into a wheel: its name, version, licence (SPDX; "" where none is known), and its source if not in the usual place."""
+    """A library compiled into a wheel: name, version, licence (SPDX; "" where none is known), and its source if not in the usual place."""
 
     name: str
     version: str
@@ -202,7 +202,7 @@ def _changed(metadata: str, version: str, renamed: str) -> str:
 
 
 def faults(wheels: Iterable[Path]) -> list[str]:
-    """What speaks against shipping these wheels: unknown packages, licences that are not as listed, libraries nobody listed."""
+    """List the reasons against shipping these wheels: unknown packages, licences that are not as listed, libraries nobody listed."""
     found = []
     for wheel in wheels:
         name = wheel.name.split("-")[0].lower()
@@ -241,7 +241,7 @@ def faults(wheels: Iterable[Path]) -> list[str]:
 
 
 def parts(wheel: zipfile.ZipFile) -> Iterator[Part]:
-    """What is compiled into a wheel, by the lists that its maker put into it (PEP 770); libraries beside it are ``PACKAGES``' to say."""
+    """List the libraries compiled into a wheel from its own lists (PEP 770); ``PACKAGES`` lists the libraries beside it."""
     for name in wheel.namelist():
         if not re.fullmatch(r"[^/]+\.dist-info/sboms/.+\.json", name):
             continue
@@ -255,7 +255,7 @@ def parts(wheel: zipfile.ZipFile) -> Iterator[Part]:
 
 
 def _allowed(licence: str) -> bool:
-    """Whether a licence of a part (SPDX) leaves a way that is ``OF_PARTS``'."""
+    """Return whether a part's licence (SPDX) allows one of ``OF_PARTS``."""
     every = [re.split(r" OR |/", one.strip("() ")) for one in licence.split(" AND ")]
     return all(any(way.strip() in OF_PARTS for way in ways) for ways in every)
 
@@ -271,7 +271,7 @@ def _metadata(wheel: zipfile.ZipFile) -> dict[str, list[str]]:
 
 
 def _unlike(package: Package, said: dict[str, list[str]]) -> Iterator[str]:
-    """Where a wheel's own words differ from what is listed of it."""
+    """List the differences between a wheel's metadata and our list."""
     last = [text.split(" :: ")[-1] for text in said.get("classifier", ()) if text.startswith("License :: ")]
     licences = said.get("license-expression") or [CLASSIFIERS[word] for word in last if word in CLASSIFIERS]
     if licences and licences != [package.licence]:

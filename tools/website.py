@@ -89,7 +89,7 @@ def main(argv: list[str]) -> int:
 
 
 def table(rows: list[Row]) -> None:
-    """What was found, with every fault below its line."""
+    """Format the results, with every fault below its line."""
     width = max(len(row.what) for row in rows)
     print(f"{'what':{width}}  there  wrong  asked")
     for row in rows:

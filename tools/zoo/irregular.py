@@ -180,7 +180,7 @@ def feet(size: int, count: int) -> QuadMesh:
 
 
 def largest(mesh: QuadMesh) -> QuadMesh:
-    """Without quads that hang on by a corner, and of what is left the largest body."""
+    """Return the largest body after removing quads attached by a corner only."""
     while True:
         free = (mesh.neighbours < 0).sum(axis=1) >= 3
         fans = np.bincount(mesh.edges[mesh.border].ravel(), minlength=len(mesh.vertices)) > 2
@@ -194,13 +194,13 @@ def largest(mesh: QuadMesh) -> QuadMesh:
 
 
 def thirds(polygons: pieces.Polygons, shape: Shape | None = None) -> QuadMesh:
-    """Every triangle cut into three quads: irregular vertices everywhere."""
+    """Cut every triangle into three quads: irregular vertices everywhere."""
     mesh = pieces.divided(polygons, smooth=False)
     return mesh if shape is None else mesh.moved(shape(mesh.vertices))
 
 
 def catmull_clark(polygons: pieces.Polygons, rounds: int, shape: Shape | None = None) -> QuadMesh:
-    """Polygons after so many steps of Catmull and Clark."""
+    """Subdivide polygons by Catmull and Clark's rule."""
     mesh = pieces.smoothed(pieces.divided(polygons, smooth=True), rounds - 1)
     return mesh if shape is None else mesh.moved(shape(mesh.vertices))
 

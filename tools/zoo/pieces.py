@@ -142,7 +142,7 @@ Polygons = tuple[np.ndarray, list[list[int]]]  # vertices (V, 3) and the corners
 
 
 def divided(polygons: Polygons, smooth: bool) -> QuadMesh:
-    """Every n-gon becomes n quads: by Catmull and Clark's rule (1978), or, not ``smooth``, with all points where they are."""
+    """Cut every n-gon into n quads: by Catmull and Clark's rule (1978), or, not ``smooth``, with all points where they are."""
     points, faces = polygons
     centres = np.array([points[f].mean(axis=0) for f in faces])
     beside: dict[tuple[int, int], list[int]] = {}
@@ -270,7 +270,7 @@ def triangle_mesh(points: np.ndarray, triangles: np.ndarray) -> PolygonMesh:
 
 
 def triangulated(mesh: QuadMesh) -> PolygonMesh:
-    """Every quad as two triangles."""
+    """Cut every quad into two triangles."""
     return triangle_mesh(mesh.vertices, np.concatenate([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]]))
 
 

@@ -70,17 +70,17 @@ def rows(records: Records) -> list[Row]:
 
 
 def refused(record: Record) -> bool:
-    """Whether a surface did not pass the checks."""
+    """Return whether a surface failed the checks."""
     return "refused" in record and record["ended_in"] in BEFORE
 
 
 def unknown(record: Record) -> bool:
-    """Whether it was not simulated, or not optimised although that was asked."""
+    """Return whether it was not simulated, or not optimised although requested."""
     return "rmse_mm" not in record or ("optimise" in record["busy"] and "rmse_mm_before" not in record)
 
 
 def unsaid(record: Record) -> bool:
-    """Whether a curved surface's piece lies flat at rest, its arms hardly strained, and the findings do not say so."""
+    """Return whether the piece of a curved surface stays flat, its arms hardly strained, without a finding that says so."""
     flat = record.get("rms_percent", 0.0) > 1.0 and (record.get("strain") or 0.0) < FLAT
     return flat and not {"stays-flat", "far-from-target"} & set(record["findings"])
 
@@ -129,7 +129,7 @@ def _times(records: Records) -> list[Row]:
 
 
 def _growth(records: Records) -> list[Row]:
-    """How the cost of every stage grows with the quads: the exponent, by Siegel's repeated medians, which outliers do not bend."""
+    """Estimate how the cost of every stage grows with the quads: the exponent, by Siegel's repeated medians, which are robust to outliers."""
     from scipy.stats import siegelslopes
 
     found = []

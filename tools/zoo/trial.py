@@ -28,7 +28,7 @@ PHYSICS = ("not-optimised", "not-simulated")
 
 
 class Clock:
-    """Notes from the progress what every stage takes, and how long none was told.
+    """Records from the progress the time of every stage and the longest silence.
 
     wall, busy : seconds of every stage, of the clock and of all processor cores, child processes included
     silence : longest time of this process between two calls of the progress, with the stage; part : what is written at
@@ -179,7 +179,7 @@ def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
 
 
 def not_finite(value: Any, path: str = "") -> list[str]:
-    """Where in a report a number is NaN or infinite."""
+    """List the places in a report with a NaN or infinite number."""
     if isinstance(value, dict):
         return [found for key, each in value.items() for found in not_finite(each, f"{path}.{key}".lstrip("."))]
     if isinstance(value, list):
