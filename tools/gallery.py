@@ -29,8 +29,8 @@ from shapes of its own and Blender's, 20 mm quads in sheets of 2 mm. Every pictu
 simulated shape, and its panels. *Distance* is how far the
 spirals' centres end from the target (root mean square, as a share of the size); *bending* compares how the surface bends at every
 spiral (RMSE). Both are given for spirals from the curvature and for optimised ones. *Strain* is the largest on the arms' surface, to within
-some 15 %; where it is beyond the limit, thinner arms, a larger piece or another material help. The time is that of a laser of
-60 W, and rough.
+some 15 %; where it is beyond the limit, thinner arms, a larger piece or another material help. Times are rough, for a laser of
+60 W.
 """
 
 
