@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..engine.figures import format_figure
 from ..engine.surface.checking.finding import counted
 
 FAULTS = 5  # kinds of faults printed at most, so that the candidates stay in sight; chosen by eye
@@ -28,7 +29,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         print(f"  {choice['note']} {counted(choice['layouts_judged'], 'layout was', 'layouts were')} judged:")
         for number, one in enumerate(choice["proposals"]):
             mark, about = "*" if number == choice["taken"] else " ", "" if one["proved"] else "about "
-            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {about}{one['rms_percent']:.2g} %, "
+            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {about}{format_figure(one['rms_percent'])} %, "
                   f"strain {100 * one['strain_share_max']:.0f} % of the limit, {counted(one['sheets'], 'sheet', 'sheets')}, "
                   f"{one['join_minutes']} min to join: {one['origin']}")  # fmt: skip
     if "spirals" in described:

@@ -7,9 +7,10 @@ from typing import Any
 import bpy
 
 from ..bridge.store import explored
+from ..engine.figures import format_figure
 from ..engine.materials import STRAINED
 from ..engine.structure import cases
-from .rows import button, figure, figures, popover, sentence, tr, value
+from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of, look
 
 CANDIDATES, OUTCOMES = 6, 4  # rows shown at most, so that the section stays short; by eye
@@ -75,8 +76,8 @@ def _built(body: Any, context: bpy.types.Context) -> None:
     size = "{} %, {} mm"
     figures(
         layout,
-        (tr("Distance, mean"), size.format(*(figure(block[name]) for name in ("rms_percent", "rms_mm")))),
-        (tr("Distance, largest"), size.format(*(figure(block[name]) for name in ("max_percent", "max_mm")))),
+        (tr("Distance, mean"), size.format(*(format_figure(block[name]) for name in ("rms_percent", "rms_mm")))),
+        (tr("Distance, largest"), size.format(*(format_figure(block[name]) for name in ("max_percent", "max_mm")))),
         (tr("Spirals seen"), f"{100 * block['covered']:.0f} %"),
         (tr("Points beside it"), f"{100 * block['points_beside']:.0f} %"),
     )
@@ -111,7 +112,7 @@ def _explore(body: Any, context: bpy.types.Context) -> None:
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)
         line.alert = share > STRAINED
-        line.label(text=f"{figure(measures.get('rms_percent', 0.0))} %, {100 * share:.0f} %", translate=False)
+        line.label(text=f"{format_figure(measures.get('rms_percent', 0.0))} %, {100 * share:.0f} %", translate=False)
 
 
 def key(context: bpy.types.Context) -> str:

@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import choices
+from ..engine.figures import format_figure
 from .rows import LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
 
@@ -34,8 +35,8 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         return
     layout, block = stored
     limit, most = context.object.flexmaps.layout.distortion_limit, block.get("energy_max", 0.0)
-    searched, expected = "optimise" in look(context).blocks, block.get("expected_percent")
-    match = [] if searched or expected is None else [(tr("Expected match"), f"~ {expected:.2g} %")]
+    shaped, expected = "equilibrium" in look(context).blocks, block.get("expected_percent")
+    match = [] if shaped or expected is None else [(tr("Expected match"), f"~ {format_figure(expected)} %")]
     figures(
         layout,
         (tr("Panels"), str(block.get("patches"))),
@@ -68,7 +69,7 @@ def _card(card: Any, number: int, row: dict[str, Any], picture: int, taken: bool
     card.template_icon(icon_value=picture, scale=PICTURE)
     taking = button(card, "flexmaps.take_choice", panels(row["panels"]), depress=taken)
     taking.number, taking.tip = number, _tip(row)
-    share = f"{row['rms_percent']:.2g} %" if row["proved"] else f"~ {row['rms_percent']:.2g} %"
+    share = f"{'' if row['proved'] else '~ '}{format_figure(row['rms_percent'])} %"
     for text in (share, duration(row["join_minutes"]), sheets(row["sheets"])):
         centred = card.row()
         centred.alignment, centred.scale_y = "CENTER", LOW

@@ -137,13 +137,6 @@ def decimals(block: dict[str, Any], key: str, digits: int, unit: str = "") -> st
     return "-" if number is None else f"{number:.{digits}f}{unit}"
 
 
-def figure(number: float) -> str:
-    """Format with two digits; below 0.01 mm or percent, which no machine cuts, return 0."""
-    if abs(number) < 0.01:
-        return "0"
-    return f"{number:.2g}" if abs(number) < 99.5 else f"{number:.0f}"
-
-
 def percent(block: dict[str, Any], key: str) -> str:
     share = block.get(key)
     return "-" if share is None else f"{100 * share:.1f} %"

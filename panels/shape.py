@@ -10,7 +10,8 @@ from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
 from ..bridge.store.i18n import span
 from ..bridge.view import easel, plot
-from .rows import button, decimals, figure, figures, line, menu, pair, popover, settings_of, tr, value
+from ..engine.figures import format_figure
+from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
 from .stages import block_of, look
 
 PLOT = 5.0  # size of the plot, in rows
@@ -83,7 +84,8 @@ def _results(body: Any, context: bpy.types.Context) -> None:
             name = tr("result") if key.name == equilibrium.KEY else tr("other shape {}", key.name.rpartition(" ")[2])
             layout.prop(key, "value", text=tr("Target to {}", name), slider=True, translate=False)
         mean, most = (
-            f"{figure(block[f'{kind}_percent'])} %, {figure(block[f'{kind}_mm'])} mm" for kind in ("rms", "max")
+            f"{format_figure(block[f'{kind}_percent'])} %, {format_figure(block[f'{kind}_mm'])} mm"
+            for kind in ("rms", "max")
         )
         rows = [(tr("Distance, mean"), mean, not equilibrium.sound(block)), (tr("Distance, largest"), most)]
         if block.get("strain_share_max") is not None:
@@ -122,7 +124,7 @@ def key(context: bpy.types.Context) -> str:
     block = look(context).blocks.get("equilibrium", {})
     if not block:
         return ""
-    text = f"{figure(block['rms_percent'])} %"
+    text = f"{format_figure(block['rms_percent'])} %"
     share = block.get("strain_share_max")
     return text if share is None else f"{text}, {tr('strain {}', f'{100 * share:.0f} %')}"
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ...engine.figures import format_figure
 from ...engine.materials import STRAINED
 from ...engine.optimisation import remedies
 from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
@@ -72,12 +73,13 @@ def said(brought: dict[str, Any]) -> str:
         THINNER: translate("Sheet of {:g} mm instead of {:g} mm", now, was),
         FINER: translate("{:.0f} quads instead of {:.0f}", now, was),
     }[brought["remedy"]]
-    distance, strain, closed = brought["rms_percent"], brought["strain_share_max"], _closed_slots(brought)
+    distance = [format_figure(percent) for percent in brought["rms_percent"]]
+    strain, closed = brought["strain_share_max"], _closed_slots(brought)
     if None in strain:
-        line = translate("{}: RMS distance {:.2g} % to {:.2g} %", done, *distance)
+        line = translate("{}: RMS distance {} % to {} %", done, *distance)
     else:
         shares = (100 * share for share in strain)
-        text = "{}: RMS distance {:.2g} % to {:.2g} %, strain {:.0f} % to {:.0f} % of its limit"
+        text = "{}: RMS distance {} % to {} %, strain {:.0f} % to {:.0f} % of its limit"
         line = translate(text, done, *distance, *shares)
     if closed[0] != closed[1]:
         line = translate("{}, closed slots {} to {}", line, *closed)

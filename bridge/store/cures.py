@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from ...engine.figures import format_figure
 from ...engine.optimisation import remedies
 from .i18n import interface
 
@@ -167,7 +168,7 @@ def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
 
 
 def _with_percent(words: str, percent: float | None) -> str:
-    return words if percent is None else interface("{}: {:.2g} %", words, percent)
+    return words if percent is None else interface("{}: {} %", words, format_figure(percent))
 
 
 def let_go(key: str) -> Cure:

@@ -20,6 +20,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from ...engine.figures import format_figure
 from ...engine.materials import STRAINED
 from . import attributes, notes, pose, scans, seen, states
 from .i18n import translate
@@ -159,7 +160,9 @@ def sound(block: dict[str, Any]) -> bool:
 
 def sentences(block: dict[str, Any]) -> tuple[str, bool]:
     """Describe a simulation's result for people; return the text, and whether it is a warning."""
-    away = translate("Distance to the target: RMS {:.2f} mm, {:.2f} %.", block["rms_mm"], block["rms_percent"])
+    away = translate(
+        "Distance to the target: RMS {} mm, {} %.", *(format_figure(block[name]) for name in ("rms_mm", "rms_percent"))
+    )
     lines, band = remarks(block), block.get("band", {}).get("text")
     return " ".join(map(_with_full_stop, [block["status"], away, *([band] if band else []), *lines])), bool(
         lines

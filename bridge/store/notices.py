@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import FAR
@@ -294,8 +295,8 @@ def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any
     key, nearer = FAR_FROM_TARGET[0], cures.nearer(obj.flexmaps.choose, blocks)
     others = [cures.remedy(name, advised[name]) for name in (remedies.FINER, remedies.LARGER) if name in advised]
     ways = nearer if blocks.get("reach", {}).get("prospects") else [*nearer, *others]
-    sentence = translate("The shape lies {:.2g} % of its size (RMS) from its target", percent)
-    words = interface("{:.1f} % from target", percent)
+    sentence = translate("The shape lies {} % of its size (RMS) from its target", format_figure(percent))
+    words = interface("{} % from target", format_figure(percent))
     return [Notice(key, words, sentence, WORSE, cures=(*ways, cures.let_go(key)))]
 
 

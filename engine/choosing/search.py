@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..figures import format_figure
 from ..params import ChooseParams
 from ..progress import Progress
 from ..surface.checking.finding import counted
@@ -170,4 +171,4 @@ def key(laid: Laid) -> bytes:
 def short(laid: Laid, rms: float) -> str:
     """Describe a layout by its panels and distance in a few words."""
     panels = counted(laid.panels, "panel", "panels")
-    return f"{panels}, RMS distance {100.0 * rms:.2g} %"
+    return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import colours
 from ..arrays import Bool, Float, Int
+from ..figures import format_figure
 from ..optimisation import reach
 from ..optimisation.reach import MatchLimits
 from ..patches.flattening.flatten import FlatPatches
@@ -192,7 +193,7 @@ def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
     found = {}
     rms = float(np.sqrt((m.distance**2).mean()))
     percent = described.get("equilibrium", {}).get("rms_percent")
-    mark = f"RMS {rms:.3g} mm" + ("" if percent is None else f" ({percent:.2f} % of the size)")
+    mark = f"RMS {rms:.3g} mm" + ("" if percent is None else f" ({format_figure(percent)} % of the size)")
     found["errors"] = plots.histogram(
         m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
     )

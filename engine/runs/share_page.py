@@ -16,6 +16,7 @@ from typing import Any
 from .. import MARK
 from ..display.drawing import FONT, Drawing, svg
 from ..fabrication.estimates import duration
+from ..figures import format_figure
 from ..surface.checking.finding import counted
 
 SHARE = "share.html"
@@ -34,7 +35,7 @@ def environment() -> Any:
         loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     made.globals |= {"font": FONT, "mark": MARK}
-    made.filters |= {"duration": duration}
+    made.filters |= {"duration": duration, "figure": format_figure}
     return made
 
 
@@ -114,7 +115,7 @@ def facts(described: Mapping[str, Any]) -> list[str]:
     if settings:
         found.append(", ".join([*([shape["material"]] if shape else []), f"{settings['spiral']['thickness']:g} mm"]))
     if shape:
-        found.append(f"{shape['rms_percent']:.2g} % RMS from the target")
+        found.append(f"{format_figure(shape['rms_percent'])} % RMS from the target")
     if sheets.get("mass_g"):
         found.append(f"{sheets['mass_g']:.0f} g")
     return found

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ..arrays import Int
+from ..figures import format_figure
 from ..mechanics.equilibrium import Equilibrium
 from ..surface.checking.finding import Finding, counted
 from ..surface.mesh import QuadMesh
@@ -67,7 +68,7 @@ def _other_rest(equilibrium: Equilibrium, other: Equilibrium, *, lower: bool, ta
     here, there = (
         float(np.sqrt(((one.pose.centres - target.centroids) ** 2).sum(axis=1).mean())) for one in (equilibrium, other)
     )
-    where = f"another shape, {100.0 * there / size:.2g} % of its size from the target"
+    where = f"another shape, {format_figure(100.0 * there / size)} % of its size from the target"
     if lower:
         text = f"The piece can also rest in {where}, with less energy than in the shape shown. "
         cure = "Press Optimise again to improve it from there, or hold it with supports."

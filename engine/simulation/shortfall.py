@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Bool, Float, Int
+from ..figures import format_figure
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
@@ -50,7 +51,7 @@ class FarBody:
     def wrong(self) -> str:
         """Sentence about the fault."""
         kind = "The piece stays flat" if self.flat else "The shape is far from its target"
-        return f"{kind}: RMS distance {100.0 * self.rms:.1f} % of its size."
+        return f"{kind}: RMS distance {format_figure(100.0 * self.rms)} % of its size."
 
     @property
     def help(self) -> str:

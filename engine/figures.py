@@ -1,0 +1,10 @@
+"""How figures are shown to people."""
+
+from __future__ import annotations
+
+
+def format_figure(number: float) -> str:
+    """Format millimetres or percent with two digits; below 0.01, which no machine cuts, return 0."""
+    if abs(number) < 0.01:
+        return "0"
+    return f"{number:.2g}" if abs(number) < 99.5 else f"{number:.0f}"
