@@ -275,7 +275,7 @@ def test_findings_on_one_line_end_in_full_stops() -> None:
     block = {"status": "It rests.", "converged": True, "rms_mm": 1.0, "rms_percent": 2.0}
     block["findings"] = [{"code": "one", "message": "One thing is so"}, {"code": "two", "message": "Another is not."}]
     text, warning = equilibrium.sentences(block)
-    assert warning and text == "It rests. Distance to the target: RMS 1.00 mm, 2.00 %. One thing is so. Another is not."
+    assert warning and text == "It rests. Distance to the target: RMS 1 mm, 2 %. One thing is so. Another is not."
 
 
 def test_spirals_come_first(dome: Any) -> None:
