@@ -16,10 +16,9 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.view import images
 from flexmaps.bridge.view import report as pages
-from flexmaps.engine import colours
+from flexmaps.engine import colours, figures
 from flexmaps.engine.display import arrange, drawing, plots, raster, run_plots
 from flexmaps.engine.display.plots import Colouring
-from flexmaps.engine.figures import format_figure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
@@ -104,8 +103,8 @@ def test_the_row_of_figures_is_that_of_the_report(out: Path) -> None:
     assert float(row["Opt. (s)"]) == pytest.approx(report["seconds"]["optimise"], abs=0.06)
     assert float(row["RMSE before (mm)"]) == pytest.approx(report["optimise"]["laplacian_rmse_mm_before"], abs=6e-4)
     assert float(row["RMSE (mm)"]) == pytest.approx(report["equilibrium"]["laplacian_rmse_mm"], abs=6e-4)
-    assert row["RMS distance (%)"] == format_figure(report["equilibrium"]["rms_percent"])
-    assert row["Max. distance (%)"] == format_figure(report["equilibrium"]["max_percent"])
+    assert row["RMS distance (%)"] == figures.format_figure(report["equilibrium"]["rms_percent"])
+    assert row["Max. distance (%)"] == figures.format_figure(report["equilibrium"]["max_percent"])
 
 
 def test_the_page_says_what_differs_from_the_defaults_and_what_to_mind(strip: api.Piece, out: Path) -> None:
