@@ -28,17 +28,17 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
                                                 main job on your mesh (.obj .off .ply .stl .blend), 20 mm quads
   python3 tools/dev.py test [engine|tools|database|blender|install|page|window ...] [--thorough] [-k NAME]
                                                 lint, types and the quick tests; --thorough: all of them
-  python3 tools/dev.py build [--platform all]   the extension's zips, one a line of Blender, in dist/
+  python3 tools/dev.py build [--platform all]   build the extension's zips in dist/, one for each line of Blender
   python3 tools/dev.py release VERSION [--dry-run]
-                                                the version everywhere, all zips, repository and package, tried
-  python3 tools/dev.py lock                     the checksums of every package that is downloaded, anew
+                                                set the version; build and test zips, repository and package
+  python3 tools/dev.py lock                     renew the checksums of all downloaded packages
   python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
-  python3 tools/dev.py site                     the documentation as a site in docs/site, its links and code checked
+  python3 tools/dev.py site                     build the documentation in docs/site, check its links and code
   python3 tools/dev.py bench NAME               measure: layout, fem, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
-  python3 tools/dev.py lint [--fix]             ruff and mypy only; --fix brings the form in order first
-  python3 tools/dev.py measures                 whether the house is in order: imports, lengths, numbers without a word
+  python3 tools/dev.py lint [--fix]             ruff and mypy only; --fix formats the sources first
+  python3 tools/dev.py measures                 check imports, lengths of files and functions, numbers without a comment
   python3 tools/dev.py setup                    make the environment, nothing else
   python3 tools/dev.py python FILE ...          run a script inside the environment
 

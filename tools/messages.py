@@ -39,7 +39,7 @@ def main() -> int:
     return 0
 
 
-WORDS = re.compile(r"[A-Z]+[a-z ]")  # what a text begins with that is no name in the code
+WORDS = re.compile(r"[A-Z]+[a-z ]")  # start of a text; names in the code differ
 WRAP = 100  # characters in a line of the files
 
 
@@ -183,7 +183,7 @@ def _of_lines() -> Found:
 
 
 def _texts(value: ast.expr) -> Iterator[str]:
-    """Texts that an expression may be, if it is no call."""
+    """Yield the texts that an expression other than a call may have."""
     if isinstance(value, ast.Constant) and isinstance(value.value, str):
         yield value.value
     elif isinstance(value, ast.IfExp):

@@ -19,7 +19,7 @@ from flexmaps.engine.structure.actions import Action
 from flexmaps.engine.structure.path import Path, PathFollower, follow
 from flexmaps.engine.surface.mesh import QuadMesh
 
-PARAMS = SimulateParams(tolerance=1e-9)  # tighter than usual, so that no figure hangs on it
+PARAMS = SimulateParams(tolerance=1e-9)  # tighter than usual, so that no figure depends on it
 
 
 @dataclass(frozen=True, eq=False)

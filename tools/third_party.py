@@ -158,7 +158,7 @@ LIGHTER = {"libigl": re.compile(r"igl/(__init__\.py|pyigl_core\..*)|libigl-[^/]*
 LOCAL = "flexmaps"  # the local version label (PEP 440) of a wheel that was changed
 PAGE = Path(__file__).resolve().parent.parent / "engine" / "runs" / "page"
 NATIVE = re.compile(r"\.(so(\.\d+)*|dll|dylib|exe)$")
-ALONE = (".dll", ".dylib", ".exe")  # what is no module of Python, wherever it lies
+ALONE = (".dll", ".dylib", ".exe")  # never modules of Python, in any folder
 
 
 def lighter(wheel: Path, folder: Path) -> Path:
