@@ -10,7 +10,6 @@ import numpy as np
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.loads import standing
 from ..engine.optimisation.wishes import Wishes
-from ..engine.runs import stages
 from ..engine.runs.piece import Piece
 
 
@@ -34,8 +33,7 @@ def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Pi
     made, by = piece.result, _vector(force, "force")
     total = np.zeros((len(made.mesh.quads), 3)) if made.force is None else made.force.copy()
     total[standing(made.mesh, quads)] += by
-    left = stages.without(made, stages.concerned({"loads"}))
-    return replace(piece, made=replace(left, force=total if total.any() else None))
+    return replace(piece, made=made.with_user(force=total if total.any() else None))
 
 
 def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece:
@@ -58,7 +56,7 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
     made, shift = piece.result, _vector(by, "way")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
     offsets[standing(made.mesh, quads)] = 1e-3 * shift
-    return replace(piece, made=replace(made, wishes=Wishes.from_offsets(made.mesh, offsets)))
+    return replace(piece, made=made.with_user(wishes=Wishes.from_offsets(made.mesh, offsets)))
 
 
 def _vector(values: Sequence[float], name: str) -> np.ndarray:

@@ -14,7 +14,8 @@ from ..engine.fabrication.writers.export import USUAL
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import Progress
-from ..engine.runs import job, stages
+from ..engine.runs import job
+from ..engine.runs.outputs import LAYOUTS, SheetPlan
 from ..engine.runs.piece import Piece
 from ..engine.surface.far import near
 from ..engine.surface.files.meshio import SHAPE
@@ -70,7 +71,7 @@ def export(
             return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
     ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
-    packed = stages.needed(ready.result, "sheets")
+    packed = ready.result.needed(SheetPlan).sheets
     with files.replacing_many(exporting.stale(base, packed.count), base.parent, guard) as new:
         title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
@@ -271,8 +272,7 @@ def run(
                      supports=supports, progress=reporter.part(0.0, 0.2))  # fmt: skip
         guard.also([*piece.files, *remnants_of(piece.settings)])
         job_folder.refuse(Path(out), guard, written, pictures)
-        piece = replace(piece, made=stages.without(piece.result, {"layout"}))
-        piece = replace(piece, made=replace(piece.result, mesh=near(piece.mesh)))
+        piece = replace(piece, made=piece.result.without(*LAYOUTS).with_surface(mesh=near(piece.mesh)))
         piece = go_on(piece, names[1:], reporter.part(0.2, 0.6), lenient=True)
         return job_folder.write(
             piece.result, piece.settings, piece.name, Path(out), new, tuple(formats), pictures, reporter.part(0.6, 1.0)

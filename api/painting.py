@@ -10,8 +10,10 @@ import numpy as np
 
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.loads import standing
-from ..engine.runs import stages
+from ..engine.runs.by_hand import with_design
+from ..engine.runs.outputs import DesignVersion
 from ..engine.runs.piece import Piece
+from ..engine.runs.stages import BY_HAND
 from ..engine.spirals import painting
 from ..engine.spirals.design import resolve_contacts
 from .pieces import Tell, go_to, progress_of
@@ -57,7 +59,7 @@ def paint(
     """
     reporter = progress_of(progress)
     ready = go_to(piece, "design", reporter.part(0.0, 0.8))
-    design, kept = stages.needed(ready.result, "design"), ready.result.protected
+    design, kept = ready.result.needed(DesignVersion).design, ready.result.protected
     weight, share = field(ready, where), _share(strength)
     level = weight if brush == "stiffness" else None
     stroke = painting.Stroke(inverted, None if direction is None else _direction(direction), level)
@@ -66,8 +68,7 @@ def paint(
     free = np.ones(len(weight), dtype=bool)
     free[[] if kept is None else kept] = False
     sound = resolve_contacts(changed, reporter.part(0.8, 1.0), free=free)
-    made = stages.without(ready.result, stages.made_from({"design"}))
-    return replace(ready, made=replace(made, design=sound))
+    return replace(ready, made=with_design(ready.result, sound, BY_HAND, ready.settings))
 
 
 def protect(piece: Piece, where: Where | None) -> Piece:
@@ -87,7 +88,7 @@ def protect(piece: Piece, where: Where | None) -> Piece:
     FlexMapsError where ``where`` cannot be read.
     """
     quads = None if where is None else np.flatnonzero(field(piece, where) >= 0.5)
-    return replace(piece, made=replace(piece.result, protected=quads if quads is not None and len(quads) else None))
+    return replace(piece, made=piece.result.with_user(protected=quads if quads is not None and len(quads) else None))
 
 
 def field(piece: Piece, where: Where) -> np.ndarray:

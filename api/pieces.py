@@ -15,7 +15,7 @@ from ..engine.mechanics.loads import standing
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import SILENT, Progress
-from ..engine.runs import job, stages
+from ..engine.runs import job
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
@@ -82,9 +82,9 @@ def load(
         before = [replace(one, severity="warning", faces=(), edges=()) for one in overlaps(piece.source)]
         piece = remesh(piece, quads=quads, progress=progress)
         if piece.made is not None:
-            piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, *before]))
+            piece = replace(piece, made=piece.made.with_surface(findings=[*piece.made.findings, *before]))
     if others and piece.made is not None:
-        piece = replace(piece, made=replace(piece.made, findings=[*piece.made.findings, checking.remeshed(others)]))
+        piece = replace(piece, made=piece.made.with_surface(findings=[*piece.made.findings, checking.remeshed(others)]))
     return change(piece, supports=supports)
 
 
@@ -115,7 +115,8 @@ def change(
             wanted, supports = with_values(wanted, {"loads.supports": supports}), None
     made = piece.made
     if made is not None:
-        made = stages.outdated(made, piece.settings, wanted)
+        if wanted != piece.settings:
+            made = made.updated(wanted)
         if wanted.loads != piece.settings.loads:
             if piece.uid is None:
                 raise FlexMapsError(
@@ -124,13 +125,13 @@ def change(
             from ..bridge.store import supports as groups
 
             held, force = groups.loads_of(piece.uid, wanted.loads)
-            made = replace(made, supports=held, force=force)
+            made = made.with_user(supports=held, force=force)
         if wanted.structure != piece.settings.structure and piece.uid is not None:
             from ..bridge.store import supports as groups
 
-            made = replace(made, groups=groups.named_of(piece.uid, wanted.structure))
+            made = made.with_user(groups=groups.named_of(piece.uid, wanted.structure))
         if supports is not None:
-            made = replace(stages.without(made, stages.concerned({"loads"})), supports=standing(made.mesh, supports))
+            made = made.with_user(supports=standing(made.mesh, supports))
         made = job.completed(made, wanted)
     return replace(piece, settings=wanted, made=made)
 
@@ -228,7 +229,7 @@ def remesh(piece: Piece, *, quads: int | None = None, progress: Tell = None) -> 
     )
     if made.made is None:
         return made
-    return replace(made, made=replace(made.made, findings=[*made.made.findings, *remeshed.findings]))
+    return replace(made, made=made.made.with_surface(findings=[*made.made.findings, *remeshed.findings]))
 
 
 def guard_of(pieces: Sequence[Piece], overwrite: bool) -> Guard:
@@ -269,7 +270,7 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
     """
     source = checking.scaled(piece.source, edge=edge, height=height)
     try:
-        made = replace(job.begin(source), edge=edge, height=height)
+        made = job.begin(source).with_surface(edge=edge, height=height)
     except FlexMapsError:
         made = None  # the mesh has an error, which ``check`` and every stage report
     uid, seams = (piece.uid, piece.seams) if source is piece.source else (None, None)
@@ -289,8 +290,8 @@ def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool =
     return replace(piece, made=job.go_on(piece.result, piece.settings, names, progress_of(progress), lenient=lenient))
 
 
-def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
-    """Run the missing stages until a member of the result is there, then the stages named ``after``.
+def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
+    """Run the missing stages until an output is there, then the stages named ``after``.
 
     A mesh that was not read from an object is regularised first if it was not yet; an object's vertices move only when
     ``regularise`` is named.
@@ -298,12 +299,12 @@ def go_to(piece: Piece, member: str, progress: Tell, *after: str) -> Piece:
     Parameters
     ----------
     piece : the piece
-    member : name of a member of ``Result``, such as "design"
+    name : of the output, such as "design"
     progress : called with a fraction and a text
     after : names of stages
     """
-    fresh = piece.uid is None and "regularise" not in piece.result.seconds
-    made = job.go_to(piece.result, piece.settings, member, after, progress_of(progress), fresh=fresh)
+    fresh = piece.uid is None and not piece.result.surface.regularised
+    made = job.go_to(piece.result, piece.settings, name, after, progress_of(progress), fresh=fresh)
     return replace(piece, made=made)
 
 

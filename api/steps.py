@@ -13,7 +13,8 @@ from ..engine.exploring.folder import refuse
 from ..engine.exploring.run import explore_piece
 from ..engine.exploring.space import GOALS, MINIMISED, SIZES, space
 from ..engine.params import wish, with_values
-from ..engine.runs import job, stages
+from ..engine.runs import by_hand
+from ..engine.runs.outputs import LAYOUTS
 from ..engine.runs.piece import Piece
 from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metres, progress_of, remesh
 
@@ -45,10 +46,10 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
     FlexMapsError where ``keep_seams`` is set and the piece has no seams.
     """
     if not keep_seams:
-        return go_to(replace(piece, made=stages.without(piece.result, {"layout"})), "flat", progress)
+        return go_to(replace(piece, made=piece.result.without(*LAYOUTS)), "flat", progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the panels be traced")
-    made = job.flattened(piece.result, piece.seams, piece.settings.layout, progress_of(progress))
+    made = by_hand.flattened(piece.result, piece.seams, piece.settings, progress_of(progress))
     return replace(piece, made=made)
 
 
@@ -60,7 +61,7 @@ def spirals(piece: Piece, *, progress: Tell = None) -> Piece:
     piece : the piece; flat patches are made first if missing
     progress : called with a fraction and a text
     """
-    return go_to(replace(piece, made=stages.without(piece.result, {"design"})), "design", progress)
+    return go_to(replace(piece, made=piece.result.without("design")), "design", progress)
 
 
 def choose(piece: Piece, *, panels: int | None = None, match: float | None = None, progress: Tell = None) -> Piece:
@@ -85,7 +86,7 @@ def take(piece: Piece, proposal: int) -> Piece:
     piece : a piece after ``choose``
     proposal : its number, from 0 on
     """
-    return replace(piece, made=job.taken(piece.result, proposal))
+    return replace(piece, made=by_hand.taken(piece.result, proposal, piece.settings))
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:
@@ -122,11 +123,11 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
     """
     from ..engine.scanning import reading
 
-    ready = replace(piece.result, scanned=reading.read(scan, unit, anywhere))
+    ready = piece.result.with_user(scanned=reading.read(scan, unit, anywhere))
     if piece.uid is not None and ready.simulation is None:
         from ..bridge.store import snapshot
 
-        ready = replace(ready, rest=snapshot.rest_of(piece.uid))
+        ready = ready.with_user(rest=snapshot.rest_of(piece.uid))
     return go_on(replace(piece, made=ready, files=(*piece.files, Path(scan))), ("compare",), progress)
 
 

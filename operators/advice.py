@@ -64,6 +64,7 @@ class Advised(ContinuedStage):
 
         def go_on(result: Result, progress: Progress) -> advised.Made:
             from ..engine.runs import report
+            from ..engine.runs.outputs import DesignVersion
 
             made = self.changed(result, snapshot, searched, progress.part(0.0, 0.3))
             if searched:
@@ -73,9 +74,8 @@ class Advised(ContinuedStage):
                 )
             else:
                 made = live_shape.settled(made, wanted, progress.part(0.3, 0.9))
-            assert made.design is not None
             progress(0.92, "Drawing outlines")
-            panels = PanelDrawing.from_design(made.design, wanted, progress.part(0.92, 0.99))
+            panels = PanelDrawing.from_design(made.needed(DesignVersion).design, wanted, progress.part(0.92, 0.99))
             return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
 
         return go_on
@@ -116,11 +116,11 @@ class MakeLarger(Advised, bpy.types.Operator):
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         from ..bridge.store import mesh
         from ..engine.runs import job
+        from ..engine.runs.outputs import DesignVersion
 
         about = snapshot.surface.to_metres[:3, 3]
         made = job.enlarged(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
-        assert result.design is not None
-        if searched or snapshot.note is None or not mesh.as_noted(result.design, snapshot.note):
+        if searched or snapshot.note is None or not mesh.as_noted(result.needed(DesignVersion).design, snapshot.note):
             return made  # optimised or hand-made spirals are a better start than those from the curvature
         return job.go_on(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
@@ -158,11 +158,11 @@ class MakeThinner(Advised, bpy.types.Operator):
         return replace(snapshot.settings, spiral=spiral)
 
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
-        from ..engine.runs import stages
+        from ..engine.runs.outputs import DesignVersion
 
-        stages.needed(result, "design")
+        result.needed(DesignVersion)
         self._was = snapshot.settings.spiral.thickness * MILLIMETRES
-        return stages.outdated(result, snapshot.settings, self.settings(snapshot))
+        return result.updated(self.settings(snapshot))
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.store import states
@@ -204,7 +204,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(remeshed.polygons)
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
-        return replace(made, findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
+        return made.with_surface(findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.hosts import remesh

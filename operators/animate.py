@@ -39,8 +39,9 @@ class Animate(ContinuedStage, bpy.types.Operator):
             from ..engine.assembling import film as assembly_film
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
+            from ..engine.runs.outputs import DesignVersion
 
-            design = stages.needed(result, "design")
+            design = result.needed(DesignVersion).design
             detail = DETAILS[settings.film.film_detail]
             table = arrange.on_table(design, stored)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))

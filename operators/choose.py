@@ -35,14 +35,17 @@ class ChooseStage(LayoutStage):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.view import choices
             from ..engine.runs import job
+            from ..engine.runs.outputs import DesignVersion, LayoutChoice
+            from ..engine.runs.stages import OPTIMISED
 
-            if pose is not None and result.design is not None:
-                reached = job.simulated_at(result, pose, snapshot.settings, progress.part(0.0, 0.01)).simulation
-                result = replace(result, reached=reached)
+            version = result.get(DesignVersion)
+            if pose is not None and version is not None:
+                optimised = result.with_outputs(replace(version, origin=OPTIMISED))
+                result = job.simulated_at(optimised, pose, snapshot.settings, progress.part(0.0, 0.01))
             made = job.go_on(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
-            assert made.choice is not None
-            strip = choices.pictures([one.flat for one in made.choice.proposals])
-            return None if made.flat is result.flat else reported(made), made.choice, strip
+            choice = made.needed(LayoutChoice).choice
+            strip = choices.pictures([one.flat for one in choice.proposals])
+            return None if made.flat is result.flat else reported(made), choice, strip
 
         return go_on
 
@@ -91,9 +94,12 @@ class CutThere(ChooseStage, bpy.types.Operator):
         cut = super().continuation(obj, replace(snapshot, settings=replace(snapshot.settings, choose=wanted)))
 
         def go_on(result: Result, progress: Progress) -> Any:
-            flat, design = result.flat, result.design
-            start = result.start if flat is None or design is None else (flat, design.width, design.twist)
-            return cut(replace(result, start=start), progress)
+            from ..engine.runs.outputs import FinalLayout
+
+            layout, design = result.needed(FinalLayout), result.design
+            if design is not None:
+                result = result.with_outputs(replace(layout, start=(design.width, design.twist)))
+            return cut(result, progress)
 
         return go_on
 
@@ -140,10 +146,10 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.store import choices
-            from ..engine.runs import job
+            from ..engine.runs import by_hand
 
             cut = choices.cuts_of(snapshot.surface, number)
-            return reported(job.flattened(result, cut, snapshot.settings.layout, progress)), block | {"taken": number}
+            return reported(by_hand.flattened(result, cut, snapshot.settings, progress)), block | {"taken": number}
 
         return go_on
 

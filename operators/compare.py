@@ -62,13 +62,11 @@ class Compare(Asked, ContinuedStage, bpy.types.Operator):
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from dataclasses import replace
-
             from ..engine.runs import job
 
             progress(0.0, "Reading the scan")
             scan = reading.read(path, unit, anywhere)
-            return job.go_on(replace(result, rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
+            return job.go_on(result.with_user(rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
 
         return go_on
 

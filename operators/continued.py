@@ -49,12 +49,12 @@ class ContinuedStage(StageOperator):
         go_on = self.continuation(obj, snapshot)
 
         def work(progress: Progress) -> Any:
-            from ..engine.runs import stages
+            from ..engine.runs.outputs import OUTPUTS
 
             progress(0.0, "Reading the object")
             result = snapshot.result()
             if needs and needs != "simulation":  # an object stores only the figures of a simulation
-                stages.needed(result, needs)
+                result.needed(OUTPUTS[needs])
             return go_on(result, progress)
 
         return work

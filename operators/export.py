@@ -50,25 +50,24 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.hosts import job_folder
             from ..engine.runs import job, report
+            from ..engine.runs.outputs import DesignVersion, MakingEstimate, SheetPlan
 
             if rest is not None:
                 result = job.simulated_at(result, rest, settings, progress.part(0.0, 0.05))
             made = job.go_on(result, settings, ("sheets",), progress.part(0.05, 0.85))
-            assert made.sheets is not None
-            assert made.design is not None
-            assert made.assembly is not None
+            sheets, estimate = made.needed(SheetPlan).sheets, made.needed(MakingEstimate)
             progress(0.85, "Writing files")
-            with files.replacing_many(export.stale(base, made.sheets.count), base.parent, guard) as new:
+            with files.replacing_many(export.stale(base, sheets.count), base.parent, guard) as new:
                 guide = job_folder.guide_of(base) if settings.export.guide else None
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)
                 )
             blocks = report.blocks(made, ("sheets", "assembly"))
             blocks["sheets"] |= {"files": [file.name for file in written]}
-            cut = made.design if made.sheets.base is None else made.sheets.base.design
-            again = stale or made.sheets.base is not None
-            drawing = flat_panels.PanelDrawing.connected(cut, made.sheets.connections, settings) if again else None
-            return blocks, base.parent, drawing, made.assembly.warnings
+            cut = made.needed(DesignVersion).design if sheets.base is None else sheets.base.design
+            again = stale or sheets.base is not None
+            drawing = flat_panels.PanelDrawing.connected(cut, sheets.connections, settings) if again else None
+            return blocks, base.parent, drawing, estimate.assembly.warnings
 
         return go_on
 

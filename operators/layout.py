@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -59,9 +58,10 @@ class LayoutStage(ContinuedStage):
 def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
     """Return the flat patches and their note; too slow for the main thread with thousands of quads."""
     from ..engine.patches.flattening.report import layout_report
+    from ..engine.runs.outputs import FinalLayout
 
-    assert result.flat is not None
-    return result.flat, layout_report(result.flat) | more
+    flat = result.needed(FinalLayout).flat
+    return flat, layout_report(flat) | more
 
 
 class Trace(LayoutStage, bpy.types.Operator):
@@ -73,10 +73,10 @@ class Trace(LayoutStage, bpy.types.Operator):
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
+            from ..engine.runs.outputs import TracedLayout
 
             made = job.go_on(result, snapshot.settings, ("trace",), progress)
-            assert made.layout is not None
-            return reported(made, **{notes.TRACED: len(made.layout.patches) > 1})
+            return reported(made, **{notes.TRACED: len(made.needed(TracedLayout).layout.patches) > 1})
 
         return go_on
 
@@ -90,10 +90,10 @@ class Merge(LayoutStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.runs import job
+            from ..engine.runs import by_hand, job
 
-            begun = replace(result, seams=snapshot.seams(result))
-            return reported(job.go_on(begun, snapshot.settings, ("trace", "merge", "split"), progress))
+            traced = by_hand.traced_at(result, snapshot.seams(result), snapshot.settings, progress.part(0.0, 0.1))
+            return reported(job.go_on(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
 
         return go_on
 
@@ -109,10 +109,10 @@ class FlattenStage(LayoutStage):
         reuse = self.reuse
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.runs import job
+            from ..engine.runs import by_hand
 
             previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None
-            return reported(job.flattened(result, snapshot.seams(result), snapshot.settings.layout, progress, previous))
+            return reported(by_hand.flattened(result, snapshot.seams(result), snapshot.settings, progress, previous))
 
         return go_on
 

@@ -44,12 +44,12 @@ class SearchStage(ContinuedStage):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
+            from ..engine.runs.outputs import DesignVersion, OptimisationRecord
             from ..engine.spirals.design_report import design_report
 
             begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
             made = search(begun, progress.part(FIRST, SEARCHED))
-            better = made.design
-            assert better is not None
+            better = made.needed(DesignVersion).design
             try:
                 progress(SEARCHED, "Drawing outlines")
                 panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
@@ -58,9 +58,8 @@ class SearchStage(ContinuedStage):
             except Cancelled:  # keep the result, but skip the slower figures
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
-            layout = None if made.flat is result.flat or made.flat is None else layout_report(made.flat)
-            assert made.optimisation is not None
-            return panels, made, made.optimisation.report(), spirals, layout
+            layout = None if better.flat is result.flat else layout_report(better.flat)
+            return panels, made, made.needed(OptimisationRecord).optimisation.report(), spirals, layout
 
         return go_on
 
@@ -94,17 +93,19 @@ class SearchStage(ContinuedStage):
 def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Add predictions of remedies; skip them after a cancel, or if there are drag targets."""
     from ..engine.choosing.prospects import prospects
+    from ..engine.runs.outputs import SimulatedShape
 
-    if made.simulation is None or made.limits is None or made.wishes is not None or made.design is None:
+    shape = made.get(SimulatedShape)
+    if shape is None or shape.limits is None or made.wishes is not None:
         return made
     unseen = replace(progress, shown=None)  # keep showing the present piece
     try:
         tried = prospects(
-            made.simulation, made.limits, settings, supports=made.supports, force=made.force, progress=unseen
+            shape.simulation, shape.limits, settings, supports=made.supports, force=made.force, progress=unseen
         )
     except Cancelled:
         return made
-    return replace(made, limits=replace(made.limits, prospects=tried))
+    return made.with_outputs(replace(shape, limits=replace(shape.limits, prospects=tried)))
 
 
 class Optimise(SearchStage, bpy.types.Operator):

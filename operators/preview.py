@@ -33,9 +33,9 @@ class Preview(ContinuedStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.mechanics.assembly import target_pose
+            from ..engine.runs.outputs import DesignVersion
 
-            design = result.design
-            assert design is not None
+            design = result.needed(DesignVersion).design
             wires = settings.preview.detail == "LINES"
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)

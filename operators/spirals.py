@@ -31,10 +31,10 @@ class Spirals(ContinuedStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
+            from ..engine.runs.outputs import DesignVersion
             from ..engine.spirals.design_report import design_report
 
-            made = job.go_on(result, settings, ("spirals",), progress.part(0.0, 0.5)).design
-            assert made is not None
+            made = job.go_on(result, settings, ("spirals",), progress.part(0.0, 0.5)).needed(DesignVersion).design
             progress(0.5, "Drawing outlines")
             drawing = PanelDrawing.from_design(made, settings, progress.part(0.5, 0.9))
             layout = None if made.flat is result.flat else layout_report(made.flat)

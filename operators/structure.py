@@ -37,11 +37,11 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs import job
+            from ..engine.runs.outputs import LoadAnalysis
 
             at_rest = job.simulated_at(result, rest, settings, progress.part(0.0, 0.1))
             made = job.go_on(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
-            assert made.structure is not None
-            return made.structure
+            return made.needed(LoadAnalysis).structure
 
         return go_on
 

@@ -26,8 +26,9 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.writers import dxf, svg
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import Settings, SheetParams, SpiralParams
-from flexmaps.engine.runs import job
+from flexmaps.engine.runs import by_hand, job
 from flexmaps.engine.runs.result import Result
+from flexmaps.engine.runs.stages import BY_HAND
 from flexmaps.engine.spirals.design import make_fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
@@ -130,7 +131,8 @@ def _left_out(stubs: Result) -> Result:
     """Simulate the spirals without the arms at the border."""
     assert stubs.design is not None
     design = make_fabricable(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
-    return job.go_on(dataclasses.replace(stubs, design=design), _settings("left_out"), ["simulate"])
+    settings = _settings("left_out")
+    return job.go_on(by_hand.with_design(stubs, design, BY_HAND, settings), settings, ["simulate"])
 
 
 def _settings(kind: str) -> Settings:

@@ -25,7 +25,7 @@ FOREIGN = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes" / 
 COMMON = {"sheet.nesting": "FAST", "optimise.iterations": 3, "optimise.patience": 0.0, "simulate.restarts": 1}
 # pieces: how they are loaded, and their own settings; the foreign ones only where they are there
 PIECES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
-    "shape:cubesphere": ({}, {"sheet.cut_joints": 40, "sheet.sheet_width": 150.0, "sheet.sheet_height": 100.0}),
+    "shape:cubesphere": ({}, {"sheet.sheet_width": 150.0, "sheet.sheet_height": 100.0}),
     "shape:dome": ({"supports": "lowest"}, {"base.base": "feet", "simulate.gravity": True}),
     "shape:saddle": ({}, {"spiral.border": "rim", "layout.symmetric": True}),
     "shape:strip": ({}, {"simulate.model": "rod"}),

@@ -54,10 +54,10 @@ class Case:
         if self.force:
             force = np.zeros((len(centres), 3))
             force[int(away.argmax())] = [0.0, 0.0, -PUSH]
-            made = replace(made, force=force)
+            made = made.with_user(force=force)
         if self.wish:
             quad = np.array([int(away.argmax())])
-            made = replace(made, wishes=Wishes(quad, centres[quad] + np.array([[0.0, 0.0, 0.1 * EDGE]])))
+            made = made.with_user(wishes=Wishes(quad, centres[quad] + np.array([[0.0, 0.0, 0.1 * EDGE]])))
         return made, settings
 
 

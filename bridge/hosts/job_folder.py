@@ -19,6 +19,7 @@ from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import job, page_data, report, report_page
+from ...engine.runs.outputs import DesignVersion, MakingEstimate, SheetPlan
 from ...engine.runs.page_data import Shown
 
 if TYPE_CHECKING:
@@ -148,18 +149,20 @@ def write_sheets(
     -------
     The paths of the files.
     """
-    made, figures = result.sheets, result.estimates
-    assert made is not None
-    assert figures is not None
-    assert result.design is not None
+    made, estimate, design = (
+        result.needed(SheetPlan).sheets,
+        result.needed(MakingEstimate),
+        result.needed(DesignVersion).design,
+    )
+    figures = estimate.estimates
     written = export.write(made, base, formats, new, progress.part(0.0, 0.7))
     listed = base.with_name(f"{base.name}-parts.csv")
-    parts.write(made, [result.design], figures.material, new(listed))
+    parts.write(made, [design], figures.material, new(listed))
     written.append(listed)
     if guide is not None:
         drawing = progress.part(0.7, 1.0)
         drawing(0.0, "drawing the assembly sheet")
-        written.append(assembly_sheet.write(result.design, made, figures, guide, title, new, result.assembly, drawing))
+        written.append(assembly_sheet.write(design, made, figures, guide, title, new, estimate.assembly, drawing))
     return written
 
 

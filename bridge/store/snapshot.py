@@ -14,7 +14,10 @@ from ...engine.mechanics.assembly import Pose
 from ...engine.optimisation.wishes import Wishes
 from ...engine.params import ObjectSettings
 from ...engine.runs import job
+from ...engine.runs.by_hand import with_design
+from ...engine.runs.outputs import FinalLayout, made_by
 from ...engine.runs.result import Result
+from ...engine.runs.stages import CHOSEN, STORED
 from ...engine.surface.mesh import PolygonMesh
 from . import equilibrium, handles, mesh, notes, objects, settings, supports
 from .surface import ObjectSurface
@@ -55,22 +58,31 @@ class Snapshot:
         FlexMapsError with the first error of the check.
         """
         begun = job.begin(self.surface.polygons)
-        made = replace(begun, supports=self.held, force=self.force, groups=self.groups, protected=self.protected)
-        made = replace(made, wishes=Wishes.from_offsets(made.mesh, handles.wishes(self.surface)))
+        made = begun.with_user(
+            supports=self.held,
+            force=self.force,
+            groups=self.groups,
+            protected=self.protected,
+            wishes=Wishes.from_offsets(begun.mesh, handles.wishes(self.surface)),
+        )
         try:
             flat = mesh.current_flat(self.surface, made.mesh) if self.has_flat else None
         except FlexMapsError as error:
             return replace(made, lost={"flat": error, "design": error})
-        design = None if flat is None else mesh.design_of(self.surface, flat, self.settings.spiral)
         spoilt = self.surface.spoilt
-        lost = {"design": mesh.cannot_be_cut(spoilt)} if design is None and len(spoilt) else {}
-        last = mesh.last_spirals(self.surface) if self.chosen else None
-        start = None if flat is None or last is None else (flat, *last)
-        return replace(made, flat=flat, start=start, design=self._with_painted(design), lost=lost)
+        spoilt_design = {"design": mesh.cannot_be_cut(spoilt)} if len(spoilt) else {}
+        if flat is None:
+            return replace(made, lost=spoilt_design)
+        start = mesh.last_spirals(self.surface) if self.chosen else None
+        stored = made_by("split", self.settings, made.inputs("mesh"))
+        made = made.with_outputs(FinalLayout(flat, CHOSEN if self.chosen else STORED, start, **stored))
+        design = mesh.design_of(self.surface, flat, self.settings.spiral)
+        return replace(made, lost=spoilt_design) if design is None else self._with_stored(made, design)
 
-    def _with_painted(self, design: SpiralDesign | None) -> SpiralDesign | None:
-        """Set whether the stored spirals were painted."""
-        return None if design is None else replace(design, painted=bool((self.note or {}).get("painted")))
+    def _with_stored(self, made: Result, design: SpiralDesign) -> Result:
+        """Add the stored spirals, and whether they were painted."""
+        painted = replace(design, painted=bool((self.note or {}).get("painted")))
+        return with_design(made, painted, STORED, self.settings)
 
     @property
     def protected(self) -> Int[np.ndarray, " kept"] | None:
@@ -89,10 +101,10 @@ class Snapshot:
 
     def start(self, made: Result) -> Result:
         """Return the result with spirals to start from, adjusted to settings and patches that changed since they were made."""
-        if made.flat is None:
+        layout = made.get(FinalLayout)
+        if layout is None:
             return made
-        design = mesh.start_of(self.surface, made.flat, self.settings.spiral, self.note)
-        return replace(made, design=self._with_painted(design))
+        return self._with_stored(made, mesh.start_of(self.surface, layout.flat, self.settings.spiral, self.note))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +163,7 @@ def read(obj: bpy.types.Object) -> Stored:
     except FlexMapsError:
         return Stored(surface.polygons, used, surface.uid)
     held, force = supports.loads(obj, surface, used.loads)
-    loaded = replace(result, supports=held, force=force, groups=supports.named(obj, surface, used.structure))
+    loaded = result.with_user(supports=held, force=force, groups=supports.named(obj, surface, used.structure))
     return Stored(surface.polygons, used, surface.uid, loaded, snapshot.seams(result))
 
 

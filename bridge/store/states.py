@@ -19,7 +19,7 @@ from .checksums import Checksums
 TODO, DONE, OLD = "TODO", "DONE", "OLD"
 
 # members of a result that the user can edit on a Blender mesh, most likely first: seams of edges, spirals of faces, vertices
-BY_HAND = {"flat": "seams", "design": "design", "mesh": "shape"}
+BY_HAND = {"merged": "seams", "design": "design", "mesh": "shape"}
 
 
 def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...engine.runs.outputs import SimulatedShape
 from ...engine.runs.result import Result
 from ...engine.surface.mesh import QuadMesh
 from ..store import advice, equilibrium, mesh, notes
@@ -59,9 +60,8 @@ def write(
         del blocks["spirals"]
     else:
         mesh.write_design(obj, surface, made.panels.design)
-    simulation = made.after.simulation
-    assert simulation is not None
-    equilibrium.write(obj, scene, surface, simulation, made.after.limits)
+    shape = made.after.needed(SimulatedShape)
+    equilibrium.write(obj, scene, surface, shape.simulation, shape.limits)
     brought = advice.compared(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.BROUGHT: brought}
     notes.write_all(obj.data, blocks)

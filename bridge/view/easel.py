@@ -16,7 +16,7 @@ from ...engine import colours
 from ...engine.arrays import Bool, Float
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
-from ...engine.runs import stages
+from ...engine.runs.outputs import DesignVersion, FinalLayout
 from ..store import attributes, equilibrium, fields, notes, objects, settings, states
 from ..store import seen as seeing
 from ..store.checksums import Checksums
@@ -117,11 +117,8 @@ class Easel:
         self._surface = mesh.read_surface(obj, scene)
         taken = self._taken(obj, self._surface)
         result = taken.result()
-        stages.needed(result, "flat")
-        design = taken.start(result).design
-        if design is None:
-            raise FlexMapsError(stages.MISSING["design"])
-        self._hold(design, taken)
+        result.needed(FinalLayout)
+        self._hold(taken.start(result).needed(DesignVersion).design, taken)
         measured = stiffness(self.design, self._used.material.chosen)
         self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
         self.range = float(self.stiffness.min()), float(self.stiffness.max())

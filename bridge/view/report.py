@@ -11,7 +11,8 @@ from ...engine.display import run_plots
 from ...engine.display.drawing import Drawing
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
-from ...engine.runs import report, report_page, stages
+from ...engine.runs import report, report_page
+from ...engine.runs.outputs import FinalLayout
 from ...engine.runs.page_data import Shown
 from ...engine.runs.result import Result
 
@@ -109,7 +110,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     FlexMapsError where nothing was laid out yet.
     """
     taken = found.taken
-    stages.needed(result, "flat")
+    result.needed(FinalLayout)
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
     measured = _measured_values(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}

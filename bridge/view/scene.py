@@ -10,10 +10,13 @@ import numpy as np
 
 from ...engine.display import arrange, solids
 from ...engine.errors import FlexMapsError
+from ...engine.fabrication.sheets import CutSheets
 from ...engine.params import Settings
+from ...engine.patches.flattening.flatten import FlatPatches
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import report
 from ...engine.runs.result import Result
+from ...engine.spirals.design import SpiralDesign
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
 from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
@@ -141,7 +144,7 @@ def put(
     handles.from_metres(obj, surface.to_metres, offsets)
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
-        _put_flat(result, obj, scene, surface, progress.part(0.1, 0.9))
+        _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
     if result.choice is not None:
         layouts = [one.flat for one in result.choice.proposals]
         stored.write(obj, surface, [flat.layout.cut for flat in layouts])
@@ -159,34 +162,37 @@ def put(
 
 
 def _put_flat(
-    result: Result, obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface, progress: Progress
+    result: Result,
+    flat: FlatPatches,
+    obj: bpy.types.Object,
+    scene: bpy.types.Scene,
+    surface: ObjectSurface,
+    progress: Progress,
 ) -> None:
     """Write seams, flat patches and spirals, and the objects beside the model."""
-    assert result.flat is not None
     progress(0.0, "panels side by side")
-    centres = arrange.side_by_side(result.flat)
+    centres = arrange.side_by_side(flat)
     progress(0.1, "flat panels in the Blender file")
-    mesh.write_flat(obj, surface, result.flat, centres)
+    mesh.write_flat(obj, surface, flat, centres)
     colouring.store(obj, "PATCH")
     if result.design is None:
         mesh.shelve_design(obj)
-        flat_panels.show_flat(obj, scene, result.flat, centres)
+        flat_panels.show_flat(obj, scene, flat, centres)
         return
     mesh.write_design(obj, surface, result.design)
     progress(0.2, "solids of the panels")
     cut = result.sheets
     design = result.design if cut is None or cut.base is None else cut.base.design
     shape = solids.solid(design, centres, () if cut is None else cut.connections.tips)
-    drawing = flat_panels.PanelDrawing(design, "", centres, shape, _outlines(result))
+    drawing = flat_panels.PanelDrawing(design, "", centres, shape, _outlines(result.sheets, result.design))
     for _ in drawing.show(obj, scene):
         progress(0.6, "panels in the Blender file")
 
 
-def _outlines(result: Result) -> list[tuple[Any, ...]]:
-    if result.sheets is not None:
-        return [(panel.outline, *panel.holes) for panel in result.sheets.panels if panel.patch >= 0]
-    assert result.design is not None
-    return [(o.outer, *o.holes) for o in result.design.outlines(solids.DRAWN)]
+def _outlines(sheets: CutSheets | None, design: SpiralDesign) -> list[tuple[Any, ...]]:
+    if sheets is not None:
+        return [(panel.outline, *panel.holes) for panel in sheets.panels if panel.patch >= 0]
+    return [(o.outer, *o.holes) for o in design.outlines(solids.DRAWN)]
 
 
 def add_model(scene: bpy.types.Scene, quads: QuadMesh, name: str) -> bpy.types.Object:

@@ -18,7 +18,8 @@ from ..display.drawing import svg
 from ..errors import FlexMapsError
 from ..materials import Material
 from ..params import Settings, with_values
-from ..runs import job
+from ..runs import by_hand, job
+from ..runs.outputs import FinalLayout, Surface, UserInput
 from ..runs.result import Result
 from ..surface.mesh import PolygonMesh, QuadMesh
 from ..workers import Workers
@@ -102,13 +103,13 @@ def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
 
 def _lay_out(base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
     """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
-    result = Result(PolygonMesh.from_quads(mesh), [], mesh, supports=base.supports, force=base.force)
+    surface = Surface(PolygonMesh.from_quads(mesh), [], mesh)
+    result = Result(surface, UserInput(supports=base.supports, force=base.force))
     if any(name.startswith("layout.") for name in values):
         result = job.go_on(result, settings, ("trace", "merge", "split"))
     else:
-        result = job.go_on(job.flattened(result, start.cut, settings.layout), settings, ("split",))
-    flat = result.flat
-    assert flat is not None
+        result = job.go_on(by_hand.flattened(result, start.cut, settings), settings, ("split",))
+    flat = result.needed(FinalLayout).flat
     if any(name.startswith("choose.") for name in values):
         piece = LayoutProblem(mesh, settings, base.supports, base.force)
         flat = choose.choose(piece, flat, settings.choose, together=Workers(1)).best.flat

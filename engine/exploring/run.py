@@ -11,8 +11,8 @@ from ..errors import FlexMapsError
 from ..own_files import Guard
 from ..params import Settings
 from ..progress import SILENT, Progress
+from ..runs.outputs import FinalLayout
 from ..runs.result import Result
-from ..runs.stages import needed
 from ..workers import Workers
 from .candidate import EFFORT, ExplorationInput, StartSurface
 from .explore import Exploration, explore
@@ -55,7 +55,7 @@ def explore_piece(
     first = next(iter(results.values()))
     if question.quads != (0,) and (first.supports is not None or first.force is not None):
         raise FlexMapsError("Supports and forces are set on the present quads; vary edge or height instead of quads")
-    starts = {count: StartSurface(one.mesh, needed(one, "flat").layout.cut) for count, one in results.items()}
+    starts = {count: StartSurface(one.mesh, one.needed(FinalLayout).flat.layout.cut) for count, one in results.items()}
     base = ExplorationInput(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:
         kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))

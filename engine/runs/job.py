@@ -15,20 +15,20 @@ from ..errors import FlexMapsError
 from ..fabrication.standing.early import check_early
 from ..mechanics import loads
 from ..mechanics.assembly import Pose
-from ..params import LayoutParams, Settings, refuse_crossed
+from ..params import Settings, refuse_crossed
 from ..patches.flattening import flatten
-from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
-from ..patches.tracing import trace
 from ..progress import SILENT, Progress
 from ..spirals.design import make_fabricable
 from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh
 from ..threads import one_thread
+from .by_hand import laid_out, with_design
+from .outputs import OUTPUTS, DesignVersion, FinalLayout, MergedLayout, Surface, TracedLayout, UserInput, made_by
 from .result import Result
-from .stages import STAGES, TABLE, Stage, begun, missing, needed, without
-from .steps import STEPS, at_rest
+from .stages import STAGES, TABLE, TRACED, Stage
+from .steps import STEPS, at_rest, simulated
 
 __all__ = [
     "NAMES",
@@ -36,13 +36,11 @@ __all__ = [
     "begin",
     "completed",
     "enlarged",
-    "flattened",
     "go_on",
     "go_to",
     "run",
     "simulated_at",
     "stages",
-    "taken",
 ]
 
 CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
@@ -100,7 +98,7 @@ def run(
 
     Returns
     -------
-    the products of all stages
+    the outputs of all stages
 
     Raises
     ------
@@ -147,17 +145,18 @@ def begin(
     findings = check.everything(source)
     mesh = check.as_quad_mesh(source, findings)
     held = None if supports is None else loads.standing(mesh, supports)
-    return Result(source, findings, mesh, edge, height, held, seconds={CHECK: time.perf_counter() - start})
+    surface = Surface(source, findings, mesh, edge, height)
+    return Result(surface, UserInput(supports=held), seconds={CHECK: time.perf_counter() - start})
 
 
 def go_on(
     result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT, *, lenient: bool = False
 ) -> Result:
-    """Run stages on a result; products of later stages, now out of date, are dropped.
+    """Run stages on a result; outputs of later stages, now out of date, are dropped.
 
     Parameters
     ----------
-    result : products of the earlier stages
+    result : outputs of the earlier stages
     settings : of all stages
     wanted : names of the stages to run, in this order
     progress : reports and cancels
@@ -174,19 +173,19 @@ def go_on(
 def go_to(
     result: Result,
     settings: Settings,
-    member: str,
+    name: str,
     after: Sequence[str] = (),
     progress: Progress = SILENT,
     *,
     fresh: bool = False,
 ) -> Result:
-    """Run the missing stages that lead to a member of the result, then the stages ``after``.
+    """Run the missing stages that lead to an output, then the stages ``after``.
 
     Parameters
     ----------
-    result : products of the earlier stages
+    result : outputs of the earlier stages
     settings : of all stages
-    member : attribute of ``Result`` that is needed
+    name : of the output, see ``StageOutput``
     after : names of stages to run then
     progress : reports and cancels
     fresh : whether to regularise the mesh first, if it is not cut into panels yet
@@ -195,30 +194,9 @@ def go_to(
     ------
     FlexMapsError, Cancelled : as in ``go_on``
     """
-    names = missing(result, member)
+    names = result.missing(name)
     first = ("regularise",) if fresh and "trace" in names else ()
     return go_on(result, settings, (*first, *names, *after), progress)
-
-
-def flattened(
-    result: Result,
-    cut: np.ndarray,
-    params: LayoutParams,
-    progress: Progress = SILENT,
-    previous: FlatPatches | None = None,
-) -> Result:
-    """Flatten the patches between cuts that the user chose, see ``flatten.flatten``.
-
-    Parameters
-    ----------
-    result : its mesh is used; products made from the former layout are dropped
-    cut : (E,) bool, edges of the mesh to cut
-    params : settings of the layout
-    progress : reports and cancels
-    previous : flat patches whose unchanged shapes are used again
-    """
-    layout = trace.make_disks(PatchLayout(result.mesh, cut))
-    return replace(without(result, {"layout"}), flat=flatten.flatten(layout, params, progress, previous=previous))
 
 
 def enlarged(
@@ -241,18 +219,18 @@ def enlarged(
     ------
     FlexMapsError, Cancelled : as in ``go_on``
     """
-    flat, design = needed(result, "flat"), needed(result, "design")
+    version = result.needed(DesignVersion)
+    design, flat = version.design, version.design.flat
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
-    begun = replace(begin(PolygonMesh.from_quads(mesh)), supports=result.supports, force=result.force)
+    begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     notes.pop("expected_percent", None)  # it holds for the former size only
     larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
-    made = go_on(replace(begun, flat=larger), settings, ("split",), progress.part(0.0, 0.8))
-    assert made.flat is not None
-    again = make_fabricable(
-        made.flat, settings.spiral, design.width, design.twist, prove=False, progress=progress.part(0.8, 1.0)
-    )
-    return replace(made, design=again)
+    made = go_on(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
+    last = progress.part(0.8, 1.0)
+    flat = made.needed(FinalLayout).flat
+    again = make_fabricable(flat, settings.spiral, design.width, design.twist, prove=False, progress=last)
+    return with_design(made, again, version.origin, settings)
 
 
 @one_thread
@@ -272,44 +250,38 @@ def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progr
     ------
     FlexMapsError : there are no spirals
     """
-    needed(result, "design")
+    design = result.needed(DesignVersion).design
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
-    return replace(result, simulation=at_rest(result, once, pose, progress))
-
-
-def taken(result: Result, number: int) -> Result:
-    """Change to the layout of another proposal; products made from the former layout are dropped.
-
-    Parameters
-    ----------
-    result : a piece for which layouts were proposed
-    number : index of the proposal, from 0
-
-    Raises
-    ------
-    FlexMapsError : there are no proposals, or none with this number
-    """
-    choice = needed(result, "choice")
-    if not 0 <= number < len(choice.proposals):
-        raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
-    choice = replace(choice, taken=number)
-    return replace(without(result, {"flat"}), flat=choice.best.flat, choice=choice)
+    found = at_rest(result, design, once, pose, progress)
+    return result.with_outputs(simulated(result, found, None, settings))
 
 
 def completed(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
     """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name."""
-    if result.flat is None and result.layout is not None:
-        result = replace(result, flat=flatten.flatten(result.layout, settings.layout, progress))
+    if result.get(FinalLayout) is None:
+        result = _with_flat(result, settings, progress)
     for stage in TABLE:
         if stage.quick and _could(stage, result):
             result = _done(stage, result, settings, progress, lenient=False)
     return result
 
 
+def _with_flat(result: Result, settings: Settings, progress: Progress) -> Result:
+    """Add a final layout of the patches merged or traced so far."""
+    traced, merged = result.get(TracedLayout), result.get(MergedLayout)
+    if merged is not None:
+        flat, origin = merged.merged, merged.origin
+    elif traced is not None:
+        flat, origin = flatten.flatten(traced.layout, settings.layout, progress), TRACED
+    else:
+        return result
+    made = made_by("merge", settings, result.inputs("mesh", "layout", "merged"))
+    return result.with_outputs(FinalLayout(flat, origin, **made))
+
+
 def _could(stage: Stage, result: Result) -> bool:
     """Return whether a stage has all its inputs, and one of its products is missing."""
-    ready = all(getattr(result, member) is not None for member in stage.needs)
-    return ready and any(getattr(result, member) is None for member in stage.makes)
+    return all(result.value(name) is not None for name in stage.needs) and not result.outputs.keys() >= {*stage.makes}
 
 
 # check whether the piece can stand before these stages: two take long and lead to a base, "sheets" makes it
@@ -328,17 +300,16 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
 
 
 def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
-    """Run a stage; if it is optional and fails, record why and drop the products of its earlier run."""
-    for member in stage.needs:
-        needed(result, member)
+    """Run a stage; if it is optional and fails, record why and drop the outputs of its earlier run."""
+    inputs = [result.needed(OUTPUTS[name]) for name in stage.needs if name in OUTPUTS]
     if not stage.optional:  # optional stages make nothing to cut, so conflicting settings may be tried in them
         refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
-    start = begun(result, stage)
     try:
-        made = STEPS[stage.name](start, settings, progress)
+        made = STEPS[stage.name](result, *inputs, stage.readable(settings), progress)
     except FlexMapsError as error:
         if not (lenient and stage.optional):
             raise
         why = Finding(f"not-{stage.done}", "warning", f"Not {stage.done}: {error}", faces=tuple(error.faces))
-        return replace(start, undone={**start.undone, stage.name: why})
+        left = result.without(*stage.makes)
+        return replace(left, undone={**left.undone, stage.name: why})
     return replace(made, undone={name: why for name, why in made.undone.items() if name != stage.name})

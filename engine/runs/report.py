@@ -23,6 +23,7 @@ from ..patches.flattening.report import layout_report
 from ..progress import SILENT, Progress
 from ..spirals.design_report import design_report
 from ..surface.mesh import QuadMesh
+from .outputs import SheetPlan
 from .result import Result
 from .stages import BLOCKS
 
@@ -95,11 +96,11 @@ def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress 
 
 
 def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
-    assert result.sheets is not None
-    block, figures = sheets_report(result.sheets), result.estimates
+    sheets = result.needed(SheetPlan).sheets
+    block, figures = sheets_report(sheets), result.estimates
     if figures is None:
         return block
-    warnings = [*block["warnings"], *grain_lost(figures.material, result.sheets.params)]
+    warnings = [*block["warnings"], *grain_lost(figures.material, sheets.params)]
     return block | {"warnings": warnings} | estimates_report(figures)
 
 

@@ -1,95 +1,248 @@
-"""The result of a run: the products of all stages so far."""
+"""The result of a run: the outputs of the stages so far, none of which is out of date.
+
+An output is out of date when a value or a setting that it was made from is no longer the present one; it is dropped then.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
+from ..arrays import Float, Int
 from ..assembling.check import AssemblyCheck
 from ..choosing.choice import Choice
 from ..errors import FlexMapsError
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
-from ..mechanics.assembly import Pose
 from ..optimisation.optimise import Optimisation
 from ..optimisation.reach import MatchLimits
 from ..optimisation.wishes import Wishes
+from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
 from ..scanning.compare import Comparison
-from ..scanning.reading import Scan
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..structure.structure import Structure
 from ..surface.checking.check import Finding
-from ..surface.mesh import PolygonMesh, QuadMesh
+from ..surface.mesh import QuadMesh
+from .outputs import (
+    NOTHING,
+    DesignVersion,
+    FinalLayout,
+    LayoutChoice,
+    LoadAnalysis,
+    MakingEstimate,
+    OptimisationRecord,
+    ScanComparison,
+    SheetPlan,
+    SimulatedShape,
+    StageOutput,
+    Surface,
+    TracedLayout,
+    UserInput,
+)
+from .stages import MISSING, STAGES, TABLE, made_from
+
+O = TypeVar("O", bound=StageOutput)
 
 
 @dataclass(frozen=True)
 class Result:
-    """Products of the stages; None for stages that have not run.
+    """The outputs of all stages that have run. Scripts read their values from the properties, None where a stage has not run.
 
-    source : the input polygons, scaled to metres
-    findings : errors and warnings of the check
-    mesh : the quad mesh, regularised if that stage has run
-    edge, height : requested median edge and extent along z, metres, which regularising preserves
-    supports : quads that are held at their places in the target
-    force : newtons on each quad
-    wishes : target positions for some spirals in the optimisation
-    groups : quads by name, for loads that act on a part of the piece
-    seams : edges where the user wants cuts; tracing begins there
-    rest : pose at equilibrium, if the simulation itself is not kept
-    protected : quads whose spirals the optimiser must not change
+    surface, user : what the stages begin with; ``mesh``, ``findings``, ``supports``, ``force``, ``wishes`` and ``protected``
+        are taken from these
+    outputs : by ``StageOutput.name``; none is out of date
+    lost : why a former output cannot be used any more, by name; its message replaces "there is none yet"
+    undone : why a requested stage failed, by stage; removed when the stage succeeds later
+    seconds : wall time of every stage that has run
     layout : the traced patches
-    flat : the flat patches of the present layout, merged and split to the sheet's size
+    flat : the flat patches of the spirals, which may have moved them a little; without spirals those of the layout
     choice : the proposed layouts, and the number of the present one
-    start : flat patches with the widths (F, 4) metres and twists (F,) radians that a search found for them; used if ``choice``
-        is not kept
-    reached : simulation of the optimised spirals in the layout ``flat``; used if ``optimisation`` is not kept
     design : the spirals, optimised if that stage has run
     optimisation : history and outcome of the optimisation
     simulation : shape of the assembled piece at equilibrium
     limits : reasons why the shape misses the target
-    scanned : a scan of the built piece
-    scan : comparison of the scan with the simulated shape, or with the target if there is no simulation
+    scan : comparison of a scan with the simulated shape, or with the target if there is no simulation
     structure : response of the piece to its loads
     sheets : the sheets to cut
     estimates : time, mass and cost of making the piece
     assembly : how hard each seam is to join
-    lost : why a former product cannot be used any more, by member; its message replaces "there is none yet"
-    undone : why a requested stage failed, by stage; removed when the stage succeeds later
-    seconds : wall time of every stage that has run
     """
 
-    source: PolygonMesh
-    findings: list[Finding]
-    mesh: QuadMesh
-    edge: float | None = None
-    height: float | None = None
-    supports: Int[np.ndarray, " held"] | None = None
-    force: Float[np.ndarray, "quads 3"] | None = None
-    wishes: Wishes | None = None
-    groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
-    seams: Bool[np.ndarray, " edges"] | None = None
-    rest: Pose | None = None
-    protected: Int[np.ndarray, " kept"] | None = None
-    layout: PatchLayout | None = None
-    flat: FlatPatches | None = None
-    choice: Choice | None = None
-    start: tuple[FlatPatches, Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
-    reached: Simulation | None = None
-    design: SpiralDesign | None = None
-    optimisation: Optimisation | None = None
-    simulation: Simulation | None = None
-    limits: MatchLimits | None = None
-    scanned: Scan | None = None
-    scan: Comparison | None = None
-    structure: Structure | None = None
-    sheets: CutSheets | None = None
-    estimates: Estimates | None = None
-    assembly: AssemblyCheck | None = None
+    surface: Surface
+    user: UserInput = NOTHING
+    outputs: Mapping[str, StageOutput] = field(default_factory=dict)
     lost: dict[str, FlexMapsError] = field(default_factory=dict)
     undone: dict[str, Finding] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def get(self, kind: type[O]) -> O | None:
+        """Return the output of a kind; None if there is none."""
+        found = self.outputs.get(kind.name)
+        assert found is None or isinstance(found, kind)
+        return found
+
+    def needed(self, kind: type[O]) -> O:
+        """Return the output of a kind. Raises ``FlexMapsError`` with the reason if there is none."""
+        found = self.get(kind)
+        if found is None:
+            raise self.lost.get(kind.name, FlexMapsError(MISSING[kind.name]))
+        return found
+
+    def missing(self, name: str) -> tuple[str, ...]:
+        """Return the names of the stages to run, in order, to get an output; empty if it exists.
+
+        Raises ``FlexMapsError`` if the output was lost.
+        """
+        if self.value(name) is not None:
+            return ()
+        if name in self.lost:
+            raise self.lost[name]
+        makers = [stage for stage in TABLE if not stage.asked and name in stage.makes]
+        before = [earlier for stage in makers for need in stage.needs for earlier in self.missing(need)]
+        wanted = {*before, *(stage.name for stage in makers)}
+        return tuple(stage.name for stage in TABLE if stage.name in wanted)
+
+    def value(self, name: str) -> object:
+        """Return the present value of a name in ``StageOutput.inputs``; None if there is none."""
+        for holder in (self.outputs.get(name), self.user, self.surface):
+            if hasattr(holder, name):
+                return getattr(holder, name)
+        return None
+
+    def inputs(self, *names: str) -> dict[str, object]:
+        """Return present values by their names, for ``StageOutput.inputs``."""
+        return {name: self.value(name) for name in names}
+
+    def with_outputs(self, *outputs: StageOutput) -> Result:
+        """Return the result with these outputs, and without those made from the ones that they replace."""
+        made = {output.name: output for output in outputs}
+        return replace(self, outputs={**self.outputs, **made})._failures_forgotten(made)._pruned()
+
+    def with_surface(self, **changes: Any) -> Result:
+        """Return the result with other members of ``Surface``, and without the outputs made from the former ones."""
+        return replace(self, surface=replace(self.surface, **changes))._pruned()
+
+    def with_user(self, **changes: Any) -> Result:
+        """Return the result with other members of ``UserInput``, and without the outputs made from the former ones."""
+        return replace(self, user=replace(self.user, **changes))._pruned()
+
+    def without(self, *names: str) -> Result:
+        """Return the result without some outputs and those made from them, also records of failed attempts to make them."""
+        kept = {name: output for name, output in self.outputs.items() if name not in names}
+        return replace(self, outputs=kept)._failures_forgotten(names)._pruned()
+
+    def _failures_forgotten(self, names: Iterable[str]) -> Result:
+        gone = {*names} | made_from(names)
+        lost = {name: why for name, why in self.lost.items() if name not in gone}
+        undone = {stage: why for stage, why in self.undone.items() if not gone.intersection(STAGES[stage].makes)}
+        return replace(self, lost=lost, undone=undone)
+
+    def updated(self, settings: Settings) -> Result:
+        """Return the result without the outputs made with other settings; spirals that stay get the new settings.
+
+        Parameters
+        ----------
+        settings : the present ones
+        """
+        left = self.without(*(name for name, output in self.outputs.items() if output.differs(settings)))
+        version = left.get(DesignVersion)
+        if version is None or version.design.params == settings.spiral:
+            return left
+        return left.with_outputs(replace(version, design=replace(version.design, params=settings.spiral)))
+
+    def _pruned(self) -> Result:
+        """Drop the outputs that are out of date, and those made from them."""
+        for name in (name for stage in TABLE for name in stage.makes if name in self.outputs):
+            now = self.outputs[name].inputs
+            if not all(_same(value, self.value(member)) for member, value in now.items()):
+                return self.without(name)
+        return self
+
+    # -- the values, None where there are none -------------------------------------------------------------------------
+
+    @property
+    def findings(self) -> list[Finding]:
+        return self.surface.findings
+
+    @property
+    def mesh(self) -> QuadMesh:
+        return self.surface.mesh
+
+    @property
+    def supports(self) -> Int[np.ndarray, " held"] | None:
+        return self.user.supports
+
+    @property
+    def force(self) -> Float[np.ndarray, "quads 3"] | None:
+        return self.user.force
+
+    @property
+    def wishes(self) -> Wishes | None:
+        return self.user.wishes
+
+    @property
+    def protected(self) -> Int[np.ndarray, " kept"] | None:
+        return self.user.protected
+
+    @property
+    def layout(self) -> PatchLayout | None:
+        return None if (found := self.get(TracedLayout)) is None else found.layout
+
+    @property
+    def flat(self) -> FlatPatches | None:
+        if self.design is not None:
+            return self.design.flat
+        return None if (found := self.get(FinalLayout)) is None else found.flat
+
+    @property
+    def choice(self) -> Choice | None:
+        return None if (found := self.get(LayoutChoice)) is None else found.choice
+
+    @property
+    def design(self) -> SpiralDesign | None:
+        return None if (found := self.get(DesignVersion)) is None else found.design
+
+    @property
+    def optimisation(self) -> Optimisation | None:
+        return None if (found := self.get(OptimisationRecord)) is None else found.optimisation
+
+    @property
+    def simulation(self) -> Simulation | None:
+        return None if (found := self.get(SimulatedShape)) is None else found.simulation
+
+    @property
+    def limits(self) -> MatchLimits | None:
+        return None if (found := self.get(SimulatedShape)) is None else found.limits
+
+    @property
+    def scan(self) -> Comparison | None:
+        return None if (found := self.get(ScanComparison)) is None else found.scan
+
+    @property
+    def structure(self) -> Structure | None:
+        return None if (found := self.get(LoadAnalysis)) is None else found.structure
+
+    @property
+    def sheets(self) -> CutSheets | None:
+        return None if (found := self.get(SheetPlan)) is None else found.sheets
+
+    @property
+    def estimates(self) -> Estimates | None:
+        return None if (found := self.get(MakingEstimate)) is None else found.estimates
+
+    @property
+    def assembly(self) -> AssemblyCheck | None:
+        return None if (found := self.get(MakingEstimate)) is None else found.assembly
+
+
+def _same(one: object, other: object) -> bool:
+    """Return whether two values are the same object, or arrays with equal numbers."""
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    return one is other

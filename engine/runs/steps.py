@@ -1,7 +1,4 @@
-"""Functions of the stages in ``stages.TABLE``: each takes a result and returns it with the products of its stage.
-
-A step may assume that all inputs of its stage exist.
-"""
+"""Functions of the stages in ``stages.TABLE``: each takes the outputs that it needs, and returns the result with its own."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ import numpy as np
 
 from ..assembling import check as assembly_check
 from ..choosing import choose, tighten
+from ..choosing.choice import Choice
 from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
 from ..fabrication import estimates, sheets
@@ -23,7 +21,7 @@ from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
 from ..params import Settings
-from ..patches.layout import PatchLayout
+from ..patches.flattening.flatten import FlatPatches
 from ..patches.merging import merge
 from ..patches.splitting import split
 from ..patches.tracing import trace
@@ -41,15 +39,30 @@ from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
 from ..surface.symmetry import symmetries
 from ..workers import Workers
+from .outputs import (
+    DesignVersion,
+    FinalLayout,
+    LayoutChoice,
+    LoadAnalysis,
+    MakingEstimate,
+    MergedLayout,
+    OptimisationRecord,
+    ScanComparison,
+    SheetPlan,
+    SimulatedShape,
+    TracedLayout,
+    made_by,
+)
 from .result import Result
-from .stages import made_from, without
+from .stages import CHOSEN, CURVED, OPTIMISED, STAGES, values_of
 
 MERGED = 0.4  # share of the stage's progress for merging; tightening then takes as long again or no time (by eye)
 
 
 def _regularise(result: Result, settings: Settings, progress: Progress) -> Result:
-    mesh = regularise.regularise(result.mesh, settings.regularise, progress)
-    return replace(result, mesh=_resized(mesh, result.edge, result.height))
+    surface = result.surface
+    mesh = regularise.regularise(surface.mesh, settings.regularise, progress)
+    return result.with_surface(mesh=_resized(mesh, surface.edge, surface.height), regularised=True)
 
 
 def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMesh:
@@ -63,59 +76,67 @@ def _resized(mesh: QuadMesh, edge: float | None, height: float | None) -> QuadMe
 
 def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
     layout = trace.trace(result.mesh, settings.layout, progress)
-    if result.seams is not None and result.seams.any():
-        chosen = trace.make_disks(PatchLayout(result.mesh, result.seams))
-        if not np.array_equal(chosen.cut, layout.cut):  # the user's seams differ from the traced cuts
-            layout = chosen
-    return replace(result, layout=layout)
+    return result.with_outputs(TracedLayout(layout, **made_by("trace", settings, result.inputs("mesh"))))
 
 
-def _merge(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.layout is not None
+def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: Progress) -> Result:
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
-    few = merge.merge(result.layout, settings.layout, progress.part(0.0, MERGED), held=piece.held)
-    nearer = tighten.tightened(piece, result.layout, few, settings.choose, progress.part(MERGED, 1.0))
-    return replace(result, flat=nearer)
+    few = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=piece.held)
+    nearer = tighten.tightened(piece, traced.layout, few, settings.choose, progress.part(MERGED, 1.0))
+    return result.with_outputs(MergedLayout(nearer, **made_by("merge", settings, result.inputs("mesh", "layout"))))
 
 
-def _split(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.flat is not None
-    return replace(result, flat=split.split(result.flat, settings.layout, settings.sheet, progress))
+def _split(result: Result, merged: MergedLayout, settings: Settings, progress: Progress) -> Result:
+    flat = split.split(merged.merged, settings.layout, settings.sheet, progress)
+    made = made_by("split", settings, result.inputs("mesh", "merged"))
+    return result.with_outputs(FinalLayout(flat, merged.origin, **made))
 
 
-def _choose(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.flat is not None
+def _choose(result: Result, layout: FinalLayout, settings: Settings, progress: Progress) -> Result:
     found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
     # layouts near the present one start from its spirals; all others start from those of a long search
-    start = _chosen(result) if settings.choose.near else None
+    start = layout.start if settings.choose.near else None
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force, tuple(found), start)
-    reached = result.reached if result.optimisation is None else result.simulation
-    if reached is not None and (reached.design.flat is not result.flat or not reached.equilibrium.converged):
-        reached = None
+    flat = layout.flat if result.design is None else result.design.flat
     with Workers() as together:
-        made = choose.choose(piece, result.flat, settings.choose, progress.part(0.02, 1.0), together, reached)
-    if made.best.flat is not result.flat:
-        result = without(result, made_from({"flat"}, "choose"))
-    return replace(result, flat=made.best.flat, choice=made)
+        made = choose.choose(piece, flat, settings.choose, progress.part(0.02, 1.0), together, _reached(result))
+    return take(result, made, settings, flat)
 
 
-def _spirals(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.flat is not None
-    spirals = _chosen(result)
+def _reached(result: Result) -> Simulation | None:
+    """Return the simulation of optimised spirals, if it has an equilibrium."""
+    version, shape = result.get(DesignVersion), result.get(SimulatedShape)
+    if version is None or shape is None or version.origin != OPTIMISED:
+        return None
+    return shape.simulation if shape.simulation.equilibrium.converged else None
+
+
+def take(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
+    """Return the result with the layout that a choice names, unless that is the present one.
+
+    Parameters
+    ----------
+    result : the piece
+    choice : the proposals
+    settings : that they were compared with
+    present : the patches of the piece as they are now
+    """
+    layout, best = result.needed(FinalLayout), choice.best
+    if best.flat is not present:
+        made = {"inputs": result.inputs("mesh"), "settings": values_of(STAGES["merge"].settings, settings)}
+        layout = FinalLayout(best.flat, CHOSEN, best.judged.spirals, **made)
+    made = made_by("choose", settings, {"flat": layout.flat})
+    return result.with_outputs(layout, LayoutChoice(choice, **made))
+
+
+def _spirals(result: Result, layout: FinalLayout, settings: Settings, progress: Progress) -> Result:
+    spirals, origin = layout.start, CHOSEN
     if spirals is None:
         progress(0.0, "Measuring curvature")
-        spirals = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh))
+        spirals, origin = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh)), CURVED
     asked = _constraints(result, settings)
-    made = design.from_spirals(result.flat, settings.spiral, *spirals, progress, constraints=asked)
-    return replace(result, flat=made.flat, design=made)
-
-
-def _chosen(result: Result) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the widths and twists that the search for a layout found for the present one; None if there are none."""
-    best = None if result.choice is None else result.choice.best
-    if best is not None and best.flat is result.flat:
-        return best.judged.spirals
-    return None if result.start is None or result.start[0] is not result.flat else result.start[1:]
+    made = design.from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
+    return result.with_outputs(DesignVersion(made, origin, **made_by("spirals", settings, result.inputs("flat"))))
 
 
 def _constraints(result: Result, settings: Settings) -> Constraints:
@@ -131,10 +152,9 @@ def _constraints(result: Result, settings: Settings) -> Constraints:
     return Constraints(**asked)
 
 
-def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.design is not None
+def _optimise(result: Result, start: DesignVersion, settings: Settings, progress: Progress) -> Result:
     found = optimise.optimise(
-        result.design,
+        start.design,
         result.mesh,
         settings.material.chosen,
         settings.optimise,
@@ -145,36 +165,47 @@ def _optimise(result: Result, settings: Settings, progress: Progress) -> Result:
         wishes=result.wishes,
         progress=progress,
     )
-    return replace(result, flat=found.design.flat, design=found.design, optimisation=found)
+    version = replace(start, design=found.design, origin=OPTIMISED)
+    made = made_by("optimise", settings, {"design": found.design, **result.inputs("supports", "force")})
+    return result.with_outputs(version, OptimisationRecord(found, **made))
 
 
-def _simulate(result: Result, settings: Settings, progress: Progress) -> Result:
+def _simulate(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
     better, start = result.optimisation, None
-    if better is not None:
-        if not settings.simulate.restarts:
-            limits = reach.find_limits(better, progress.part(0.0, 0.3))
-            return replace(
-                result, simulation=_with_band(better.after, settings, progress.part(0.3, 1.0)), limits=limits
-            )
-        start = better.after.equilibrium.pose
-    found = at_rest(result, settings, start, progress.part(0.0, 0.6))
-    limits = reach.find_limits(found if better is None else better, progress.part(0.6, 0.65))
-    return replace(result, simulation=_with_band(found, settings, progress.part(0.65, 1.0)), limits=limits)
+    if better is not None and not settings.simulate.restarts:
+        limits = reach.find_limits(better, progress.part(0.0, 0.3))
+        found = _with_band(better.after, settings, progress.part(0.3, 1.0))
+    else:
+        start = None if better is None else better.after.equilibrium.pose
+        plain = at_rest(result, version.design, settings, start, progress.part(0.0, 0.6))
+        limits = reach.find_limits(plain if better is None else better, progress.part(0.6, 0.65))
+        found = _with_band(plain, settings, progress.part(0.65, 1.0))
+    return result.with_outputs(simulated(result, found, limits, settings))
 
 
-def at_rest(result: Result, settings: Settings, start: Pose | None, progress: Progress) -> Simulation:
-    """Simulate a result's design.
+def simulated(
+    result: Result, simulation: Simulation, limits: reach.MatchLimits | None, settings: Settings
+) -> SimulatedShape:
+    """Return the output for a simulation of the result's spirals."""
+    made = made_by("simulate", settings, result.inputs("mesh", "design", "optimisation", "supports", "force"))
+    return SimulatedShape(simulation, limits, **made)
+
+
+def at_rest(
+    result: Result, design: SpiralDesign, settings: Settings, start: Pose | None, progress: Progress
+) -> Simulation:
+    """Simulate a design under the result's loads.
 
     Parameters
     ----------
-    result : a piece with spirals
+    result : a piece
+    design : its spirals
     settings : its material and the solver's
     start : pose to start from; None for the default start
     progress : reports and cancels
     """
-    assert result.design is not None
     return simulate.simulate(
-        result.design,
+        design,
         result.mesh,
         settings.material.chosen,
         settings.simulate,
@@ -196,34 +227,32 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
 
 
 def _compare(result: Result, settings: Settings, progress: Progress) -> Result:
-    if result.scanned is None:
+    scanned, rest, mesh = result.user.scanned, result.user.rest, result.mesh
+    if scanned is None:
         raise FlexMapsError("There is no scan to compare with; give its file to 'compare'")
-    mesh, simulated = (
-        result.mesh,
-        result.simulation is not None or (result.rest is not None and result.design is not None),
-    )
+    shape = None
     if result.simulation is not None:
-        mesh = mesh.moved(result.simulation.vertices)
-    elif result.rest is not None and result.design is not None:
-        mesh = mesh.moved(simulate.move_vertices(result.design, result.rest, mesh))
-    return replace(result, scan=compare.compare(mesh, result.scanned, simulated, progress))
+        shape = result.simulation.vertices
+    elif rest is not None and result.design is not None:
+        shape = simulate.move_vertices(result.design, rest, mesh)
+    found = compare.compare(mesh if shape is None else mesh.moved(shape), scanned, shape is not None, progress)
+    made = made_by("compare", settings, result.inputs("mesh", "simulation"))
+    return result.with_outputs(ScanComparison(found, **made))
 
 
-def _structure(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.simulation is not None
-    assert result.design is not None
+def _structure(result: Result, shape: SimulatedShape, settings: Settings, progress: Progress) -> Result:
     wanted = settings.structure
     plan = cases.plan(wanted.cases, wanted.combinations)
     found = structure.analyse(
-        result.simulation,
+        shape.simulation,
         plan,
         wanted,
         settings.simulate,
-        connections=_connected(result.design, settings, progress.part(0.0, 0.2)),
-        groups=result.groups,
+        connections=_connected(shape.simulation.design, settings, progress.part(0.0, 0.2)),
+        groups=result.user.groups,
         progress=progress.part(0.2, 1.0),
     )
-    return replace(result, structure=found)
+    return result.with_outputs(LoadAnalysis(found, **made_by("structure", settings, result.inputs("simulation"))))
 
 
 def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
@@ -234,20 +263,20 @@ def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress
         return None
 
 
-def _sheets(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.design is not None
-    split.check_size(result.design.flat, settings.layout, settings.sheet)
-    base = None if settings.base.base == "none" else _base(result, settings)
-    made = sheets.make_sheets(result.design, settings.sheet, progress, settings.connect, settings.cut, base)
+def _sheets(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
+    split.check_size(version.design.flat, settings.layout, settings.sheet)
+    base = None if settings.base.base == "none" else _base(result, version.design, settings)
+    found = sheets.make_sheets(version.design, settings.sheet, progress, settings.connect, settings.cut, base)
+    inputs = ["design"]
     if base is not None:
         more = overloaded(base.eyelets, base.thickness, settings.material.chosen)
-        made = replace(made, warnings=(*made.warnings, *more))
-    return replace(result, sheets=made)
+        found = replace(found, warnings=(*found.warnings, *more))
+        inputs += ["simulation", "supports"]
+    return result.with_outputs(SheetPlan(found, **made_by("sheets", settings, result.inputs(*inputs))))
 
 
-def _base(result: Result, settings: Settings) -> Base:
+def _base(result: Result, design: SpiralDesign, settings: Settings) -> Base:
     """Make the base of the simulated piece. Raises ``FlexMapsError`` if there is no simulated shape."""
-    assert result.design is not None
     simulation = result.simulation
     if simulation is None or not simulation.equilibrium.converged:
         failed = result.undone.get("simulate")
@@ -255,7 +284,7 @@ def _base(result: Result, settings: Settings) -> Base:
         raise FlexMapsError(
             f"A base is made for the simulated shape, and there is none; press Simulate first, or choose no base{why}"
         )
-    return standing(result.design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
+    return standing(design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
 
 
 def standing(
@@ -285,16 +314,17 @@ def standing(
     return make_base(design, pose, supports, settings.base, settings.sheet, lowest=lowest, clearance=clearance)
 
 
-def _estimate(result: Result, settings: Settings, progress: Progress) -> Result:
-    assert result.sheets is not None
-    assert result.design is not None
+def _estimate(result: Result, plan: SheetPlan, settings: Settings, progress: Progress) -> Result:
     progress(0.0, "How long making takes, and how hard the seams are to join")
-    figures = estimates.estimate(result.sheets, result.design, settings.material.chosen, settings.cost)
-    joins = assembly_check.check_assembly(result.design, result.sheets.connections, result.simulation)
-    return replace(result, estimates=figures, assembly=joins)
+    made, design = plan.sheets, result.needed(DesignVersion).design
+    figures = estimates.estimate(made, design, settings.material.chosen, settings.cost)
+    joins = assembly_check.check_assembly(design, made.connections, result.simulation)
+    inputs = result.inputs("design", "sheets", "simulation")
+    return result.with_outputs(MakingEstimate(figures, joins, **made_by("estimate", settings, inputs)))
 
 
-STEPS: dict[str, Callable[[Result, Settings, Progress], Result]] = {
+# each takes the result, the outputs that its stage needs, the settings that its row lists, and the progress
+STEPS: dict[str, Callable[..., Result]] = {
     "regularise": _regularise,
     "trace": _trace,
     "merge": _merge,

@@ -9,7 +9,8 @@ from ..errors import FlexMapsError
 from ..fabrication.batch import Batch, Part, batch
 from ..params import ObjectSettings
 from ..progress import SILENT, Progress
-from . import job, stages
+from . import job
+from .outputs import DesignVersion, MakingEstimate, SheetPlan
 from .result import Result
 
 
@@ -43,9 +44,8 @@ def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings,
     quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
     try:
         made = job.go_on(result, quick, ("sheets",), progress)
-        sheets, figures = stages.needed(made, "sheets"), stages.needed(made, "estimates")
-        return Part(
-            name, stages.needed(made, "design"), sheets, own.material.chosen, figures, made.assembly, own.export.copies
-        )
+        estimate, design = made.needed(MakingEstimate), made.needed(DesignVersion).design
+        sheets, material = made.needed(SheetPlan).sheets, own.material.chosen
+        return Part(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)
     except FlexMapsError as error:
         raise FlexMapsError(f"{name}: {error}", faces=error.faces) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -63,7 +62,7 @@ def folder(piece: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def flat_folder(piece: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return written(replace(piece, simulation=None, limits=None), tmp_path_factory.mktemp("flat"), "Canopy")
+    return written(piece.without("simulation"), tmp_path_factory.mktemp("flat"), "Canopy")
 
 
 def clean(page: Any, path: Path) -> None:

@@ -10,7 +10,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.runs import job, report
+from flexmaps.engine.runs import by_hand, job, report
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -119,7 +119,7 @@ def laid_out(polygons: PolygonMesh, cut_at: float | None = None, supports: str |
     x = mesh.vertices[mesh.edges, 0]
     cuts = np.zeros(len(mesh.edges), dtype=bool) if cut_at is None else (np.abs(x - cut_at) < 1e-9).all(axis=1)
     flat = flatten.flatten(PatchLayout(mesh, cuts & ~mesh.border), settings.layout)
-    return job.go_on(replace(begun, flat=flat), settings, ("spirals", "simulate"))
+    return job.go_on(by_hand.laid_out(begun, flat, settings), settings, ("spirals", "simulate"))
 
 
 def test_a_seamless_dome_that_nothing_holds_is_said_to_stay_flat() -> None:

@@ -173,7 +173,7 @@ def test_stiffness_goes_with_the_third_power_of_the_thickness(dome):
 
 
 def test_what_was_not_simulated_lies_flat(dome):
-    found = Shown.from_result(replace(dome, simulation=None, limits=None))
+    found = Shown.from_result(dome.without("simulation"))
     made, arrays = read(page_data.text(found, SETTINGS, "it"))
     assert not made["simulated"] and made["length"] == 0.0
     assert [one["name"] for one in made["colourings"]] == ["stiffness"]

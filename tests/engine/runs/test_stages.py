@@ -4,37 +4,18 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 
+import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ObjectSettings
-from flexmaps.engine.runs import job, report, stages
+from flexmaps.engine.runs import by_hand, job, report, stages
+from flexmaps.engine.runs.outputs import OUTPUTS, DesignVersion, FinalLayout
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.runs.stages import STAGES, TABLE
+from flexmaps.engine.runs.stages import BY_HAND, STAGES, TABLE
 from flexmaps.engine.runs.steps import STEPS
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
-# what is given to the stages, or told beside what they make
-GIVEN = {
-    "source",
-    "findings",
-    "mesh",
-    "edge",
-    "height",
-    "supports",
-    "wishes",
-    "start",
-    "reached",
-    "force",
-    "groups",
-    "protected",
-    "seams",
-    "rest",
-    "scanned",
-    "lost",
-    "undone",
-    "seconds",
-}
 # sections that say how to search, what to draw and where to write, so that no result depends on them
 NO_RESULT = {"page", "choose", "explore", "optimise", "remesh", "export", "preview", "film", "render"}
 
@@ -51,38 +32,38 @@ def made(settings: ObjectSettings) -> Result:
 
 
 def there(result: Result) -> set[str]:
-    return {f.name for f in fields(result) if f.name not in GIVEN and getattr(result, f.name) is not None}
+    return {*result.outputs}
 
 
-def test_every_stage_has_its_step_and_every_member_its_stage() -> None:
+def test_every_stage_has_its_step_and_every_output_its_stage() -> None:
     assert list(STEPS) == [stage.name for stage in TABLE]
-    makers = [member for stage in TABLE for member in stage.makes]
-    assert sorted(makers) == sorted({f.name for f in fields(Result)} - GIVEN)  # each once
+    makers = [name for stage in TABLE for name in stage.makes]
+    assert sorted(makers) == sorted(OUTPUTS)  # each once
     made_by_now = {"mesh"}
     for stage in TABLE:
         assert made_by_now.issuperset((*stage.needs, *stage.may_use)), stage.name
         made_by_now.update(stage.makes)
-        assert made_by_now.issuperset(stage.improves), stage.name
+        assert made_by_now.issuperset(stage.replaces), stage.name
         assert stages.MISSING.keys() >= {*stage.needs} - {"mesh"}
 
 
 def test_every_section_of_the_settings_concerns_a_stage_or_no_result() -> None:
-    named = {section.partition("!")[0] for stage in TABLE for section in stage.settings}
+    named = {stages.section_of(entry)[0] for stage in TABLE for entry in stage.settings}
     assert named == {f.name for f in fields(ObjectSettings)} - NO_RESULT
-    for section in {section for stage in TABLE for section in stage.settings if "!" in section}:
-        name, *but = section.split("!")
-        assert all(hasattr(getattr(ObjectSettings(), name), one) for one in but)
+    for section, but in (stages.section_of(entry) for stage in TABLE for entry in stage.settings):
+        assert all(hasattr(getattr(ObjectSettings(), section), one) for one in but)
 
 
-SPIRALS = {"layout", "flat", "design"}
-SHAPE, CUT = {"simulation", "limits"}, {"sheets", "estimates", "assembly"}
+LAYOUT = {"layout", "merged", "flat"}
+SPIRALS = LAYOUT | {"design"}
+SHAPE, CUT = {"simulation"}, {"sheets", "estimates"}
 
 
 @pytest.mark.parametrize(
     ("section", "values", "left"),
     [
         ("layout", {"patch_min": 3}, set()),
-        ("spiral", {"width_max": 0.0015}, {"layout", "flat"}),
+        ("spiral", {"width_max": 0.0015}, LAYOUT),
         ("spiral", {"thickness": 0.003}, SPIRALS),
         ("material", {"material": "petg"}, SPIRALS | {"sheets"}),
         ("simulate", {"model": "rod"}, SPIRALS | {"sheets"}),
@@ -100,25 +81,25 @@ def test_a_changed_setting_takes_what_was_made_from_it(
     """The expected sets follow from what each step reads, not from the table."""
     assert there(made) == SPIRALS | SHAPE | CUT
     other = replace(settings, **{section: replace(getattr(settings, section), **values)})  # type: ignore[arg-type]
-    found = stages.outdated(made, settings, other)
+    found = made.updated(other)
     assert there(found) == left
     if found.design is not None:
         assert found.design.params == other.spiral
 
 
 def test_what_is_missing_runs_first_and_in_order(made: Result) -> None:
-    bare = stages.without(made, {"layout"})
+    bare = made.without("layout")
     assert there(bare) == set()
-    assert stages.missing(bare, "sheets") == ("trace", "merge", "split", "spirals", "sheets")
-    assert stages.missing(replace(bare, flat=made.flat), "design") == ("spirals",)
-    assert stages.missing(made, "sheets") == ()
+    assert bare.missing("sheets") == ("trace", "merge", "split", "spirals", "sheets")
+    assert bare.with_outputs(FinalLayout(made.needed(FinalLayout).flat, BY_HAND)).missing("design") == ("spirals",)
+    assert made.missing("sheets") == ()
 
 
 def test_what_was_lost_is_told_instead_of_what_is_missing(made: Result, settings: ObjectSettings) -> None:
     reason = FlexMapsError("the seams were edited")
-    bare = replace(stages.without(made, {"layout"}), lost={"flat": reason})
+    bare = replace(made.without("layout"), lost={"flat": reason})
     with pytest.raises(FlexMapsError, match="the seams were edited"):
-        stages.missing(bare, "design")
+        bare.missing("design")
     with pytest.raises(FlexMapsError, match="the seams were edited"):
         job.go_on(bare, settings, ("spirals",))
     with pytest.raises(FlexMapsError, match="no flat panels"):
@@ -132,7 +113,37 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
     again = job.go_on(made, settings, ("simulate",))
     assert again.sheets is made.sheets and again.assembly is not None and again.assembly is not made.assembly
     assert there(job.go_on(made, settings, ("spirals",))) == SPIRALS
-    assert there(job.go_on(made, settings, ("regularise",))) == set()
+    assert there(job.go_on(made, settings, ("regularise",))) == there(made)  # it was regular, and nothing moved
+    assert there(made.with_surface(mesh=made.mesh.moved(2.0 * made.mesh.vertices))) == set()
+
+
+def test_every_output_says_how_it_came_about(made: Result, settings: ObjectSettings) -> None:
+    traced, version = made.needed(FinalLayout), made.needed(DesignVersion)
+    assert (traced.origin, version.origin) == (stages.TRACED, stages.CURVED)
+    cut = traced.flat.layout.cut
+    again = by_hand.flattened(made, cut, settings)
+    assert again.needed(FinalLayout).origin == BY_HAND and there(again) == {"merged", "flat"}
+    painted = by_hand.with_design(made, version.design, BY_HAND, settings)
+    assert painted.needed(DesignVersion).origin == BY_HAND and there(painted) == there(made)
+
+
+def test_seams_of_the_user_are_kept_where_they_differ_from_the_traced_ones(
+    made: Result, settings: ObjectSettings
+) -> None:
+    traced = by_hand.traced_at(made, np.zeros(len(made.mesh.edges), dtype=bool), settings)
+    cuts = made.mesh.edge_quads.min(axis=1) == 0
+    chosen = by_hand.traced_at(made, cuts & ~made.mesh.border, settings)
+    assert traced.layout is not None and made.layout is not None and chosen.layout is not None
+    assert np.array_equal(traced.layout.cut, made.layout.cut)
+    assert chosen.layout.cut[cuts & ~made.mesh.border].all()
+    assert not np.array_equal(chosen.layout.cut, made.layout.cut)
+
+
+def test_other_loads_leave_what_does_not_depend_on_them(made: Result) -> None:
+    force = np.zeros((len(made.mesh.quads), 3))
+    pulled = made.with_user(force=force)
+    assert there(pulled) == there(made) - SHAPE - {"estimates"}
+    assert there(pulled.with_user(force=force.copy())) == there(pulled)
 
 
 def test_notes_are_dropped_with_what_they_tell_of() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -101,8 +100,8 @@ def test_parts_list_and_files(pieces: list[Result], tmp_path: Path) -> None:
 def test_what_cannot_share_a_sheet_is_refused(pieces: list[Result], values: dict, says: str) -> None:
     other = with_values(QUICK, values)
     result = pieces[1]
-    if "spiral.thickness" in values and result.design is not None:
-        result = replace(result, design=replace(result.design, params=other.spiral))
+    if "spiral.thickness" in values:
+        result = result.updated(other)
     with pytest.raises(FlexMapsError, match=f"dome and arch cannot share sheets, for their .*{says}"):
         together(["arch", "dome"], [pieces[0], result], [QUICK, other])
 
@@ -112,7 +111,7 @@ def test_none_and_too_many_are_refused(pieces: list[Result]) -> None:
         together([], [], [])
     with pytest.raises(FlexMapsError, match="too many"):
         together(["dome"] * 3, [pieces[1]] * 3, copies(1000, 1000, 1000))
-    begun = job.begin(pieces[0].source)
+    begun = job.begin(pieces[0].surface.source)
     with pytest.raises(FlexMapsError, match=r"^bare: "):
         together(["bare"], [begun], [QUICK])
 

@@ -10,7 +10,8 @@ from flexmaps.engine.fabrication.standing import corners
 from flexmaps.engine.fabrication.standing.frame import shortest_round
 from flexmaps.engine.fabrication.writers import parts
 from flexmaps.engine.params import Settings, with_values
-from flexmaps.engine.runs import job, report, stages, steps
+from flexmaps.engine.runs import job, report, steps
+from flexmaps.engine.runs.outputs import SimulatedShape
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 QUICK = {"sheet.nesting": "FAST", "base.base": "feet"}
@@ -68,7 +69,7 @@ def test_feet_as_they_are_cut_stand_in_their_slots_as_simulated(bench, sweep, bo
     base = made.sheets.base
     pose = made.simulation.equilibrium.pose.moved(np.tile([3e-4, 0.0, 0.0, 0.0, 0.0, 0.0], (len(made.mesh.quads), 1)))
     moved = replace(made.simulation, equilibrium=replace(made.simulation.equilibrium, pose=pose))
-    astray = bench.read_back(replace(made, simulation=moved))
+    astray = bench.read_back(replace(made, outputs=made.outputs | {"simulation": SimulatedShape(moved)}))
     assert max(astray.outside, astray.loose) > 0.15
     assert base.report["lean_deg"][0] <= base.report["lean_deg"][1]
 
@@ -108,8 +109,8 @@ def test_panels_with_feet_are_whole_and_so_are_parts_and_plates(tmp_path):
     assert "base 1,base,1,0,0" in written
     assert report.blocks(made, ("sheets",))["sheets"]["base"]["plates"] == 1
     # what is simulated anew stands elsewhere: sheets with a base are made anew, others are not
-    assert stages.without(made, {"simulation"}).sheets is None
-    assert stages.without(_made(_arch(), {"base.base": "none"}), {"simulation"}).sheets is not None
+    assert made.without("simulation").sheets is None
+    assert _made(_arch(), {"base.base": "none"}).without("simulation").sheets is not None
 
 
 def test_a_base_larger_than_the_sheet_is_several():

@@ -1,0 +1,102 @@
+"""What users do themselves: they mark seams, change spirals and take another one of the proposed layouts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import FlexMapsError
+from ..params import Settings
+from ..patches.flattening import flatten
+from ..patches.flattening.flatten import FlatPatches
+from ..patches.layout import PatchLayout
+from ..patches.tracing import trace
+from ..progress import SILENT, Progress
+from ..spirals.design import SpiralDesign
+from ..threads import one_thread
+from .outputs import LAYOUTS, DesignVersion, FinalLayout, LayoutChoice, MergedLayout, TracedLayout, made_by
+from .result import Result
+from .stages import BY_HAND, STAGES
+from .steps import STEPS, take
+
+
+@one_thread
+def traced_at(result: Result, seams: np.ndarray, settings: Settings, progress: Progress = SILENT) -> Result:
+    """Trace, but keep to the user's seams if there are any and they differ from the traced ones.
+
+    Parameters
+    ----------
+    result : its mesh is used; outputs made from the former layout are dropped
+    seams : (E,) bool, edges where the user wants cuts
+    settings : of all stages
+    progress : reports and cancels
+    """
+    made = STEPS["trace"](result, STAGES["trace"].readable(settings), progress)
+    if not seams.any():
+        return made
+    chosen, traced = trace.make_disks(PatchLayout(result.mesh, seams)), made.needed(TracedLayout)
+    if np.array_equal(chosen.cut, traced.layout.cut):
+        return made
+    return made.with_outputs(replace(traced, layout=chosen))
+
+
+def flattened(
+    result: Result,
+    cut: np.ndarray,
+    settings: Settings,
+    progress: Progress = SILENT,
+    previous: FlatPatches | None = None,
+) -> Result:
+    """Flatten the patches between cuts that the user chose, see ``flatten.flatten``.
+
+    Parameters
+    ----------
+    result : its mesh is used; outputs made from the former layout are dropped
+    cut : (E,) bool, edges of the mesh to cut
+    settings : of all stages
+    progress : reports and cancels
+    previous : flat patches whose unchanged shapes are used again
+    """
+    layout = trace.make_disks(PatchLayout(result.mesh, cut))
+    return laid_out(result, flatten.flatten(layout, settings.layout, progress, previous=previous), settings)
+
+
+def laid_out(result: Result, flat: FlatPatches, settings: Settings) -> Result:
+    """Return the result with flat patches that the user has laid out, in place of all earlier layouts."""
+    bare = result.without(*LAYOUTS)
+    merged = bare.with_outputs(MergedLayout(flat, BY_HAND, **made_by("merge", settings, bare.inputs("mesh"))))
+    made = made_by("merge", settings, merged.inputs("mesh", "merged"))
+    return merged.with_outputs(FinalLayout(flat, BY_HAND, **made))
+
+
+def with_design(result: Result, design: SpiralDesign, origin: str, settings: Settings) -> Result:
+    """Return the result with other spirals in its layout.
+
+    Parameters
+    ----------
+    result : a piece with a layout
+    design : the spirals
+    origin : as in ``DesignVersion``
+    settings : of all stages
+    """
+    return result.with_outputs(DesignVersion(design, origin, **made_by("spirals", settings, result.inputs("flat"))))
+
+
+def taken(result: Result, number: int, settings: Settings) -> Result:
+    """Change to the layout of another proposal; outputs made from the former layout are dropped.
+
+    Parameters
+    ----------
+    result : a piece for which layouts were proposed
+    number : index of the proposal, from 0
+    settings : of all stages
+
+    Raises
+    ------
+    FlexMapsError : there are no proposals, or none with this number
+    """
+    choice = result.needed(LayoutChoice).choice
+    if not 0 <= number < len(choice.proposals):
+        raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
+    return take(result, replace(choice, taken=number), settings)
