@@ -1,17 +1,21 @@
-"""Measures inverse design: ours beside L-BFGS-B of our own on the same problem, and beside the published table.
+"""Measures inverse design: one press of *Optimise*, and the publication's problem beside L-BFGS-B and the published table.
 
-python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--json FILE]
+python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--runs N] [--press] [--json FILE]
 
-Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of
-2600 MPa. Most rows are of the publication's problem: the spirals alone, however strained; "within it" keeps the material's limit,
-and "flats too" are the usual settings: within the limit, slots that stay open, and flat shapes that move. Open surfaces stand on their lowest spirals, as the published shell does.
+Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of 2600 MPa. Open surfaces
+stand on their lowest spirals, as the published shell does.
+
+"One press" is one press of *Optimise* at the usual settings: strains within the material's short-term limit, slots that stay open, and flat
+shapes that move. Rows hold the median of several presses, and all of their values: starting widths differ by rounding, because a search
+that rounds otherwise ends elsewhere. "Published problem" is the spirals alone, however strained; "within limit" keeps the material's
+limit. With --press only the presses are measured.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +34,7 @@ from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, 
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
+from flexmaps.engine.runs.result import Result
 from flexmaps.engine.simulation.simulate import Simulation, build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -37,7 +42,9 @@ from flexmaps.engine.threads import one_thread
 from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres
-USUALLY = 3.0  # times the seconds of the spirals alone that the usual settings may take
+RUNS = 5  # presses of *Optimise* on every mesh
+ROUNDING = 1e-12  # relative difference of the starting widths of two presses
+FIRST_PICTURE = 0.5  # seconds after a press within which the piece should begin to move
 MATERIAL = MATERIALS["vero"]  # 2600 MPa
 BASELINE_STEPS = 150  # of L-BFGS
 LOW = 0.05  # share of the height below which open surfaces are supported
@@ -64,15 +71,24 @@ PUBLISHED = {
     "flower_cmc1": Published("Shell", 1296, 4, 28.79, 0.107),
 }
 MEASURED = (*PUBLISHED, "spot")
-# what the usual settings should reach, RMSE in mm where bends alone count and RMS distance in %; between bends and places the RMSE
-# may be a quarter more
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What one press should reach; seconds : at best, and at least; rmse : mm; rms : RMS distance in %."""
+
+    seconds: tuple[float, float]
+    rmse: float
+    rms: float
+
+
 WANTED = {
-    "cubesphere": (0.26, 0.6),
-    "three_holes": (0.18, 0.6),
-    "vault": (0.03, 0.6),
-    "flower_cmc1": (0.80, 0.6),
-    "bunny": (0.70, 1.0),
-    "spot": (0.40, 1.0),
+    "cubesphere": Wanted((3.0, 4.0), 0.210, 0.6),
+    "three_holes": Wanted((8.0, 11.0), 0.180, 0.6),
+    "vault": Wanted((9.0, 12.0), 0.022, 0.6),
+    "flower_cmc1": Wanted((14.0, 18.0), 1.10, 0.6),
+    "bunny": Wanted((20.0, 27.0), 0.90, 1.0),
+    "spot": Wanted((30.0, 40.0), 0.72, 1.0),
 }
 STANDING = Settings(layout=LayoutParams(seamless=True))  # what stands on supports may be one panel
 LARGE_SIDE = 100  # quads along either side of the largest vault
@@ -87,20 +103,24 @@ def main(arguments: list[str]) -> int:
         "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
     )
     parser.add_argument("--only", help="only this mesh")
+    parser.add_argument("--runs", type=int, default=RUNS, help="presses of every mesh")
+    parser.add_argument("--press", action="store_true", help="only the presses, not the published problem")
     parser.add_argument("--json", type=Path, help="write the rows here too")
     options = parser.parse_args(arguments)
-    table = Table()
+    table = Table(width=46)
     for name, polygons in surfaces(options.meshes):
         kind = name.removeprefix("made:")
         wanted = kind in MEASURED or (options.meshes is None and kind in ("dome", "torus"))
-        if not wanted or name == "made:vault" or (options.only and options.only != kind):
+        if not wanted or (options.meshes and name != kind) or (options.only and options.only != kind):
             continue
         try:
-            found = measure(kind, polygons)
+            found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
+            table.add(*press(kind, found, options.runs))
+            if not options.press:
+                table.add(*published_problem(kind, found))
         except FlexMapsError as error:
-            found = [row(name, "refused", "", str(error)[:80], False)]
-        table.add(*found)
-    if not options.only or options.only == "large":
+            table.add(row(name, "refused", "", str(error)[:80], False))
+    if options.only == "large" or not (options.only or options.press):
         table.add(*large())
     table.finish(options.json)
     return 0
@@ -115,10 +135,49 @@ def supports(mesh: QuadMesh) -> np.ndarray | None:
 
 
 @one_thread
-def measure(name: str, polygons: PolygonMesh) -> list[Row]:
-    """Return all rows of one mesh."""
-    found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
-    design, mesh, published, wanted = found.design, found.mesh, PUBLISHED.get(name), WANTED[name]
+def press(name: str, found: Result, runs: int) -> list[Row]:
+    """Return the rows of some presses of *Optimise* at the usual settings, from widths that differ by rounding."""
+    design, held, wanted = found.design, supports(found.mesh), WANTED.get(name)
+    assert design is not None
+    values: dict[str, list[float]] = {}
+    for k in range(runs):
+        pictures: list[float] = []
+        started = time.process_time()
+        progress = Progress(shown=lambda _: pictures.append(time.process_time() - started))  # noqa: B023
+        given = replace(design, width=design.width * (1.0 + k * ROUNDING))
+        result = optimise.optimise(
+            given, found.mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held, progress=progress
+        )
+        seconds, report, slots = time.process_time() - started, result.report(), _slots(result.after)
+        for key, value in (
+            ("seconds", seconds),
+            ("seconds to the first picture", pictures[0]),
+            ("rmse mm", report["laplacian_rmse_mm"]),
+            ("rms %", report["rms_percent"]),
+            ("strain / limit", report["strain_share_max"]),
+            ("closed slots", len(slots.closed)),
+            ("smallest slot mm", 1e3 * float(slots.width.min())),
+            ("evaluations", report["evaluations"]),
+        ):
+            values.setdefault(key, []).append(float(f"{value:.4g}"))
+    limits: dict[str, float] = {
+        "seconds to the first picture": FIRST_PICTURE,
+        "strain / limit": 1.0,
+        "closed slots": 0.0,
+    }
+    if wanted is not None:
+        limits |= {"seconds": wanted.seconds[0], "rmse mm": wanted.rmse, "rms %": wanted.rms}
+    rows = []
+    for key, each in values.items():
+        peers = {"presses": each} | ({"at least wanted": wanted.seconds[1]} if wanted and key == "seconds" else {})
+        rows.append(at_most(name, f"one press: {key}", limits.get(key), float(np.median(each)), peers))
+    return rows
+
+
+@one_thread
+def published_problem(name: str, found: Result) -> list[Row]:
+    """Return the rows of the publication's problem: the spirals alone, however strained, and within the limit."""
+    design, mesh, published = found.design, found.mesh, PUBLISHED.get(name)
     assert design is not None
     held = supports(mesh)
     started = time.process_time()
@@ -127,9 +186,6 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     whole = time.process_time() - started
     block, limits = result.report(), reach.find_limits(result)
     borne = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(codesign=False), SimulateParams(), supports=held)
-    started = time.process_time()
-    usual = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held)
-    usual_seconds, further = time.process_time() - started, usual.report()
     ours, theirs = _optimisers(design, mesh, held)
     rows = [
         row(name, "spirals", "", len(design.width), None, {"published": published.spirals} if published else None),
@@ -148,22 +204,13 @@ def measure(name: str, polygons: PolygonMesh) -> list[Row]:
         row(name, "max %", "", round(block["max_percent"], 3), None),
         row(name, "at bounds", "", round(block["at_bound"], 3), None),
         row(name, "strain / limit", "", round(result.after.report()["strain_share_max"], 2), None),
-        row(name, "rmse mm, within it", "", round(borne.report()["laplacian_rmse_mm"], 4), None),
-        row(name, "rms %, within it", "", round(borne.report()["rms_percent"], 3), None),
-        row(name, "strain / limit then", "", round(borne.after.report()["strain_share_max"], 2), None),
+        row(name, "slots closed", "", _closed(result.after), None),
+        row(name, "rmse mm, within limit", "", round(borne.report()["laplacian_rmse_mm"], 4), None),
+        row(name, "rms %, within limit", "", round(borne.report()["rms_percent"], 3), None),
+        row(name, "strain, within limit", "", round(borne.after.report()["strain_share_max"], 2), None),
         row(name, "reach", "said", limits.advice, True),
     ]  # fmt: skip
-    rows += [
-        at_most(name, "seconds whole, flats too", _most_seconds(published), round(usual_seconds, 1)),
-        at_most(name, "rmse mm, flats too", 1.25 * wanted[0], round(further["laplacian_rmse_mm"], 4)),
-        at_most(name, "rms %, flats too", wanted[1], round(further["rms_percent"], 3)),
-        at_most(name, "strain / limit, flats too", 1.0, round(usual.after.report()["strain_share_max"], 2)),
-        row(name, "slots closed before", "", _closed(usual.before), None),
-        row(name, "slots closed, free to", "", _closed(result.after), None),
-        at_most(name, "slots closed, flats too", 0, len(_slots(usual.after).closed)),
-        row(name, "smallest slot mm, flats too", "", round(1e3 * float(_slots(usual.after).width.min()), 3), None),
-    ]
-    return rows
+    return [one | {"row": f"published problem: {one['row']}"} for one in rows]
 
 
 def _slots(simulation: Simulation) -> SpaceSlots:
@@ -184,14 +231,6 @@ def _faster(name: str, seconds: float, published: Published | None) -> Row:
     ratio = published.seconds / seconds
     peer = {"published": published.seconds, "times faster": round(ratio, 1)}
     return row(name, "seconds", f">= {published.faster:g}x", round(seconds, 2), ratio >= published.faster, peer)
-
-
-def _most_seconds(published: Published | None) -> float | None:
-    return (
-        None
-        if published is None or published.faster is None
-        else round(USUALLY * published.seconds / published.faster, 1)
-    )
 
 
 Run = tuple[DesignPoint, float, SearchRecord]
