@@ -82,6 +82,7 @@ class Wanted:
     rms: float
 
 
+# what one press should reach, by our name of the surface
 WANTED = {
     "cubesphere": Wanted((3.0, 4.0), 0.210, 0.6),
     "three_holes": Wanted((8.0, 11.0), 0.180, 0.6),
