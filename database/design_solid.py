@@ -15,12 +15,13 @@ from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
 from ..engine.mechanics.assembly import Pose, of_design
-from ..engine.newton import CONVERGED, INDEFINITE, FullSteps, Iteration, Local, minimise
+from ..engine.newton import CONVERGED, INDEFINITE, Iteration, Local, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
 from .condensed import Condensed, Pieces, condense
 from .design_mesh import UNIT, DesignMesh, Resolution, make_mesh
 from .elastic import Elements, lower_entries
+from .full_steps import FullSteps
 from .solid import ARMS
 from .statics import Group
 

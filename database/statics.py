@@ -16,8 +16,9 @@ from scipy.spatial import cKDTree
 
 from ..engine.arrays import Float, Int
 from ..engine.linalg import Pattern, SparseCholesky
-from ..engine.newton import CONVERGED, FullSteps, Iteration, Local, minimise
+from ..engine.newton import CONVERGED, Iteration, Local, minimise
 from .elastic import STATION_PAIRS, Elements, lower_entries, tangent_entries
+from .full_steps import FullSteps
 from .geometry import Spiral
 from .solid import ARMS, COARSE, Fineness, Solid, make_solid
 

@@ -49,12 +49,28 @@ def fineness_of(spiral: Spiral) -> Fineness:
     return NARROW if spiral.scale < 9.0 and spiral.tip_gap < 0.4 else FINENESS
 
 
+def relative_factor(
+    compliance: np.ndarray, scale: float, height: float, twist: float, poisson: float
+) -> Float[np.ndarray, " 12"]:
+    """(12,) table entries of a dimensionless compliance (6, 6): its Cholesky factor relative to the beam's, logarithms
+    on the diagonal."""
+    base = stiffness.beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[..., 0]
+    out = []
+    for block, rows in zip(base, (stiffness.IN_PLANE, stiffness.OUT_OF_PLANE)):
+        beam = np.zeros((3, 3))
+        for value, (i, j) in zip(block, stiffness.ENTRIES):
+            beam[i, j] = beam[j, i] = value
+        factor = np.linalg.solve(np.linalg.cholesky(beam), np.linalg.cholesky(compliance[np.ix_(rows, rows)]))
+        out += [math.log(factor[i, j]) if i == j else float(factor[i, j]) for i, j in stiffness.ENTRIES]
+    return np.array(out)
+
+
 def arm(spiral: Spiral, poisson: float, like: Model | None = None) -> tuple[Float[np.ndarray, " 12"], Model]:
     """Return what the table stores of one spiral: the relative factor (12)."""
     model = Model(spiral, poisson, fineness_of(spiral), like=like, whole=linear.TIP)
     motions = linear.unit_motions(model)
     compliance = linear.tip_compliance(model, motions)
-    factor = stiffness.relative_factor(compliance, spiral.scale, spiral.height, spiral.twist, poisson)
+    factor = relative_factor(compliance, spiral.scale, spiral.height, spiral.twist, poisson)
     return factor, model
 
 

@@ -2,14 +2,14 @@
 
 A problem (``Problem``) defines its states, such as hubs with rotations, nodes of a solid, or a design. At a state it evaluates
 energy and gradient and solves with its Hessian, in increments that ``moved`` adds to the state; increments of fixed degrees of
-freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the way, ``FullSteps`` if a
-mixed stress formulation makes full steps safe, ``Damped`` for least squares whose Hessian is known only by its products.
+freedom are zero. A rule chooses the next state: ``LineSearch`` if the Hessian may be indefinite on the
+way, ``Damped`` for least squares whose Hessian is known only by its products.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -36,7 +36,6 @@ ESCAPES = 5  # number of saddles to leave before the search gives up; not measur
 # of 196 spirals just beyond a bifurcation didn't converge in 500 steps
 CREEPING, STEPS = 1e-5, 8
 LITTLE = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)  # small convex shares to try in turn when it stagnates; by eye
-GROWN, PATIENCE = 1e6, 6  # it diverges if the decrement exceeds GROWN times its minimum after PATIENCE steps; by eye
 TRIALS = 12  # attempts at a damped step; each multiplies the damping by up to 8, so 12 leave no step at all
 FIRST = 0.3  # length of the first step along the gradient, in variables scaled to boxes of size 1
 # Actual over predicted decrease: above GOOD damping shrinks, below POOR it grows, below TAKEN the step is rejected
@@ -286,46 +285,6 @@ class LineSearch:
                 return trial
             share *= 0.5
         return None
-
-
-@dataclass(eq=False)
-class FullSteps:
-    """Full Newton steps until the decrement is small relative to the energy; the last step is still taken.
-
-    tolerance : decrement over energy at which the iteration has converged
-    iterations : largest number of iterations
-    convex : shares of the convex part, tried until the matrix is positive definite; only the first one counts as converged
-    least : smallest energy with which the decrement is compared
-    patience : number of iterations before it may be declared divergent
-    best : smallest decrement so far
-    """
-
-    tolerance: float
-    iterations: int
-    convex: tuple[float, ...] = (0.0,)
-    least: float = 0.0
-    patience: int = PATIENCE
-    best: float = field(default=np.inf, init=False)
-
-    def advance(self, problem: Factored, state: Any, here: Local, history: list[Iteration]) -> tuple[Any, str | None]:
-        row = history[-1]
-        for row.modified in self.convex:
-            if problem.factor(here, row.modified, 0.0):
-                break
-        else:
-            return state, INDEFINITE
-        step = problem.step(here)
-        row.decrement, row.step = abs(problem.slope(here, step)), 1.0
-        state = problem.moved(state, step)
-        energy = problem.energy(state)
-        if not np.isfinite(energy):
-            return state, DIVERGED
-        if row.decrement <= self.tolerance * max(energy, self.least) and row.modified == self.convex[0]:
-            return state, CONVERGED
-        self.best = min(self.best, row.decrement)
-        if len(history) > self.patience and row.decrement > GROWN * self.best:
-            return state, DIVERGED
-        return state, ITERATIONS if len(history) == self.iterations else None
 
 
 @dataclass(eq=False)

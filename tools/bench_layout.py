@@ -167,12 +167,14 @@ def _worst_edit(flat: FlatPatches, params: LayoutParams) -> float:
     """Return the seconds of the slowest manual edit: opening each seam, and cutting each patch through its middle."""
     worst = 0.0
     layout = flat.layout
-    runs = [(edit.open_run, seam) for seam in layout.seams]
-    runs += [(edit.close_run, trace.middle_line(layout, n)) for n in range(len(layout.patches))]
-    for change, edges in runs:
+    runs = [(False, seam) for seam in layout.seams]
+    runs += [(True, trace.middle_line(layout, n)) for n in range(len(layout.patches))]
+    for closed, edges in runs:
+        cut = layout.cut.copy()
+        cut[edges] = closed
         started = time.process_time()
         try:
-            change(flat, edges, params)
+            edit.with_cuts(flat, cut, params)
         except FlexMapsError:
             continue  # refused: the patch would be a ring
         worst = max(worst, time.process_time() - started)

@@ -30,7 +30,7 @@ from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
 from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
-from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, used_length
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill, used_length
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -165,6 +165,19 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
         row(name, "fill of an endless strip, quads", "", float(f"{quads / long:.3g}"), None),
         at_most(name, "panels too near to each other", 0, wrong),
     ]
+
+
+def fill_but_offcuts(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:
+    """Return the share of the sheets that shapes cover; only the used end of every sheet is counted.
+
+    The rest of a sheet is an offcut, separated by a single straight cut. Parameters as for ``fill``.
+    """
+    ends = [
+        min(used_length(packing, shapes, k) + margin, width) for k, width in enumerate(packing.sizes[:, 0].tolist())
+    ]
+    rest = (packing.sizes[:, 0] - ends) * packing.sizes[:, 1]
+    rest[: len(packing.remnants)] = 0.0  # remnants have no straight offcut
+    return area / float(packing.areas.sum() - rest.sum())
 
 
 def laid_shapes(packing: Packing, shapes: list[np.ndarray]) -> list[shapely.Polygon]:

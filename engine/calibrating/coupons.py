@@ -14,7 +14,6 @@ from typing import Any
 
 from .. import MARK
 from ..errors import FlexMapsError
-from ..materials import Material
 
 FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
@@ -73,12 +72,6 @@ class Coupons:
     strip_width: float
     strip_load: float
     spirals: tuple[SpiralCoupon, ...]
-
-    @property
-    def assumed(self) -> Material:
-        """The material assumed when the sheet was made."""
-        values = (self.youngs, self.poisson, self.density, self.strain_limit)
-        return Material(self.material, *values, breaks=True, source="assumed for the calibration sheet")
 
     def text(self) -> str:
         """Return the JSON document stored beside the sheet, in SI units."""

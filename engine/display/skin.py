@@ -174,26 +174,6 @@ class Skin:
         left, right = middle + times(rotation, half), middle - times(rotation, half)
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
 
-    def placed_strip(
-        self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float
-    ) -> Float[np.ndarray, "points 2 3"]:
-        """Return for every point of the rim its positions above and below, metres; the page computes the same.
-
-        Parameters
-        ----------
-        pose : of the hubs
-        closed : see ``tips``
-        thickness : metres
-        """
-        assert self.strip is not None
-        quad, up = self.strip.quad, np.array([0.0, 0.0, 1.0])
-        bend = self._means(self.measure(self.tips(pose, closed)))[quad, None]
-        middle = _flat(self.strip.flat) + bend * self.strip.way
-        lift = (1.0 - bend) * up + bend * self.strip.up
-        lift *= 0.5 * thickness / np.linalg.norm(lift, axis=1, keepdims=True)
-        ends = np.stack([middle + lift, middle - lift], axis=1)
-        return pose.centres[quad, None] + ends @ np.swapaxes(pose.rotations, 1, 2)[quad]
-
     def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
         """Share of its final bend that every arm has, 0 to 1; border arms, without a joint, take the mean of their spiral."""
         measure = self.measure(moved)

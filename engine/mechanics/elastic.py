@@ -32,13 +32,6 @@ class Expansion:
     convex: Float[np.ndarray, "joints 12 12"]
 
 
-class ElasticState(Protocol):
-    """A configuration: the hubs' pose and the model's own history. Never changed in place."""
-
-    @property
-    def pose(self) -> Pose: ...
-
-
 class ElasticModel(Protocol):
     """An elastic model of n spirals with m joints.
 

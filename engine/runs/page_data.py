@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import zlib
 from base64 import b64encode
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -66,23 +65,6 @@ class Packed:
     def block(self) -> str:
         """Return all arrays, deflated, in base64."""
         return b64encode(zlib.compress(b"".join(self.parts), 9)).decode("ascii")
-
-
-def unpacked(listed: Mapping[str, Any], block: bytes) -> dict[str, np.ndarray]:
-    """Decode the arrays (rows, columns) of an inflated block.
-
-    Parameters
-    ----------
-    listed : ``Packed.listed``
-    block : the inflated bytes
-    """
-    found = {}
-    for name, one in listed.items():
-        count = one["rows"] * one["columns"]
-        data = np.frombuffer(block, np.uint8, count * one["bytes"], one["at"]).reshape(one["bytes"], count)
-        steps = np.ascontiguousarray(data.T).view(f"<i{one['bytes']}").astype(np.int64)
-        found[name] = steps.reshape(one["rows"], one["columns"]).cumsum(axis=0) * one["step"]
-    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -68,24 +68,6 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class ClearanceBarrier:
-    """Clearance barrier (Li et al. 2020, incremental potential contact): sum of -(v / D - 1)^2 ln(v / D) over clearances v < D.
-
-    value : infinite if a clearance is not positive
-    by_design : (5 F,) gradient, ordered as in ``Terms.by_design``
-    by_flat : (2 V,) gradient by the flat points, if requested
-    root : (K, 5 F), where root^T root is the Gauss-Newton part of the Hessian
-    root_by_flat : (K, 2 V) columns of the root for the flat points, if requested
-    """
-
-    value: float
-    by_design: Float[np.ndarray, " designs"]
-    by_flat: Float[np.ndarray, " coordinates"] | None
-    root: csr_array
-    root_by_flat: csr_array | None
-
-
-@dataclass(frozen=True, eq=False)
 class ClearanceModel:
     """Clearance model: required gaps of all designs on given flat patches with given settings.
 
@@ -191,38 +173,6 @@ class ClearanceModel:
         four = np.stack([one, mate[one], two, mate[two]], axis=1)
         four[len(four) - len(twisted) :] = twisted[:, None]
         return Terms(value, self._by_design(four, by_one, by_two), by_flat, four)
-
-    def barrier(
-        self,
-        width: Float[np.ndarray, "quads 4"],
-        twist: Float[np.ndarray, " quads"],
-        *,
-        support: float = SUPPORT,
-        flat: bool = False,
-    ) -> ClearanceBarrier:
-        """Compute the barrier of all clearances below ``support``; smooth to the second derivative.
-
-        Parameters
-        ----------
-        width, twist : metres, radians
-        support : clearance from which on the barrier is 0
-        flat : compute derivatives by the flat points too
-        """
-        terms = self.terms(width, twist, below=support, flat=flat)
-        v = np.maximum(terms.value, 1e-12) / support
-        log, rest = np.log(v), v - 1.0
-        slope = -(2.0 * rest * log + rest**2 / v) / support
-        # second derivative of the barrier, positive below the support
-        bend = (-2.0 * log - 4.0 * rest / v + (rest / v) ** 2) / support**2
-        value = float("inf") if (terms.value <= 0.0).any() else float(-(rest**2 * log).sum())
-        scale = np.sqrt(np.maximum(bend, 0.0))[:, None]
-        return ClearanceBarrier(
-            value,
-            slope @ terms.by_design,
-            None if terms.by_flat is None else slope @ terms.by_flat,
-            csr_array(terms.by_design.multiply(scale)),
-            None if terms.by_flat is None else csr_array(terms.by_flat.multiply(scale)),
-        )
 
     def closed(
         self,

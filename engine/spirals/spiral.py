@@ -147,18 +147,6 @@ def spokes(
     return centre, np.linalg.norm(spokes, axis=2), angle
 
 
-def inner_radius(arms: Arms) -> Float[np.ndarray, "quads arms"]:
-    """Return the smallest ratio of the inner edge's radius of curvature to the centre line's, in the blend of every arm.
-
-    The value is 1 where the blend is straight; the edge folds at 0.
-    """
-    t = arms.share[..., None] * np.linspace(0.0, 1.0, 17)
-    _, d1, d2 = centre_line(arms, t)
-    speed = np.hypot(d1[..., 0], d1[..., 1])
-    curvature = np.abs(_cross(d1, d2)) / speed**3
-    return (1.0 - 0.5 * width_at(arms, t)[0] * curvature).min(axis=-1)
-
-
 def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the points of the centre lines at t and their first and second derivatives, each (F, 4, N, 2), metres.
 
@@ -284,12 +272,6 @@ def edge(
         point[..., 1] -= away * side * tangent[..., 0] / length
         tangent = tangent + d1 * (away * curvature)[..., None]
     return point, tangent
-
-
-def centre_lines(shape: Arms, samples: int) -> np.ndarray:
-    """Return points on the centre lines of all arms from joint to centre, (F, 4, samples, 2), metres, evenly spaced in t."""
-    t = np.broadcast_to(np.linspace(0.0, 1.0, samples), (*shape.radius.shape, samples))
-    return centre_line(shape, t)[0]
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

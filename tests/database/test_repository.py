@@ -66,7 +66,7 @@ def test_table_meets_the_compliances_of_the_sampled_spirals(series):
     found = stiffness.load_table(0.3)
     for s in series:
         spiral = s.subject.spiral
-        stored = stiffness.relative_factor(s.compliance, spiral.scale, spiral.height, spiral.twist, 0.3)
+        stored = table.relative_factor(s.compliance, spiral.scale, spiral.height, spiral.twist, 0.3)
         errors.append(np.abs(table.block_errors(stored, spiral, 0.3, found)))
     assert len(errors) == 125
     assert np.median(errors) < 0.015

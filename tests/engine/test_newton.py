@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flexmaps.database.full_steps import FullSteps
 from flexmaps.engine import newton
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.rods.model import RodModel
-from flexmaps.engine.newton import Damped, FullSteps, Iteration, LineSearch, Local, minimise
+from flexmaps.engine.newton import Damped, Iteration, LineSearch, Local, minimise
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import rosen, rosen_der, rosen_hess
 from scipy.spatial.transform import Rotation

@@ -252,19 +252,6 @@ def fill(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, 
     return area / float(packing.areas.sum() - max(spare, 0.0))
 
 
-def fill_but_offcuts(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], area: float, margin: float) -> float:
-    """Return the share of the sheets that shapes cover; only the used end of every sheet is counted.
-
-    The rest of a sheet is an offcut, separated by a single straight cut. Parameters as for ``fill``.
-    """
-    ends = [
-        min(used_length(packing, shapes, k) + margin, width) for k, width in enumerate(packing.sizes[:, 0].tolist())
-    ]
-    rest = (packing.sizes[:, 0] - ends) * packing.sizes[:, 1]
-    rest[: len(packing.remnants)] = 0.0  # remnants have no straight offcut
-    return area / float(packing.areas.sum() - rest.sum())
-
-
 def fits(size: Float[np.ndarray, " 2"], sheet: tuple[float, float], margin: float, rotation: str = "FREE") -> bool:
     """Return whether a box (metres, longer side first) fits on the sheet, along or across; with "GRAIN" as it lies."""
     free = [x - 2.0 * margin + 1e-9 for x in sheet]

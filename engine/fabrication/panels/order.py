@@ -145,13 +145,6 @@ class _Tour:
             self.node[i] = int(np.argmin(way))
             start[k] = end[k] = self.nodes[i][self.node[i]]
 
-    @property
-    def travel(self) -> float:
-        """Metres travelled to the first cut and between cuts."""
-        start, end = self.ends(self.order)
-        return float(np.abs(start - np.append(self.begin, end[:-1])).sum())
-
-
 def in_order(
     cuts: Sequence[CutGroup], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:

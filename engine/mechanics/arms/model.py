@@ -105,10 +105,6 @@ class ArmModel:
         made = ArmModel.from_assembly(assembly, material, curving=False, slopes=False)
         return made.with_curving(self.curving_at_joint)  # which takes longest
 
-    def with_compliance(self, compliance: ArmCompliances) -> ArmModel:
-        """Return the model of the same spirals with these arm compliances, without the strains' second-order term."""
-        return self._assemble(self.assembly, compliance, self.assembly.bend[0], self.material, False)
-
     @cached_property
     def _cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.by_shapes``."""

@@ -231,22 +231,6 @@ def _gram(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
-def relative_factor(
-    compliance: np.ndarray, scale: float, height: float, twist: float, poisson: float
-) -> Float[np.ndarray, " 12"]:
-    """(12,) table entries of a dimensionless compliance (6, 6): its Cholesky factor relative to the beam's, logarithms
-    on the diagonal."""
-    base = beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[..., 0]
-    out = []
-    for block, rows in zip(base, (IN_PLANE, OUT_OF_PLANE)):
-        beam = np.zeros((3, 3))
-        for value, (i, j) in zip(block, ENTRIES):
-            beam[i, j] = beam[j, i] = value
-        factor = np.linalg.solve(np.linalg.cholesky(beam), np.linalg.cholesky(compliance[np.ix_(rows, rows)]))
-        out += [math.log(factor[i, j]) if i == j else float(factor[i, j]) for i, j in ENTRIES]
-    return np.array(out)
-
-
 # Function of s/w, h/w and twist (n,) that returns the beam's compliance. With a grain, ``slopes`` has a fourth row, the
 # derivative by the grain's direction.
 Beams = Callable[[np.ndarray, np.ndarray, np.ndarray], beams.Blocks]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from ...arrays import Bool
@@ -12,38 +10,6 @@ from ...params import LayoutParams
 from ...progress import SILENT, Progress
 from ..layout import PatchLayout
 from .flatten import FlatPatches, flatten
-
-
-def open_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
-    """Join the surface along cut edges: patches on both sides become one, or an inner cut becomes shorter.
-
-    Parameters
-    ----------
-    flat : current flat patches
-    edges : cut edges to open
-    params : limits of the layout
-
-    Raises
-    ------
-    FlexMapsError : a patch could not be laid flat in one piece; other limits are the user's choice
-    """
-    return _set_cuts(flat, edges, False, params)
-
-
-def close_run(flat: FlatPatches, edges: Iterable[int], params: LayoutParams) -> FlatPatches:
-    """Cut the surface along edges.
-
-    Parameters
-    ----------
-    flat : current flat patches
-    edges : edges to cut
-    params : limits of the layout
-
-    Raises
-    ------
-    FlexMapsError : a patch could not be laid flat in one piece
-    """
-    return _set_cuts(flat, edges, True, params)
 
 
 def with_cuts(
@@ -74,10 +40,3 @@ def with_cuts(
             edges=np.unique(mesh.quad_edges[quads][layout.outline_sides[quads]]),
         )
     return flatten(layout, params, progress, previous=flat)
-
-
-def _set_cuts(flat: FlatPatches, edges: Iterable[int], value: bool, params: LayoutParams) -> FlatPatches:
-    """Set the cut of some edges to ``value`` and flatten."""
-    cut = flat.layout.cut.copy()
-    cut[np.fromiter(edges, dtype=np.int64)] = value
-    return with_cuts(flat, cut, params)

@@ -40,7 +40,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import Int
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
 from .finding import REMESH, Finding, counted, finding, named
@@ -48,11 +47,6 @@ from .folds import SHARP, turns
 from .geometry import FOLDED, degenerate, far_out, in_unit, lengths_of, sizes
 from .overlaps import overlaps
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
-
-
-def edges_of(polygons: PolygonMesh) -> Int[np.ndarray, "edges 2"]:
-    """Return the vertices of every edge, the smaller first, in the order of ``Finding.edges`` and ``QuadMesh.edges``."""
-    return sides_of(polygons).edges
 
 
 def converted(polygons: PolygonMesh) -> PolygonMesh:
@@ -68,11 +62,6 @@ def converted(polygons: PolygonMesh) -> PolygonMesh:
             "A mesh of arrays needs vertices (V, 3) of numbers, and corners (C,) and sizes (F,) of integers"
         )
     return replace(polygons, vertices=vertices, corners=corners.astype(np.int64), sizes=sizes.astype(np.int64))
-
-
-def used_vertices(polygons: PolygonMesh) -> Int[np.ndarray, " used"]:
-    """Vertices that belong to a face, ascending; vertex i of ``as_quad_mesh`` is vertex ``used[i]`` here."""
-    return np.unique(polygons.corners)
 
 
 def median_edge(polygons: PolygonMesh) -> float:

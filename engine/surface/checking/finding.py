@@ -18,7 +18,7 @@ class Finding:
     code : see the table in ``check``
     severity : "error" or "warning"
     faces : indices in the mesh as it was read
-    edges : indices in ``edges_of`` of that mesh
+    edges : indices in ``topology.Sides.edges`` of that mesh
     larger : factor by which the model would have to grow; None if its size is not the cause
     """
 

@@ -119,12 +119,6 @@ class CrossField:
     mesh: Triangles
     angles: Float[np.ndarray, " triangles"]  # radians
 
-    @property
-    def directions(self) -> Float[np.ndarray, "triangles 3"]:
-        """Unit vectors along one of the cross's lines."""
-        x, y = self.mesh.frames[:, 0], self.mesh.frames[:, 1]
-        return np.cos(self.angles)[:, None] * x + np.sin(self.angles)[:, None] * y
-
     @cached_property
     def turns(self) -> Float[np.ndarray, " sides"]:
         """Rotation of the cross from a triangle to its neighbour across each side, radians, at most pi/4.

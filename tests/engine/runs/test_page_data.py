@@ -21,7 +21,7 @@ from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.runs import job, page_data, report, report_page, share_page
-from flexmaps.engine.runs.page_data import Packed, Shown, unpacked
+from flexmaps.engine.runs.page_data import Packed, Shown
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
@@ -30,6 +30,17 @@ from scipy.spatial.transform import Rotation
 
 SETTINGS = with_values(ObjectSettings(), {"page.coming": "AT_ONCE"})
 NASTY = "</script><script>alert(1)</script><!-- & \u2028 ]]> <b>\"'"
+
+
+def unpacked(listed, block):
+    """The arrays (rows, columns) of an inflated block."""
+    found = {}
+    for name, one in listed.items():
+        count = one["rows"] * one["columns"]
+        data = np.frombuffer(block, np.uint8, count * one["bytes"], one["at"]).reshape(one["bytes"], count)
+        steps = np.ascontiguousarray(data.T).view(f"<i{one['bytes']}").astype(np.int64)
+        found[name] = steps.reshape(one["rows"], one["columns"]).cumsum(axis=0) * one["step"]
+    return found
 
 
 def result(name: str, until: str = "simulate"):

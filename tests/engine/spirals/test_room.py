@@ -81,26 +81,6 @@ def test_derivatives_agree_with_differences(case, kind, by):
         np.testing.assert_allclose(found[some], exact[some], atol=1e-6 * np.abs(exact[some]).max())
 
 
-def test_the_barrier_is_smooth_and_infinite_where_a_room_is_closed(flat_grid):
-    flat = flat_grid(3, 3, move=lambda p: _sheared(p, 0.3))
-    room, rng = ClearanceModel.from_flat(flat, SpiralParams()), np.random.default_rng(7)
-    width, twist = rng.uniform(0.001, 0.002, (9, 4)), rng.uniform(4.0, 7.0, 9)
-    while room.closed(width, twist).any():
-        twist = np.where(room.closed(width, twist), 0.95 * twist, twist)
-    here = room.barrier(width, twist, support=1.0, flat=True)
-    assert 0.0 < here.value < np.inf
-    w, t, p = rng.normal(size=(9, 4)), rng.normal(size=9), rng.normal(size=flat.points.size)
-
-    def value(s):
-        moved = room.moved(_moved(flat, s * 1e-3 * p))
-        return moved.barrier(width + s * 1e-3 * w, twist + s * t, support=1.0).value
-
-    step = 1e-6
-    exact = here.by_design @ np.concatenate([1e-3 * w.ravel(), t]) + here.by_flat @ (1e-3 * p)
-    assert (value(step) - value(-step)) / (2 * step) == pytest.approx(exact, rel=1e-6)
-    assert room.barrier(width, twist + 3.0).value == np.inf
-
-
 def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
     room, _, width, twist = case
     every = room.closed(width, twist)

@@ -11,7 +11,7 @@ from flexmaps.engine.fabrication.nesting import process as nest_process
 from flexmaps.engine.fabrication.nesting import strips
 from flexmaps.engine.fabrication.nesting.covering import covering
 from flexmaps.engine.fabrication.nesting.outlines import grown
-from flexmaps.engine.fabrication.nesting.packing import Packing, fill, fill_but_offcuts, pack, used_length
+from flexmaps.engine.fabrication.nesting.packing import Packing, fill, pack, used_length
 from flexmaps.engine.fabrication.nesting.search import NestingSearch
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
@@ -297,8 +297,6 @@ def test_fill_counts_the_last_sheet_as_far_as_it_is_used():
     found = Packing(np.array([0, 0, 1]), np.zeros(3), shift, np.array([[0.24, 0.12], [0.24, 0.12]]))
     wanted = 0.03 / (0.24 * 0.12 + 0.11 * 0.12)
     assert fill(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
-    wanted = 0.03 / (0.235 * 0.12 + 0.11 * 0.12)
-    assert fill_but_offcuts(found, [square] * 3, 0.03, 0.005) == pytest.approx(wanted)
 
 
 def test_a_sheet_is_emptied_where_the_others_have_room(monkeypatch):

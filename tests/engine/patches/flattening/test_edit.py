@@ -22,6 +22,13 @@ def flat() -> FlatPatches:
     return flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
 
 
+def with_run(flat: FlatPatches, edges: np.ndarray, cut: bool) -> FlatPatches:
+    """Cut along edges, or join the surface there."""
+    cuts = flat.layout.cut.copy()
+    cuts[edges] = cut
+    return edit.with_cuts(flat, cuts, PARAMS)
+
+
 def long_seam(flat: FlatPatches) -> np.ndarray:
     layout = flat.layout
     between = [s for s in layout.seams if len(np.unique(layout.patch_of[layout.mesh.edge_quads[s[0]]])) == 2]
@@ -30,7 +37,7 @@ def long_seam(flat: FlatPatches) -> np.ndarray:
 
 def test_opening_joins_two_patches_and_leaves_the_others_alone(flat: FlatPatches) -> None:
     seam = long_seam(flat)
-    after = edit.open_run(flat, seam, PARAMS)
+    after = with_run(flat, seam, False)
     assert len(after.layout.patches) == len(flat.layout.patches) - 1
     touched = np.isin(flat.layout.patch_of, flat.layout.patch_of[flat.layout.mesh.edge_quads[seam]])
     assert touched.sum() < len(touched)
@@ -41,7 +48,7 @@ def test_opening_joins_two_patches_and_leaves_the_others_alone(flat: FlatPatches
 
 def test_closing_again_is_as_before(flat: FlatPatches) -> None:
     seam = long_seam(flat)
-    back = edit.close_run(edit.open_run(flat, seam, PARAMS), seam, PARAMS)
+    back = with_run(with_run(flat, seam, False), seam, True)
     assert (back.layout.cut == flat.layout.cut).all()
     # flattened again, with less time for the seams: the same shape up to a little
     assert np.abs(np.sort(back.energy) - np.sort(flat.energy)).max() < 0.01
@@ -49,7 +56,7 @@ def test_closing_again_is_as_before(flat: FlatPatches) -> None:
 
 def test_the_border_is_never_cut() -> None:
     flat = merge.merge(trace.trace(shapes.make("vault"), PARAMS), PARAMS, held=True)
-    after = edit.close_run(flat, np.flatnonzero(flat.layout.mesh.border), PARAMS)
+    after = with_run(flat, np.flatnonzero(flat.layout.mesh.border), True)
     assert not after.layout.cut.any()
 
 
@@ -58,7 +65,7 @@ def test_a_ring_is_refused_with_its_quads(flat: FlatPatches) -> None:
     whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
     inside = np.flatnonzero(~mesh.on_border[mesh.edges].any(axis=1))[:1]
     with pytest.raises(FlexMapsError) as caught:
-        edit.close_run(whole, inside, PARAMS)
+        with_run(whole, inside, True)
     assert len(caught.value.faces) == len(mesh.quads)
     assert int(inside[0]) in caught.value.edges
 
@@ -67,7 +74,7 @@ def test_a_run_from_the_border_stays_one_patch() -> None:
     mesh = shapes.make("vault")
     whole = flatten.flatten(trace.trace(mesh, PARAMS), PARAMS)
     run = max(trace.parametric_lines(whole.layout, 0), key=len)
-    slit = edit.close_run(whole, run[: len(run) // 3], PARAMS) if len(run) > 3 else whole
+    slit = with_run(whole, run[: len(run) // 3], True) if len(run) > 3 else whole
     assert len(slit.layout.patches) <= 2
 
 

@@ -8,6 +8,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking import geometry as check_geometry
+from flexmaps.engine.surface.checking.topology import sides_of
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
@@ -40,7 +41,7 @@ def found(mesh: PolygonMesh, **kwargs) -> dict[str, check.Finding]:
         assert f"    {finding.code} " in check.__doc__
         assert "\n" not in finding.message
         assert all(0 <= f < len(mesh.sizes) for f in finding.faces)
-        edges = check.edges_of(mesh) if finding.edges else []
+        edges = sides_of(mesh).edges if finding.edges else []
         assert all(0 <= e < len(edges) for e in finding.edges)
         assert set(finding.as_dict()) == {"code", "severity", "message", "faces"}
     return {f.code: f for f in result}
@@ -91,7 +92,7 @@ def test_arrays_of_scripts():
     ):
         mesh = check.converted(PolygonMesh(vertices.tolist(), corners, sizes))
         assert not found(mesh)
-        assert check.edges_of(mesh).tolist() == check.edges_of(good).tolist()
+        assert sides_of(mesh).edges.tolist() == sides_of(good).edges.tolist()
     for wrong in (
         PolygonMesh(vertices[:, :2], good.corners, good.sizes),
         PolygonMesh(vertices, good.corners.astype(float), good.sizes),
@@ -142,7 +143,7 @@ def test_zero_edge_and_area():
     vertices[5] = vertices[6]
     result = found(polygons(vertices, faces))
     assert result["zero-edge"].is_error
-    edge = check.edges_of(polygons(vertices, faces))[result["zero-edge"].edges[0]]
+    edge = sides_of(polygons(vertices, faces)).edges[result["zero-edge"].edges[0]]
     assert edge.tolist() == [5, 6]
     assert result["zero-edge"].faces == (1, 4)
     vertices, faces = grid()
@@ -246,7 +247,7 @@ def test_non_manifold_edge():
     mesh = polygons(vertices, [*faces, [a, b, 17, 16]])
     result = found(mesh)
     assert result["non-manifold-edge"].faces == (1, 4, 9) or result["non-manifold-edge"].faces == (3, 4, 9)
-    edge = check.edges_of(mesh)[result["non-manifold-edge"].edges[0]]
+    edge = sides_of(mesh).edges[result["non-manifold-edge"].edges[0]]
     assert edge.tolist() == sorted([a, b])
 
 
@@ -342,8 +343,8 @@ def test_bodies_and_loose_vertices():
     quads = check.as_quad_mesh(mesh)
     np.testing.assert_array_equal(quads.vertices, vertices)
     assert quads.quads.tolist() == faces
-    assert check.used_vertices(mesh).tolist() == list(range(1, 17))
-    np.testing.assert_array_equal(check.edges_of(mesh) - 1, quads.edges)
+    assert np.unique(mesh.corners).tolist() == list(range(1, 17))
+    np.testing.assert_array_equal(sides_of(mesh).edges - 1, quads.edges)
 
 
 def test_first_error_is_raised_with_the_others_named():

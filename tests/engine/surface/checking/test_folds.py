@@ -26,7 +26,7 @@ def test_edges_that_turn_by_more_than_45_degrees_are_found(degrees: float, count
     assert sum(len(one.edges) for one in found) == count
     for one in found:
         assert not one.is_error and f"{degrees:.0f}:" in one.message and len(one.faces) == 2 * count
-        ridge = roof(degrees).vertices[check.edges_of(roof(degrees))[list(one.edges)]]
+        ridge = roof(degrees).vertices[sides_of(roof(degrees)).edges[list(one.edges)]]
         assert np.allclose(ridge[..., 0], 0.0)
 
 

@@ -69,7 +69,9 @@ def test_no_scale_and_no_place():
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     other = Triangles(1000 * mesh.vertices @ turn.T + 5, mesh.corners)
-    turned = cross_field(mesh).directions @ turn.T
+    field, frames = cross_field(mesh), mesh.frames
+    angle = field.angles[:, None]
+    turned = (np.cos(angle) * frames[:, 0] + np.sin(angle) * frames[:, 1]) @ turn.T
     assert np.percentile(off_axis(cross_field(other), turned), 99) < 1e-3
 
 
