@@ -54,7 +54,9 @@ def relative_factor(
 ) -> Float[np.ndarray, " 12"]:
     """(12,) table entries of a dimensionless compliance (6, 6): its Cholesky factor relative to the beam's, logarithms
     on the diagonal."""
-    base = stiffness.beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[..., 0]
+    base = stiffness.beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[
+        ..., 0
+    ]
     out = []
     for block, rows in zip(base, (stiffness.IN_PLANE, stiffness.OUT_OF_PLANE)):
         beam = np.zeros((3, 3))

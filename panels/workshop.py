@@ -57,7 +57,7 @@ SOLVER = {
     "spiral": ("blend", "curvature_top"),
     "simulate": ("model", "iterations", "tolerance"),
     "optimise": (
-        "method", "iterations", "cg_iterations", "restart", "distortion_limit", "strain_share", "patience", "stop",
+        "method", "iterations", "restart", "distortion_limit", "strain_share", "patience", "stop",
     ),
     "sheet": ("tolerance", "nesting_seconds", "seed"),
 }  # fmt: skip

@@ -31,7 +31,10 @@ from flexmaps.engine.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, used_length
+from flexmaps.engine.fabrication.nesting.process import PackedStrip
+from flexmaps.engine.fabrication.nesting.search import NestingSearch
 from flexmaps.engine.params import Settings, SheetParams, with_values
+from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench
@@ -149,7 +152,7 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
     )
     area = sum(p.outline.area for p in made.panels)
     quads = float(shapely.area(shapely.polygons(flat.corners)).sum())
-    found = nesting.strip(shapes, params, STRIP_SECONDS)
+    found = shortest_strip(shapes, params)
     long = np.inf if found is None else (found.width + 2.0 * params.margin) * params.sheet_height
     ends = fill_but_offcuts(packing, shapes, area, params.margin)
     joints = np.count_nonzero(flat.layout.cut)
@@ -165,6 +168,15 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
         row(name, "fill of an endless strip, quads", "", float(f"{quads / long:.3g}"), None),
         at_most(name, "panels too near to each other", 0, wrong),
     ]
+
+
+def shortest_strip(shapes: list[np.ndarray], params: SheetParams) -> PackedStrip | None:
+    """Return the shortest strip found with all shapes, as high as a sheet without its margins; None if one is too large."""
+    search = NestingSearch(shapes, params, SILENT)
+    try:
+        return None if search.large else search.strips.shortest(frozenset(range(len(shapes))), STRIP_SECONDS)
+    finally:
+        search.finish()
 
 
 def fill_but_offcuts(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:

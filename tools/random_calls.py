@@ -35,7 +35,6 @@ TAMED: dict[str, tuple[float, float] | None] = {
     "simulate.iterations": (1, 200),
     "simulate.restarts": (0, 2),
     "optimise.iterations": (1, 4),
-    "optimise.cg_iterations": (1, 20),
     "regularise.iterations": (0, 60),
     "export.folder": None,
     "render.file": None,

@@ -182,9 +182,6 @@ class OptimiseParams(Params):
         True, "Keep slots open", "Keep the slots between the arms open in the assembled shape, where arms would touch"
     )
     iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
-    cg_iterations: int = setting(
-        40, "Inner steps", "Most conjugate gradient steps in a Gauss-Newton step", low=1, high=500
-    )
     restart: bool = setting(
         True,
         "Try other starts",

@@ -17,10 +17,10 @@ from ...params import SheetParams
 from ...progress import SILENT, Progress
 from .odd import on_remnants
 from .packing import Packing, pack, used_length
-from .process import PackedStrip, python
+from .process import python
 from .remnants import read
 from .search import NestingSearch
-from .strips import FINE_SECONDS, TURN
+from .strips import FINE_SECONDS
 
 PATIENCE = 4  # successive orders without an improvement before the time per set is doubled
 # Number of packings whose emptiest sheet is compacted in the end, and the share of the remaining time for compacting
@@ -53,23 +53,6 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     search = NestingSearch(shapes, params, progress.part(0.1, 1.0))
     try:
         return _search_packings(search, rough)
-    finally:
-        search.finish()
-
-
-def strip(
-    shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, seconds: float, progress: Progress = SILENT
-) -> PackedStrip | None:
-    """Pack closed outlines (M, 2), metres, into the shortest strip found in some seconds.
-
-    It begins at 0 and is as high as a sheet without margins. None without spyrrow, or if a shape is larger than the
-    sheet.
-    """
-    if not available():
-        return None
-    search = NestingSearch(shapes, params, progress)
-    try:
-        return search.strip(max(TURN, round(seconds)))
     finally:
         search.finish()
 

@@ -335,10 +335,6 @@ class NestingSearch:
             rotation[i], shift[i] = turn, move
         return Packing(packing.sheet, rotation, shift, packing.sizes)
 
-    def strip(self, seconds: int) -> PackedStrip | None:
-        """Return the shortest strip found with all panels, from 0 and as high as a sheet without its margins."""
-        return None if self.large else self.strips.shortest(frozenset(range(len(self.shapes))), seconds)
-
     def _set(self, found: PackedStrip | None) -> _Set | None:
         """Place the panels of a strip on a sheet; None if the strip is longer."""
         if found is None or found.width > self.free[0]:

@@ -145,6 +145,7 @@ class _Tour:
             self.node[i] = int(np.argmin(way))
             start[k] = end[k] = self.nodes[i][self.node[i]]
 
+
 def in_order(
     cuts: Sequence[CutGroup], begin: complex = 0.0, progress: Progress = SILENT
 ) -> tuple[tuple[Curve, ...], complex]:

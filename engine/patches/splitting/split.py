@@ -317,18 +317,6 @@ def _cost_of_cut(
     return float(NEEDED * needed + 6.0 * worse + 0.25 * compact.sum() + beyond.sum())
 
 
-def allowed(piece: SinglePatch, run: np.ndarray, params: LayoutParams, sheet: SheetParams) -> bool:
-    """Return whether a patch may be cut along a run, into two parts that keep the limits of a cut to size.
-
-    Parameters
-    ----------
-    piece : the patch
-    run : mesh edges
-    params, sheet : limits; size and margins of the sheet
-    """
-    return _cost_of_cut(piece, run, params, (1.0 - CHANGE) * usable(sheet), sheet) is not None
-
-
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
     """Mark a run in ``cut`` unless it leaves its patch or that patch is already cut; return the patches cut."""
     patches = set(np.unique(layout.patch_of[layout.mesh.edge_quads[run]]).tolist())
