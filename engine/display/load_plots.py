@@ -12,21 +12,21 @@ from .. import colours
 from .drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
 from .plots import ACCENT, CURVE, Axes
 
+WIDTH, HEIGHT = 520, 340  # of the plot, pixels
 ROOM = 1.06  # length of an axis over its largest value; by eye
 LEFT = 118.0  # pixels for the names beside the curves; by eye
 SHOWN = 3.0  # load factor where the axes end at most, unless the piece gives way above it; more would flatten the rest
 
 
-def load_paths(block: Mapping[str, Any], size: tuple[float, float] = (520, 340)) -> Drawing:
+def load_paths(block: Mapping[str, Any]) -> Drawing:
     """Plot the factor of every load against the deflection of the hub that moves most; a dot marks where the piece gives way.
 
     Parameters
     ----------
     block : ``structure`` of report.json
-    size : width and height, pixels
     """
     outcomes = [one for one in block["outcomes"] if len(one["curve"]) > 1]
-    drawing = Drawing("How far the piece gives way as its loads rise", *size)
+    drawing = Drawing("How far the piece gives way as its loads rise", WIDTH, HEIGHT)
     if not outcomes:
         return drawing
     curves = [np.array(one["curve"]) for one in outcomes]
@@ -43,8 +43,8 @@ def load_paths(block: Mapping[str, Any], size: tuple[float, float] = (520, 340))
             if highest[1] <= ROOM * wide:
                 drawing.add(Dots(axes.at(highest[[1]], highest[[0]]), 4.5, ACCENT))
         y = axes.top + 12.0 + 18.0 * row
-        drawing.add(Line(np.array([[size[0] - LEFT + 8, y - 4], [size[0] - LEFT + 28, y - 4]]), look, 2.2))
-        drawing.add(Text((size[0] - LEFT + 34, y), one["name"], 11.5, INK))
+        drawing.add(Line(np.array([[WIDTH - LEFT + 8, y - 4], [WIDTH - LEFT + 28, y - 4]]), look, 2.2))
+        drawing.add(Text((WIDTH - LEFT + 34, y), one["name"], 11.5, INK))
     one_load = axes.at(np.array([0.0, ROOM * wide]), np.array([1.0, 1.0]))
     drawing.add(Line(one_load, CURVE, 1.2, 4.0))
     return drawing

@@ -31,6 +31,7 @@ from .drawing import (
 CURVE, ACCENT = "#2e8599", "#d9622b"
 BRIGHT, PALE = "#fab840", "#9e9e9e"  # readable on dark and on light paper
 LOGARITHMIC = 8.0  # ratio of largest to smallest value above which a scale is logarithmic; chosen by eye
+WIDTH, HEIGHT = 520, 320  # of a plot, pixels
 LIGHT = np.array([0.27, -0.45, 0.85])  # direction to the light of ``shape_map``; chosen by eye
 VIEW = np.array([0.9, -1.0, 0.85])  # direction to the viewer of ``shape_map``
 
@@ -97,7 +98,7 @@ class Axes:
         d.add(Text((16, 0.5 * (self.top + base)), y_name, 12, anchor="middle", turned=True))
 
 
-def history(values: Sequence[float], title: str, name: str, size: tuple[float, float] = (520, 320)) -> Drawing:
+def history(values: Sequence[float], title: str, name: str) -> Drawing:
     """Plot a number over the steps of a run; the first is the start's.
 
     The scale begins at zero, or is logarithmic if the values span a wide range.
@@ -106,10 +107,9 @@ def history(values: Sequence[float], title: str, name: str, size: tuple[float, f
     ----------
     values : one per step; non-finite ones are dropped
     title, name : of the plot; of the number, with its unit
-    size : width and height, pixels
     """
     found = np.asarray([v for v in values if np.isfinite(v)], dtype=float)
-    drawing = Drawing(title, *size)
+    drawing = Drawing(title, WIDTH, HEIGHT)
     span, logarithmic = _scale(found)
     axes = Axes(drawing, (0.0, max(len(found) - 1.0, 1.0)), span, logarithmic=logarithmic)
     marks = decades(*span) if logarithmic else ticks(*span)
@@ -162,8 +162,6 @@ def histogram(
     title: str,
     name: str,
     marks: Sequence[tuple[float, str]] = (),
-    size: tuple[float, float] = (520, 320),
-    bins: int = 28,
 ) -> Drawing:
     """Plot how many spirals have which value.
 
@@ -172,13 +170,11 @@ def histogram(
     values : one per spiral
     title, name : of the plot; of the value, with its unit
     marks : values to mark, with names, e.g. the root mean square
-    size : width and height, pixels
-    bins : number of bins
     """
     values = np.asarray(values, dtype=float)
-    drawing = Drawing(title, *size)
+    drawing = Drawing(title, WIDTH, HEIGHT)
     high = max(float(values.max()), *(v for v, _ in marks), 1e-9) * 1.02
-    counts, edges = np.histogram(values, bins=bins, range=(0.0, high))
+    counts, edges = np.histogram(values, bins=28, range=(0.0, high))
     axes = Axes(drawing, (0.0, high), (0.0, 1.12 * max(counts.max(), 1)), top=58.0)
     axes.frame(name, "Spirals", ticks(0.0, high, 6), [t for t in ticks(0.0, 1.1 * counts.max(), 4) if t == round(t)])
     gap = 0.08 * (edges[1] - edges[0])
@@ -190,8 +186,8 @@ def histogram(
     for value, text in marks:
         x = float(axes.at(np.array(value), np.array(0.0))[0])
         y = axes.top - 4
-        drawing.add(Line(np.array([[x, y], [x, size[1] - axes.bottom]]), ACCENT, 1.4, 4.0))
-        anchor = "end" if x > 0.75 * size[0] else "start"
+        drawing.add(Line(np.array([[x, y], [x, HEIGHT - axes.bottom]]), ACCENT, 1.4, 4.0))
+        anchor = "end" if x > 0.75 * WIDTH else "start"
         drawing.add(Text((x, y - 4), text, 11.5, ACCENT, anchor))
     return drawing
 
@@ -242,7 +238,7 @@ class Colouring:
         return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
 
 
-def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520) -> Drawing:
+def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
     """Draw the flat patches from above.
 
     Parameters
@@ -250,16 +246,15 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width
     corners : (F, 4, 2), y up, any unit of length
     sides : (F, 4) bool, drawn as outlines
     colouring : of the quads
-    width : pixels
     """
     points = corners * np.array([1.0, -1.0])
-    room = width - 32 - _key_width(colouring)
+    room = WIDTH - 32 - _key_width(colouring)
     low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
     factor = room / max(high[0] - low[0], 1e-30)
     height = max(factor * (high[1] - low[1]), 120.0)
-    if height > 0.8 * width:
-        factor, height = factor * 0.8 * width / height, 0.8 * width
-    drawing = Drawing(colouring.title, width, float(height) + 60 + _key_height(colouring))
+    if height > 0.8 * WIDTH:
+        factor, height = factor * 0.8 * WIDTH / height, 0.8 * WIDTH
+    drawing = Drawing(colouring.title, WIDTH, float(height) + 60 + _key_height(colouring))
     spare = 0.5 * (room - factor * (high[0] - low[0]))
     placed = (points - low) * factor + np.array([16 + spare, 44 + 0.5 * (height - factor * (high[1] - low[1]))])
     order = np.lexsort(colouring.fills.T)  # group equal colours; none covers another
@@ -267,9 +262,7 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring, width
     return _finish(drawing, placed, sides, colouring)
 
 
-def shape_map(
-    vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colouring: Colouring, width: float = 520
-) -> Drawing:
+def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Drawing:
     """Draw a surface in space, in parallel projection from above and one side, far quads first, slightly lit.
 
     Parameters
@@ -277,7 +270,6 @@ def shape_map(
     vertices, quads : (V, 3), any unit of length; (F, 4) int
     sides : (F, 4) bool, drawn as lines
     colouring : of the quads
-    width : pixels
     """
     eye = VIEW / np.linalg.norm(VIEW)
     right = np.cross([0.0, 0.0, 1.0], eye)
@@ -291,10 +283,10 @@ def shape_map(
     lit = 0.80 + 0.20 * (facing[:, None] * normal) @ LIGHT
     order = np.argsort(corners.mean(axis=1) @ eye)
     low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
-    room = width - 32 - _key_width(colouring)
-    factor = min(room / max(high[0] - low[0], 1e-30), 0.8 * width / max(high[1] - low[1], 1e-30))
+    room = WIDTH - 32 - _key_width(colouring)
+    factor = min(room / max(high[0] - low[0], 1e-30), 0.8 * WIDTH / max(high[1] - low[1], 1e-30))
     height = max(float(factor * (high[1] - low[1])), 120.0)
-    drawing = Drawing(colouring.title, width, height + 60 + _key_height(colouring))
+    drawing = Drawing(colouring.title, WIDTH, height + 60 + _key_height(colouring))
     spare = 0.5 * (np.array([room, height]) - factor * (high - low))
     placed = (points - low) * factor + spare + np.array([16.0, 44.0])
     shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)
@@ -337,16 +329,15 @@ def thumbnail(
     return drawing
 
 
-def front(rows: Sequence[tuple[float, float, str]], taken: int, size: tuple[float, float] = (520, 320)) -> Drawing:
+def front(rows: Sequence[tuple[float, float, str]], taken: int) -> Drawing:
     """Plot proposals by joints and distance, each with a name; the chosen proposal stands out.
 
     Parameters
     ----------
     rows : joints, RMS distance in percent, and name of each proposal
     taken : position of the chosen proposal
-    size : width and height, pixels
     """
-    drawing = Drawing("Layouts that were compared", *size)
+    drawing = Drawing("Layouts that were compared", WIDTH, HEIGHT)
     joints, rms = np.array([row[0] for row in rows], dtype=float), np.array([row[1] for row in rows], dtype=float)
     span, logarithmic = _scale(rms)
     axes = Axes(drawing, (0.0, 1.12 * max(float(joints.max()), 1.0)), span, logarithmic=logarithmic)
