@@ -8,6 +8,7 @@ twelve numbers of the tip stiffness from the linear limit, which need no fitting
 from __future__ import annotations
 
 import json
+import math
 import platform
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +20,9 @@ from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.rods import stiffness as stiffness_rods
 from ..engine.mechanics.rods.stiffness import PARAMETERS
+from ..engine.spirals.known import limit_and_slope
 from . import packs, rods
+from .geometry import Spiral
 from .packs import Series
 from .sampling import SEED, VERSION
 
@@ -116,6 +119,12 @@ def errors(all_series: list[Series], model: str, law: str) -> Float[np.ndarray, 
     return np.concatenate(out)
 
 
+def _inputs(spiral: Spiral) -> Float[np.ndarray, " 3"]:
+    """Return the (3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
+    limit = limit_and_slope(np.array(spiral.scale))[0]
+    return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
+
+
 def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARAMETERS) -> None:
     """Fit the four parameters of every spiral, train the networks, and write what the engine reads."""
     from . import network
@@ -123,7 +132,7 @@ def write_parameters(pack: Path, say: Callable[[str], None], target: Path = PARA
     all_series = [s for s in packs.read(pack) if s.law == "strain" and min(s.fitted.values()) >= FEWEST]
     if len(all_series) < FEWEST:
         raise FlexMapsError(f"{len(all_series)} spirals have samples; the networks need {FEWEST} or more: build first")
-    points = np.array([stiffness_rods.coordinates(s.subject.spiral) for s in all_series])
+    points = np.array([_inputs(s.subject.spiral) for s in all_series])
     arrays, notes = {}, {}
     for model in ("pair", "chord"):
         fewest = min(s.fitted["chord"] for s in all_series)

@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -40,12 +39,6 @@ class RodStiffness:
     by_scale: np.ndarray
     by_width: np.ndarray
     by_twist: np.ndarray
-
-
-def coordinates(spiral: Any) -> Float[np.ndarray, " 3"]:
-    """(3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
-    limit = limit_and_slope(np.array(spiral.scale))[0]
-    return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
 
 
 @lru_cache(maxsize=4)

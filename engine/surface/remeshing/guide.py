@@ -146,11 +146,6 @@ def _classify_line_vertices(
 # -- distances ----------------------------------------------------------------------------------------------------------
 
 
-def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
-    """Largest distance between two surfaces of the same quads, metres, measured from vertices and quad middles both ways."""
-    return float(max(distances(mesh, samples(other)).max(), distances(other, samples(mesh)).max()))
-
-
 def samples(mesh: QuadMesh) -> np.ndarray:
     """Vertices and quad middles."""
     return np.concatenate([mesh.vertices, mesh.centroids])

@@ -14,7 +14,7 @@ from flexmaps.engine.surface.checking.geometry import breadth
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise as regularising
-from flexmaps.engine.surface.remeshing.guide import Guide, deviation
+from flexmaps.engine.surface.remeshing.guide import Guide, distances, samples
 from flexmaps.engine.surface.remeshing.regularise import (
     BEND,
     GOOD,
@@ -32,6 +32,11 @@ from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
 PARAMS = RegulariseParams()
+
+
+def deviation(mesh: QuadMesh, other: QuadMesh) -> float:
+    """The largest distance between two surfaces of the same quads, metres, measured from vertices and quad middles both ways."""
+    return float(max(distances(mesh, samples(other)).max(), distances(other, samples(mesh)).max()))
 
 
 def shaken(mesh: QuadMesh, amount: float, seed: int = 0) -> QuadMesh:
