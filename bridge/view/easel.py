@@ -16,7 +16,6 @@ from ...engine import colours
 from ...engine.arrays import Bool, Float
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
-from ...engine.runs.outputs import DesignVersion, FinalLayout
 from ..store import attributes, equilibrium, fields, notes, objects, settings, states
 from ..store import seen as seeing
 from ..store.checksums import Checksums
@@ -109,6 +108,7 @@ class Easel:
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
         from ...engine.mechanics.arms.spiral_stiffness import stiffness
+        from ...engine.runs.outputs import DesignVersion, FinalLayout
         from ..store import mesh
         from .painted_panels import PaintedPanels
 

@@ -40,7 +40,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = api.simulate(api.load("shape:strip", edge=20, settings=settings), supports="lowest")
     named = replace(made, name=f"{HOSTILE}.obj")
     told = finding("undone", f"Load case '{SHORT}' in '{HOSTILE}'", severity="warning")
-    named = replace(named, made=replace(named.result, findings=[*named.result.findings, told]))
+    named.result.surface.findings.append(told)
     api.export(named, folder / "out", formats=export.FORMATS)
     api.report(named, folder / "out")
     api.share(named, folder / "out" / "share.html")

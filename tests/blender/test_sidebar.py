@@ -146,12 +146,6 @@ def test_no_tick_stands_beside_a_distortion_beyond_its_limit(dome: Any, share: f
     assert sidebar._sign(bpy.context, layout, ("layout",)) == sign
 
 
-def test_figures_that_nobody_measures_are_nothing() -> None:
-    from flexmaps.panels import rows
-
-    assert [rows.figure(x) for x in (1.8e-7, 0.0, 0.0123, 5.09, 123.4)] == ["0", "0", "0.012", "5.1", "123"]
-
-
 def test_what_is_borne(dome: Any) -> None:
     feet = dome.vertex_groups.new(name="feet")
     low = min(v.co.z for v in dome.data.vertices)
