@@ -14,6 +14,7 @@ from ...arrays import Float, Int
 from ...materials import Material
 from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..assembly import Assembly
+from ..rim import FORWARDS
 from ..vectors import times
 from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
 from .bars import BESIDE
@@ -134,7 +135,9 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
     numbers[:, OWN_WIDTH], numbers[:, MATE_WIDTH] = width, width[mate]
     numbers[:, OWN_WIND], numbers[:, MATE_WIND] = twist, sign * twist[mate]
     numbers[:, RADIUS] = shape[:, 0]
-    numbers[:, BESIDE] = assembly.width[assembly.pairs, _inner_side(assembly, assembly.sides)].ravel()
+    inner = _inner_side(assembly, assembly.sides)
+    inner = np.where(assembly.pairs < assembly.spirals, inner, FORWARDS)  # strips alone, which the design does not change
+    numbers[:, BESIDE] = assembly.width[assembly.pairs, inner].ravel()
     if cut is not None:
         lean = shape[:, 1]
         if assembly.nodes:
