@@ -136,7 +136,8 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
     numbers[:, OWN_WIND], numbers[:, MATE_WIND] = twist, sign * twist[mate]
     numbers[:, RADIUS] = shape[:, 0]
     inner = _inner_side(assembly, assembly.sides)
-    inner = np.where(assembly.pairs < assembly.spirals, inner, FORWARDS)  # strips alone, which the design does not change
+    # beside arms of a rim count strips alone, which the design does not change
+    inner = np.where(assembly.pairs < assembly.spirals, inner, FORWARDS)
     numbers[:, BESIDE] = assembly.width[assembly.pairs, inner].ravel()
     if cut is not None:
         lean = shape[:, 1]
