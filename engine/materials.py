@@ -16,6 +16,7 @@ STRAIN_MARGIN = 1.1
 # Share of the strain limit above which arms are reported as overstrained: one over the safety factor. The 0.005 allows for what proving a
 # design changes in optimised pieces, which lie at their limit, and is what the whole percents of messages show
 STRAINED = 1.005 / STRAIN_MARGIN
+OVERLOADED = 1.0005  # share of the force that a neck bears above which a connector is reported as overloaded
 # Strain concentration at the fillets of roots: strain there over the largest strain on the arm beside them. Median of 18 solids with
 # fillets of 0.15 mm; at most 2.7 on 95 of 100 arms. It matters for materials that break before they yield
 FILLET_STRAIN = 1.65

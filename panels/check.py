@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.store import explored
 from ..engine.figures import format_figure
-from ..engine.materials import STRAINED
+from ..engine.materials import OVERLOADED, STRAINED
 from ..engine.structure import cases
 from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of, look
@@ -59,9 +59,9 @@ def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
     made = [(tr("{}: gives way at", name), tr("{} times", times), not row["reached"])]
     if row["reached"]:
         made.append((tr("Bends by"), f"{row['deflection_max_mm']:.3g} mm", False))
-    for key, label in (("arms", "Arms"), ("joints", "Joints")):
+    for key, label, most in (("arms", "Arms", STRAINED), ("joints", "Joints", OVERLOADED)):
         if key in row:
-            made.append((tr(label), tr("{} % of limit", f"{100 * row[key]:.0f}"), row[key] > 1.0005))
+            made.append((tr(label), tr("{} % of limit", f"{100 * row[key]:.0f}"), row[key] > most))
     return made
 
 

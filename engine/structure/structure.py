@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..fabrication.connectors.connect import Connections
-from ..materials import STRAINED, Material
+from ..materials import OVERLOADED, STRAINED, Material
 from ..mechanics.arms.strain_changes import largest
 from ..mechanics.assembly import Pose
 from ..mechanics.equilibrium import Equilibrium, solve
@@ -35,7 +35,6 @@ from .cases import LoadPlan
 from .path import Path, PathFollower, follow
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
-FULL = 1.0005  # share of the limit above which joints are reported as overloaded
 POINTS = 60  # maximum points of a curve in the report
 
 
@@ -206,7 +205,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         found.append(Finding("overstrained", "warning", text, worst))
     if one.borne.joints is not None and structure.seams.any():
         share = np.where(structure.seams, one.borne.joints, 0.0)
-        weak = np.flatnonzero(share > FULL)
+        weak = np.flatnonzero(share > OVERLOADED)
         if len(weak):
             quads = np.unique(structure.simulation.assembly.pairs[weak])
             text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears"
