@@ -1,6 +1,7 @@
 """Nesting: exact distances by shapely, never more sheets than the quick packing, ESC, rotation limits, large panels."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,19 @@ def _wedge(long, wide, narrow):
     return np.array([[0, 0], [long, 0.5 * (wide - narrow)], [long, 0.5 * (wide + narrow)], [0, wide]])
 
 
+def _nest_until(reached, shapes, params, monkeypatch):
+    """Nest with more and more time, in all and for a set of panels, until a packing satisfies ``reached``.
+
+    How far a search comes in a second depends on what else the machine does.
+    """
+    for factor in (1, 4, 16):
+        monkeypatch.setattr(strips, "TURN", factor)
+        packing = nesting.nest(shapes, replace(params, nesting_seconds=factor * params.nesting_seconds))
+        if reached(packing):
+            break
+    return packing
+
+
 def test_triangles_go_in_pairs():
     params = SheetParams(sheet_width=0.4, sheet_height=0.2, margin=0.0, spacing=0.002)
     shapes = _triangles(4)  # two squares of pairs, side by side
@@ -52,22 +66,23 @@ def test_triangles_go_in_pairs():
     _check(shapes, packing, params)
 
 
-def test_fewer_sheets_than_the_quick_packing():
+def test_fewer_sheets_than_the_quick_packing(monkeypatch):
     # slanted triangles: quarter turns cannot lay them side against side
     params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002)
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
     assert len(pack(shapes, (0.4, 0.3), 0.005, 0.002).sizes) == 3
-    packing = nesting.nest(shapes, params)
+    packing = _nest_until(lambda found: len(found.sizes) == 2, shapes, params, monkeypatch)
     assert len(packing.sizes) == 2
     _check(shapes, packing, params)
 
 
-def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing():
+def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing(monkeypatch):
     params = SheetParams(spacing=0.003, nesting_seconds=6.0)
     shapes = [_wedge(0.3, 0.12, 0.02)] * 5
     rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
-    packing = nesting.nest(shapes, params)
-    assert used_length(packing, shapes, 0) < 0.95 * used_length(rough, shapes, 0)
+    wanted = 0.95 * used_length(rough, shapes, 0)
+    packing = _nest_until(lambda found: used_length(found, shapes, 0) < wanted, shapes, params, monkeypatch)
+    assert used_length(packing, shapes, 0) < wanted
     _check(shapes, packing, params)
 
 
