@@ -19,8 +19,8 @@ may be any function, and may raise ``Cancelled`` to stop the work.
 
 from __future__ import annotations
 
-from ..engine.calibrating.calibrate import Calibration
 from ..engine.errors import Cancelled, FlexMapsError
+from ..engine.extras.calibrating.calibrate import Calibration
 from ..engine.params import ObjectSettings
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking.check import Finding

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.calibrating import calibrate, coupons
-from ..engine.calibrating import sheet as calibration
-from ..engine.calibrating.calibrate import Calibration
+from ..engine.extras.calibrating import calibrate, coupons
+from ..engine.extras.calibrating import sheet as calibration
+from ..engine.extras.calibrating.calibrate import Calibration
 from ..engine.fabrication.writers.export import USUAL
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
@@ -25,7 +25,7 @@ from .steps import sheets, spirals
 if TYPE_CHECKING:
     import bpy
 
-    from ..engine.fabrication.batch import Batch
+    from ..engine.extras.together.batch import Batch
 
 
 def export(
@@ -79,7 +79,7 @@ def export(
 
 def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
-    from ..engine.runs.together import together
+    from ..engine.extras.together.together import together
 
     shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
     ready = [go_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..engine.errors import FlexMapsError
-from ..engine.exploring.explore import Exploration
-from ..engine.exploring.folder import refuse
-from ..engine.exploring.run import explore_piece
-from ..engine.exploring.space import GOALS, MINIMISED, SIZES, space
+from ..engine.extras.exploring.explore import Exploration
+from ..engine.extras.exploring.folder import refuse
+from ..engine.extras.exploring.run import explore_piece
+from ..engine.extras.exploring.space import GOALS, MINIMISED, SIZES, space
 from ..engine.params import wish, with_values
 from ..engine.runs import by_hand
 from ..engine.runs.outputs import LAYOUTS
@@ -121,7 +121,7 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
     ------
     FlexMapsError where the scan cannot be read.
     """
-    from ..engine.scanning import reading
+    from ..engine.extras.scanning import reading
 
     ready = piece.result.with_user(scanned=reading.read(scan, unit, anywhere))
     if piece.uid is not None and ready.simulation is None:
@@ -143,7 +143,7 @@ def structure(
     Parameters
     ----------
     piece : the piece; it is simulated first if it was not yet
-    cases : load cases such as "snow: snow 500", see ``engine/structure/cases.py``; default as the settings say
+    cases : load cases such as "snow: snow 500", see ``engine/extras/structure/cases.py``; default as the settings say
     combinations : sums of cases such as "all = 1.35 weight + 1.5 snow"
     supports : as in ``load``
     progress : called with a fraction and a text

@@ -11,14 +11,14 @@ from typing import Any, NoReturn, get_type_hints
 
 from .. import api
 from ..engine.errors import FlexMapsError
-from ..engine.exploring.space import GOALS, MEASURES, MINIMISED
+from ..engine.extras.exploring.space import GOALS, MEASURES, MINIMISED
+from ..engine.extras.scanning.reading import UNITS
+from ..engine.extras.structure.cases import KINDS
 from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
 from ..engine.progress import Progress
 from ..engine.runs import job
-from ..engine.scanning.reading import UNITS
-from ..engine.structure.cases import KINDS
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from . import calibration, handles, painting, pressing, summary

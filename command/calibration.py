@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import api
-from ..engine.calibrating.coupons import KINDS
-from ..engine.calibrating.sheet import USUAL, WRITERS
 from ..engine.errors import FlexMapsError
+from ..engine.extras.calibrating.coupons import KINDS
+from ..engine.extras.calibrating.sheet import USUAL, WRITERS
 
 
 def add(commands: Any) -> None:

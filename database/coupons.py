@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..engine.arrays import Float, Int
-from ..engine.calibrating.bending import fillet
-from ..engine.calibrating.coupons import GRAVITY, Coupons, SpiralCoupon
+from ..engine.extras.calibrating.bending import fillet
+from ..engine.extras.calibrating.coupons import GRAVITY, Coupons, SpiralCoupon
 from ..engine.linalg import Pattern, SparseCholesky
 from .elastic import Elements, lower_entries
 from .geometry import Spiral

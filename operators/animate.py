@@ -36,9 +36,9 @@ class Animate(ContinuedStage, bpy.types.Operator):
             preview.quad_colours(obj, settings.preview.colour)
 
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.assembling import film as assembly_film
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
+            from ..engine.extras.film import film as assembly_film
             from ..engine.runs.outputs import DesignVersion
 
             design = result.needed(DesignVersion).design

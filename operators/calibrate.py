@@ -36,7 +36,7 @@ class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     """Return the flat formats that the object's sheets have, or the usual ones."""
-    from ..engine.calibrating.sheet import USUAL, WRITERS
+    from ..engine.extras.calibrating.sheet import USUAL, WRITERS
     from ..engine.fabrication.writers import export
 
     return tuple(key for key in export.chosen(wanted.export) if key in WRITERS) or USUAL
@@ -73,7 +73,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=360)
 
     def act(self, context: bpy.types.Context) -> str:
-        from ..engine.calibrating import calibrate, coupons
+        from ..engine.extras.calibrating import calibrate, coupons
 
         obj = context.object
         wanted = settings.read(obj.flexmaps, ObjectSettings)
@@ -85,7 +85,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         return _describe(result, kept)
 
     def _readings(self) -> Any:
-        from ..engine.calibrating.calibrate import Readings, numbers
+        from ..engine.extras.calibrating.calibrate import Readings, numbers
 
         a, b = numbers(self.sag_a), numbers(self.sag_b)
         if len(a) != len(b):

@@ -55,7 +55,7 @@ class Compare(Asked, ContinuedStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         from ..bridge.store import equilibrium
-        from ..engine.scanning import reading
+        from ..engine.extras.scanning import reading
 
         path = Path(bpy.path.abspath(self.filepath))
         unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere

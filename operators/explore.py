@@ -28,8 +28,8 @@ class Explore(ContinuedStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
-            from ..engine.exploring.run import explore_piece
-            from ..engine.exploring.space import usual
+            from ..engine.extras.exploring.run import explore_piece
+            from ..engine.extras.exploring.space import usual
 
             settings = snapshot.settings
             question = usual(settings.explore, settings, 1e3 * result.mesh.median_edge)

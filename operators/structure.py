@@ -104,7 +104,7 @@ class AddLoad(AtOnce, OnObject, bpy.types.Operator):
             layout.prop(self, "lasting")
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..engine.structure import cases
+        from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure
         line = cases.line_of(self.name, self.kind, self.value, self.axis, self.group, self.factor, self.lasting)
@@ -120,7 +120,7 @@ class RemoveLoad(AtOnce, OnObject, bpy.types.Operator):
     number: bpy.props.IntProperty(min=0, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def act(self, context: bpy.types.Context) -> None:
-        from ..engine.structure import cases
+        from ..engine.extras.structure import cases
 
         wanted = context.object.flexmaps.structure
         left = cases.lines(wanted.cases)

@@ -33,8 +33,8 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
         from ..bridge.hosts import job_folder, letters
         from ..bridge.store import snapshot
         from ..engine import files
+        from ..engine.extras.together.together import together
         from ..engine.fabrication.writers import export
-        from ..engine.runs.together import together
 
         objects = _selected(context)
         stored = [snapshot.read(obj) for obj in objects]

@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from ..bridge.store import explored
+from ..engine.extras.structure import cases
 from ..engine.figures import format_figure
 from ..engine.materials import OVERLOADED, STRAINED
-from ..engine.structure import cases
 from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of, look
 

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.live.given import LiveInput
-from flexmaps.engine.live.session import forget
+from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.session import forget
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.loads import standing
 from flexmaps.engine.surface import shapes

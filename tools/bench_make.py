@@ -23,8 +23,8 @@ import igl
 import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.scanning.compare import compare
-from flexmaps.engine.scanning.reading import Scan
+from flexmaps.engine.extras.scanning.compare import compare
+from flexmaps.engine.extras.scanning.reading import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh

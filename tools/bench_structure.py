@@ -14,16 +14,16 @@ from dataclasses import replace
 import numpy as np
 from equilibrium_cases import EDGE, MATERIAL, straight_row
 from equilibrium_cases import dome as dome_of
+from flexmaps.engine.extras.structure.actions import Action
+from flexmaps.engine.extras.structure.buckling import linear_buckling
+from flexmaps.engine.extras.structure.path import Path as LoadPath
+from flexmaps.engine.extras.structure.path import PathFollower, follow
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
-from flexmaps.engine.structure.actions import Action
-from flexmaps.engine.structure.buckling import linear_buckling
-from flexmaps.engine.structure.path import Path as LoadPath
-from flexmaps.engine.structure.path import PathFollower, follow
 from harness import Bench
 from rows import Table, at_most, row
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair

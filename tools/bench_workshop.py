@@ -24,10 +24,10 @@ import shapely
 import shapely.affinity
 from bench_layout import EDGE, surfaces
 from flexmaps.database import coupons as solids
-from flexmaps.engine.calibrating import bending
-from flexmaps.engine.calibrating.calibrate import Readings, calibrate
-from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
-from flexmaps.engine.calibrating.sizes import coupons
+from flexmaps.engine.extras.calibrating import bending
+from flexmaps.engine.extras.calibrating.calibrate import Readings, calibrate
+from flexmaps.engine.extras.calibrating.coupons import GRAVITY, Coupons
+from flexmaps.engine.extras.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, used_length

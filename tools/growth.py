@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from bench_layout import EDGE
-from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.connectors import connect as connectors
 from flexmaps.engine.fabrication.nesting import nest as nesting

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from bench_layout import EDGE
-from flexmaps.engine.live.given import LiveInput
+from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.live.given import LiveInput
-from flexmaps.engine.live.piece import LiveEquilibrium
-from flexmaps.engine.live.session import LiveRequest, step
+from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.piece import LiveEquilibrium
+from flexmaps.engine.extras.live.session import LiveRequest, step
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 
@@ -50,7 +50,7 @@ class Followed:
 
 def distance(given: LiveInput, made: SpiralDesign, shape: LiveEquilibrium) -> float:
     """Millimetres between a live shape and what is simulated of the same spirals, to its own tolerance, begun where they rest."""
-    from flexmaps.engine.live.session import _pieces
+    from flexmaps.engine.extras.live.session import _pieces
 
     at = _pieces["piece"]._now
     assert at is not None and shape.vertices is not None

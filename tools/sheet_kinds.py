@@ -10,11 +10,11 @@ from typing import Any
 import ezdxf
 import ezdxf.units
 import numpy as np
+from flexmaps.engine.extras.together.together import together
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.params import ObjectSettings, Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.runs.together import together
 from flexmaps.engine.surface.mesh import PolygonMesh
 
 EDGE = 0.02  # metres

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from flexmaps.engine.choosing.judge import Laid, LayoutProblem, judge
-from flexmaps.engine.live.given import LiveInput
-from flexmaps.engine.live.piece import LivePiece
+from flexmaps.engine.extras.live.given import LiveInput
+from flexmaps.engine.extras.live.piece import LivePiece
+from flexmaps.engine.extras.structure.structure import without_loads
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
@@ -20,7 +21,6 @@ from flexmaps.engine.runs.result import Result
 from flexmaps.engine.simulation.rests import RESTS
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.structure.structure import without_loads
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
 EDGE = 0.02  # metres, median edge

@@ -8,6 +8,8 @@ import numpy as np
 from flexmaps.database.design_mesh import UNIT
 from flexmaps.database.design_solid import DesignSolid
 from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, sheet, shell
+from flexmaps.engine.extras.structure.actions import Action
+from flexmaps.engine.extras.structure.path import Path, PathFollower, follow
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
@@ -15,8 +17,6 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.structure.actions import Action
-from flexmaps.engine.structure.path import Path, PathFollower, follow
 from flexmaps.engine.surface.mesh import QuadMesh
 
 PARAMS = SimulateParams(tolerance=1e-9)  # tighter than usual, so that no figure depends on it

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Any
 
 from ...engine.errors import Cancelled, FlexMapsError
-from ...engine.live.given import LiveInput
-from ...engine.live.piece import LiveEquilibrium
-from ...engine.live.session import LiveRequest, step
+from ...engine.extras.live.given import LiveInput
+from ...engine.extras.live.piece import LiveEquilibrium
+from ...engine.extras.live.session import LiveRequest, step
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 

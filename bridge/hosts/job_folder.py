@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...engine import files
-from ...engine.assembling import sheet as assembly_sheet
-from ...engine.fabrication.batch import Batch
+from ...engine.extras.assembly_sheet import sheet as assembly_sheet
+from ...engine.extras.together.batch import Batch
 from ...engine.fabrication.writers import export, parts
 from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings

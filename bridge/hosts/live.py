@@ -15,8 +15,8 @@ from ..store import notes
 from . import background
 
 if TYPE_CHECKING:
-    from ...engine.live.given import LiveInput
-    from ...engine.live.piece import LiveEquilibrium
+    from ...engine.extras.live.given import LiveInput
+    from ...engine.extras.live.piece import LiveEquilibrium
     from ..view.followed import Followed
     from .companion import Companion
 

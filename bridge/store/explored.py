@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from ...engine.exploring.space import MEASURES, SIZES
+from ...engine.extras.exploring.space import MEASURES, SIZES
 from ...engine.params import SHOWN, ObjectSettings, with_values
 from . import settings
 from .i18n import interface

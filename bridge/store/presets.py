@@ -46,7 +46,7 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
     ------
     FlexMapsError for a name without letters and digits.
     """
-    from ...engine.calibrating.calibrate import preset  # scipy comes with it
+    from ...engine.extras.calibrating.calibrate import preset
 
     stem = files.named(name.strip()).strip("_")
     if not stem:

@@ -14,7 +14,7 @@ import bpy
 from . import attributes, notes, states
 
 if TYPE_CHECKING:
-    from ...engine.scanning.compare import Comparison
+    from ...engine.extras.scanning.compare import Comparison
 
 NAME, BLOCK = attributes.PREFIX + "scan", "scan"
 POINTS, OWNER = "flexmaps_scan_points", "flexmaps_owner"  # on the object and on its points; each names the other

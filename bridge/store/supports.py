@@ -10,8 +10,8 @@ import numpy as np
 
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
+from ...engine.extras.structure import cases
 from ...engine.params import LoadParams, StructureParams
-from ...engine.structure import cases
 from . import handles, mesh, objects, settings
 
 if TYPE_CHECKING:

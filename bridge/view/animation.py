@@ -17,7 +17,7 @@ from ..store import attributes
 from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
-    from ...engine.assembling.film import Film, Track
+    from ...engine.extras.film.film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # key on the empty: its last frame

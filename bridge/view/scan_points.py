@@ -10,7 +10,7 @@ import numpy as np
 from . import collection
 
 if TYPE_CHECKING:
-    from ...engine.scanning.compare import Comparison
+    from ...engine.extras.scanning.compare import Comparison
 
 
 def show(obj: bpy.types.Object, scene: bpy.types.Scene, found: Comparison) -> bpy.types.Object:

@@ -10,15 +10,15 @@ import numpy as np
 
 from .. import colours
 from ..arrays import Bool, Float, Int
+from ..extras.scanning.compare import Comparison
+from ..extras.structure.structure import Structure
 from ..figures import format_figure
 from ..optimisation import reach
 from ..optimisation.reach import MatchLimits
 from ..patches.flattening.flatten import FlatPatches
-from ..scanning.compare import Comparison
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
-from ..structure.structure import Structure
 from ..surface.mesh import QuadMesh
 from . import arrange, load_plots, plots
 from .drawing import Drawing, hexes

@@ -227,7 +227,7 @@ class LoadParams(Params):
 
 @dataclass(frozen=True)
 class StructureParams(Params):
-    """Load cases that the piece must bear; ``engine/structure/cases.py`` explains their syntax."""
+    """Load cases that the piece must bear; ``engine/extras/structure/cases.py`` explains their syntax."""
 
     cases: str = setting(
         "weight: weight",

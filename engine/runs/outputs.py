@@ -12,8 +12,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..arrays import Float, Int
-from ..assembling.check import AssemblyCheck
 from ..choosing.choice import Choice
+from ..extras.scanning.compare import Comparison
+from ..extras.scanning.reading import Scan
+from ..extras.structure.structure import Structure
+from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
 from ..mechanics.assembly import Pose
@@ -23,11 +26,8 @@ from ..optimisation.wishes import Wishes
 from ..params import Settings
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.layout import PatchLayout
-from ..scanning.compare import Comparison
-from ..scanning.reading import Scan
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
-from ..structure.structure import Structure
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh, QuadMesh
 from .stages import STAGES, TRACED, values_of

@@ -17,12 +17,12 @@ import numpy as np
 
 from .. import colours
 from ..arrays import Float
-from ..assembling.film import Shots, shoot
-from ..assembling.passage import Hubs, closings
-from ..assembling.stages import at_once, find_stages
 from ..display import arrange
 from ..display.run_plots import MapValues
 from ..display.skin import Skin
+from ..extras.film.film import Shots, shoot
+from ..extras.film.passage import Hubs, closings
+from ..extras.film.stages import at_once, find_stages
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
 from ..mechanics.arms.spiral_stiffness import stiffness

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..assembling import check as assembly_check
 from ..choosing import choose, tighten
 from ..choosing.choice import Choice
 from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
+from ..extras.scanning import compare
+from ..extras.structure import cases, structure
+from ..fabrication import assembly_check as assembly_check
 from ..fabrication import estimates, sheets
 from ..fabrication.connectors.connect import Connections, connect
 from ..fabrication.standing.base import Base, make_base, refuse_rim
@@ -26,14 +28,12 @@ from ..patches.merging import merge
 from ..patches.splitting import split
 from ..patches.tracing import trace
 from ..progress import Progress
-from ..scanning import compare
 from ..simulation import simulate
 from ..simulation.real_sheets import MOST, tolerance_band
 from ..simulation.simulate import Simulation
 from ..spirals import design
 from ..spirals.constraints import Constraints
 from ..spirals.design import SpiralDesign
-from ..structure import cases, structure
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise

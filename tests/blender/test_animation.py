@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import mesh, pose
 from flexmaps.bridge.view import animation, preview
-from flexmaps.engine.assembling import stages
+from flexmaps.engine.extras.film import stages
 from flexmaps.engine.surface import shapes
 from support.buttons import press
 

@@ -12,8 +12,8 @@ import bpy
 import pytest
 from flexmaps.command import arguments
 from flexmaps.command import main as command
-from flexmaps.engine.exploring.candidate import Candidate
-from flexmaps.engine.exploring.folder import Folder
+from flexmaps.engine.extras.exploring.candidate import Candidate
+from flexmaps.engine.extras.exploring.folder import Folder
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.surface import shapes
 

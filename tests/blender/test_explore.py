@@ -13,7 +13,7 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import explored
 from flexmaps.command import main as command
-from flexmaps.engine.exploring import run as running
+from flexmaps.engine.extras.exploring import run as running
 from flexmaps.engine.materials import MATERIALS
 from support.bowl import bowl
 from support.buttons import press

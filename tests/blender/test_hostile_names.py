@@ -21,7 +21,7 @@ from flexmaps import api
 from flexmaps.bridge.store.paths import file_name
 from flexmaps.command import main as command
 from flexmaps.engine import MARK
-from flexmaps.engine.exploring.folder import cell
+from flexmaps.engine.extras.exploring.folder import cell
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
 from support.bowl import bowl

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import equilibrium, notes, settings
 from flexmaps.command import main as command
-from flexmaps.engine.assembling import check as assembly_check
-from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
+from flexmaps.engine.fabrication import assembly_check as assembly_check
 from flexmaps.engine.params import LoadParams, MaterialParams, ObjectSettings
 from flexmaps.engine.surface import shapes
 from support.arch import spiralled

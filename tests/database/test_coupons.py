@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 from flexmaps.database import coupons as solids
-from flexmaps.engine.calibrating import bending
-from flexmaps.engine.calibrating.coupons import GRAVITY, Coupons
-from flexmaps.engine.calibrating.sizes import coupons
+from flexmaps.engine.extras.calibrating import bending
+from flexmaps.engine.extras.calibrating.coupons import GRAVITY, Coupons
+from flexmaps.engine.extras.calibrating.sizes import coupons
 from flexmaps.engine.params import Settings, with_values
 
 MATERIALS = (

@@ -12,9 +12,9 @@ import time
 import pytest
 from flexmaps.engine import cluster as module
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.exploring.candidate import ExplorationInput, StartSurface
-from flexmaps.engine.exploring.explore import explore
-from flexmaps.engine.exploring.space import space
+from flexmaps.engine.extras.exploring.candidate import ExplorationInput, StartSurface
+from flexmaps.engine.extras.exploring.explore import explore
+from flexmaps.engine.extras.exploring.space import space
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes

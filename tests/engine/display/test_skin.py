@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import film, passage, stages
-from flexmaps.engine.assembling.blend import Blend
 from flexmaps.engine.display import arrange
 from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import Skin, detail_of
+from flexmaps.engine.extras.film import film, passage, stages
+from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bent
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.assembling import sheet as assembly_sheet
+from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import CutParams, LayoutParams, MaterialParams, SheetParams, SpiralParams

@@ -9,9 +9,9 @@ import pytest
 import shapely
 import svgelements
 import trimesh
-from flexmaps.engine.assembling import film as assembly_film
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
+from flexmaps.engine.extras.film import film as assembly_film
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
 from flexmaps.engine.fabrication.writers.solids import TOLERANCE, extruded

@@ -1,1 +1,0 @@
-"""Assembly of the panels: check of the seams, assembly sheet and film."""

@@ -1,0 +1,223 @@
+"""Pictures of the assembly sheet: the joined part of the surface, and the flat panel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...fabrication.panels.labels import panel_name, seam_name
+from ...fabrication.writers.pdf import Page
+from ...patches.flattening.flatten import FlatPatches
+from ...patches.joining import Join, Step, panel_numbers
+from ...spirals.arcs import Curve
+
+WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page in metres (A4)
+INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"
+LIFT = 0.35  # tangent of the angle by which the view looks down
+LOOKED_AT = 24  # quads per panel tested for visibility
+NUMBER = (0.0065, 0.004)  # width and height of a panel's number on paper, metres
+
+
+@dataclass(frozen=True)
+class PatchColours:
+    """Colours of patches and seams, "#rrggbb"."""
+
+    patches: list[str]
+    seams: list[str]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle on a page, metres, from its lower left corner."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+def middle(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, " 2"]:
+    """Return a point well inside a polygon."""
+    import shapely
+
+    place = shapely.Polygon(points).buffer(0.0).representative_point()
+    return np.array([place.x, place.y])
+
+
+def line(points: list[list[float]] | np.ndarray) -> Curve:
+    """Return the polyline through points (M, 2)."""
+    points = np.asarray(points, dtype=float)
+    return Curve(points, np.zeros(len(points)), closed=False)
+
+
+def fitted(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
+    """Return scale and shift that centre a rectangle in a box."""
+    size = np.maximum(high - low, 1e-9)
+    scale = float(min(box.width / size[0], box.height / size[1]))
+    return scale, np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height]) - 0.5 * scale * (low + high)
+
+
+def model(
+    page: Page,
+    box: Box,
+    flat: FlatPatches,
+    there: tuple[int, ...],
+    strong: tuple[int, ...],
+    joins: tuple[Join, ...],
+    look: PatchColours,
+    view: Float[np.ndarray, "3 3"],
+) -> None:
+    """Draw the part ``there`` of the target surface, seen along the camera's axes ``view``; the rest as a pale ghost."""
+    layout, mesh = flat.layout, flat.layout.mesh
+    ahead, places = view[2], mesh.vertices @ view.T
+    scale, shift = fitted(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
+    drawn = places[:, :2] * scale + shift
+    shown = np.isin(layout.patch_of, there)
+    towards = mesh.normals @ ahead
+    depth = places[mesh.quads, 2].mean(axis=1)
+    seam_of = {int(e): j.seam for j in joins for e in layout.seams[j.seam].tolist()}
+    items = [(float(d), 0, int(q)) for q, d in enumerate(depth.tolist())]
+    # draw a seam over the quads on both sides
+    items += [(float(depth[mesh.edge_quads[e]].max()) + 1e-6, 1, e) for e in seam_of]
+    for _, kind, index in sorted(items):
+        if kind:
+            page.stroke(line(drawn[mesh.edges[index]]), look.seams[seam_of[index]], 7e-4)
+            continue
+        points, patch = drawn[mesh.quads[index]], int(layout.patch_of[index])
+        if not shown[index]:
+            if towards[index] > 0:
+                page.stroke(Curve(points, np.zeros(4)), PALE, 5e-5)
+            continue
+        shade = 0.8 + 0.2 * abs(float(towards[index])) if towards[index] > 0 else 0.62
+        colour = mixed(look.patches[patch], "#ffffff", 0.0 if patch in strong else 0.45)
+        page.fill(points, mixed(colour, "#000000", round(1.0 - shade, 2)), mixed(colour, "#000000", 0.3), 5e-5)
+    _numbers(page, flat, there, places, drawn, towards)
+
+
+def _numbers(
+    page: Page, flat: FlatPatches, there: tuple[int, ...], places: np.ndarray, drawn: np.ndarray, towards: np.ndarray
+) -> None:
+    """Write the numbers of the panels that are present where they are visible and do not overlap."""
+    layout, mesh, numbers = flat.layout, flat.layout.mesh, panel_numbers(flat.layout)
+    candidates = []
+    for patch in sorted(there, key=lambda p: len(layout.patches[p])):  # small panels have the fewest places
+        quads = layout.patches[patch]
+        quads = quads[towards[quads] > 0.2]
+        candidates.append((patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
+    every = np.concatenate([quads for _, quads in candidates])
+    open_ = np.zeros(len(mesh.quads), dtype=bool)
+    open_[every[seen(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
+    middles = drawn[mesh.quads].mean(axis=1)
+    # position of the number in each cell of a grid whose cells are as large as a number
+    written: dict[tuple[int, int], tuple[float, float]] = {}
+    for patch, quads in candidates:
+        for x, y in middles[quads[open_[quads]]].tolist():
+            box = int(x // NUMBER[0]), int(y // NUMBER[1])
+            neighbours = (written.get((box[0] + i, box[1] + j)) for i in (-1, 0, 1) for j in (-1, 0, 1))
+            if not any(p and abs(x - p[0]) <= NUMBER[0] and abs(y - p[1]) <= NUMBER[1] for p in neighbours):
+                written[box] = x, y
+                page.text(panel_name(numbers[patch]), (x, y - 0.0012), 0.0036, INK, middle=True)
+                break
+
+
+def _suitability(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
+    """Return how suitable every quad is for its patch's number: facing the viewer, in the middle of the patch."""
+    if not len(centroids):
+        return towards
+    apart = np.linalg.norm(centroids - centroids.mean(axis=0), axis=1)
+    return np.minimum(towards, 0.6) - 0.5 * apart / max(float(apart.max()), 1e-12)
+
+
+def seen(
+    places: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"],
+    which: Int[np.ndarray, " m"], shown: Bool[np.ndarray, " quads"],
+) -> Bool[np.ndarray, " m"]:  # fmt: skip
+    """Return for quads ``which`` whether their middle is not covered by a quad that is ``shown``.
+
+    places : vertices with axes right, up, and towards the viewer
+    """
+    import shapely
+
+    corners, middles = places[quads[shown]], places[quads[which]].mean(axis=1)
+    if not len(corners) or not len(middles):
+        return np.ones(len(middles), dtype=bool)
+    low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
+    tree = shapely.STRtree(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+    point, quad = tree.query(shapely.points(middles[:, :2]))
+    side, to = np.roll(corners, -1, axis=1) - corners, middles[point, None] - corners[quad]
+    cross = side[quad, :, 0] * to[..., 1] - side[quad, :, 1] * to[..., 0]
+    inside = (cross > 0).all(axis=1) | (cross < 0).all(axis=1)
+    nearer = corners[quad, :, 2].mean(axis=1) > middles[point, 2] + 1e-9
+    return np.bincount(point, weights=inside & nearer, minlength=len(middles)) == 0.0
+
+
+def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
+    """Return the camera's axes that show most of the step's panel; the direction that it faces, if equally good."""
+    layout, mesh = flat.layout, flat.layout.mesh
+    quads = layout.patches[step.panel]
+    some = quads[np.linspace(0, len(quads) - 1, min(len(quads), LOOKED_AT)).astype(int)]
+    shown = np.isin(layout.patch_of, step.there)
+    facing = mesh.area_vectors[quads].sum(axis=0)
+    start = float(np.arctan2(facing[1], facing[0])) if np.hypot(facing[0], facing[1]) > 1e-9 else -0.93
+    slope = float(np.clip(facing[2] / max(np.hypot(facing[0], facing[1]), 1e-9), -1.2, 1.2))
+    best, best_share = camera(facing), -1.0
+    for tilt in (slope, 0.0, 0.8, -0.7):
+        for turn in (0.0, 0.6, -0.6, 1.3, -1.3, 2.2, -2.2, np.pi):
+            view = camera(np.array([np.cos(start + turn), np.sin(start + turn), tilt]))
+            facing_us = np.maximum(mesh.normals[some] @ view[2], 0.0)
+            share = float((seen(mesh.vertices @ view.T, mesh.quads, some, shown) * facing_us).mean())
+            if share > best_share + 0.05:
+                best, best_share = view, share
+            if best_share > 0.5:
+                return best
+    return best
+
+
+def camera(facing: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the camera's axes right, up and towards the viewer, with ``facing`` towards the viewer and z upright."""
+    level = np.array([facing[0], facing[1], 0.0])
+    size, whole = float(np.linalg.norm(level)), float(np.linalg.norm(facing))
+    level = level / size if size > 0.15 * max(whole, 1e-12) else np.array([0.6, -0.8, 0.0])
+    ahead = level + np.array([0.0, 0.0, np.clip(facing[2] / max(size, 1e-12), -1.2, 1.2) + LIFT])
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross([0.0, 0.0, 1.0], ahead)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(ahead, right), ahead])
+
+
+def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColours) -> None:
+    """Draw the flat panel with its seams of this step in their colours and the numbers of their first and last joints."""
+    layout, mesh = flat.layout, flat.layout.mesh
+    quads = layout.patches[step.panel]
+    corners = flat.points[layout.flat_corners[quads]]
+    points = corners.reshape(-1, 2)
+    inner = Box(box.x + 0.006, box.y + 0.006, box.width - 0.012, box.height - 0.012)
+    scale, shift = fitted(points.min(axis=0), points.max(axis=0), inner)
+    loop = flat.points[flat.outlines[step.panel]] * scale + shift
+    page.fill(loop, look.patches[step.panel], INK, 2e-4)
+    for corner in corners * scale + shift:
+        page.stroke(Curve(corner, np.zeros(4)), mixed(look.patches[step.panel], "#000000", 0.2), 4e-5)
+    page.text(
+        panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, middle=True
+    )
+    for number, edges in ((join.seam, layout.seams[join.seam]) for join in step.joins):
+        for place, edge in enumerate(edges.tolist()):
+            for quad, side in zip(mesh.edge_quads[edge].tolist(), mesh.edge_sides[edge].tolist(), strict=True):
+                if layout.patch_of[quad] != step.panel:
+                    continue
+                ends = flat.points[layout.flat_corners[quad, [side, (side + 1) % 4]]] * scale + shift
+                page.stroke(line(ends), look.seams[number], 8e-4)
+                if place in {0, len(edges) - 1}:
+                    across = np.array([ends[1, 1] - ends[0, 1], ends[0, 0] - ends[1, 0]])
+                    at = ends.mean(axis=0) + 0.003 * across / max(float(np.linalg.norm(across)), 1e-12) - [0.0, 0.0008]
+                    page.text(f"{seam_name(number)}{place + 1}", tuple(at), 0.0023, look.seams[number], middle=True)
+
+
+@lru_cache(maxsize=4096)
+def mixed(one: str, two: str, share: float) -> str:
+    """Return a colour between two, "#rrggbb"."""
+    a, b = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for c in (one, two))
+    return "#" + "".join(f"{round(x):02x}" for x in ((1 - share) * a + share * b).tolist())

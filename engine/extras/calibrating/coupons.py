@@ -1,0 +1,106 @@
+"""Sizes of the calibration pieces, stored beside the sheet.
+
+The pieces grow with the sheet's thickness, so that sags and weights stay handy: their stiffness is proportional to
+Young's modulus times thickness.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ... import MARK
+from ...errors import FlexMapsError
+
+FILE = "calibration.json"
+GRAVITY = 9.80665  # m/s^2, standard
+KINDS = ("dovetail", "key", "tab")
+# Dimensions of the strip in thicknesses: so slender that shear contributes less than 0.1 % of its sag, and so narrow
+# that it bends as a beam, not as a plate (within 1 % of finite elements, see ``bench workshop``). The intended sag is a
+# tenth of its length
+STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 3.0, 0.1
+
+
+@dataclass(frozen=True)
+class SpiralCoupon:
+    """A spiral in a frame that holds the tips of its arms.
+
+    scale, width : diameter, and width of its arms, metres
+    twist : radians
+    load : suggested weight, kg
+    """
+
+    name: str
+    scale: float
+    width: float
+    twist: float
+    load: float
+
+
+@dataclass(frozen=True)
+class Coupons:
+    """Sizes in metres, weights in kg.
+
+    material : key of the assumed material
+    youngs, poisson, density, strain_limit : of the assumed material
+    thickness : of the sheet
+    kerf, kerf_holes : kerf for which outlines and holes are drawn
+    mill : diameter, 0 for a beam
+    cells, cell : number of squares of the kerf comb, and their side
+    clearances, joint : of the ladder, and the width of its arms
+    strip_length, strip_width, strip_load : from clamp to load; width; suggested weight
+    spirals : two, the softer first
+    """
+
+    material: str
+    youngs: float
+    poisson: float
+    density: float
+    strain_limit: float
+    thickness: float
+    kerf: float
+    kerf_holes: float
+    mill: float
+    cells: int
+    cell: float
+    clearances: tuple[float, ...]
+    joint: float
+    strip_length: float
+    strip_width: float
+    strip_load: float
+    spirals: tuple[SpiralCoupon, ...]
+
+    def text(self) -> str:
+        """Return the JSON document stored beside the sheet, in SI units."""
+        return json.dumps({"flexmaps": "calibration", "program": MARK, **asdict(self)}, indent=1) + "\n"
+
+
+def members(made: Coupons) -> dict[str, Any]:
+    """Return the values by name."""
+    return {f.name: getattr(made, f.name) for f in fields(Coupons)}
+
+
+def read(path: str | Path) -> Coupons:
+    """Read the sizes of a sheet from its ``calibration.json`` or the folder with it; raises ``FlexMapsError``."""
+    path = Path(path)
+    path = path / FILE if path.is_dir() else path
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        assert found.pop("flexmaps") == "calibration"
+        found.pop("program", None)  # missing in files of earlier versions
+        found["spirals"] = tuple(SpiralCoupon(**one) for one in found["spirals"])
+        found["clearances"] = tuple(map(float, found["clearances"]))
+        made = Coupons(**found)
+        numbers = [v for v in [*members(made).values(), *made.clearances] if isinstance(v, float)]
+        numbers += [v for s in made.spirals for v in (s.scale, s.width, s.twist, s.load)]
+        assert all(math.isfinite(v) and v >= 0.0 for v in numbers)
+        assert len(made.spirals) == 2 and made.cells > 0
+        assert min(made.thickness, made.strip_length, made.strip_width, made.youngs, made.density) > 0.0
+    except OSError:
+        raise FlexMapsError(f"There is no {path}; make a calibration sheet first, it lies beside its files") from None
+    except (ValueError, TypeError, KeyError, AttributeError, AssertionError):
+        raise FlexMapsError(f"{path} is no calibration of this program, or is damaged; make the sheet again") from None
+    return made

@@ -1,0 +1,288 @@
+"""The pieces of the calibration sheet as curves of arcs, in metres, with the origin at the lower left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Float
+from ...errors import FlexMapsError
+from ...fabrication.connectors.shape import Size, head, key, rounded, size, socket
+from ...fabrication.panels.kerf import offset, relieved
+from ...fabrication.panels.lettering import length, strokes
+from ...params import ConnectorParams
+from ...spirals.arcs import Curve, biarcs
+from ...spirals.contours import hubs
+from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge
+from .bending import fillet
+from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
+
+LETTERS = 0.0025  # height of engraved letters, metres
+RIM = 0.008  # width of the material around holes, metres
+SAMPLES = 14  # pairs of arcs per edge of a spiral: within 1e-5 of its diameter, and longer than the radius of a mill
+TOOTH = 3.0  # width of the base of a tooth in heights; the tooth holds an arm's end and must be stiffer than the arm
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPiece:
+    """A piece, or several that belong together; material on the left of outlines and holes.
+
+    shared : lines cut along their middle regardless of the kerf, such as those between squares of the comb
+    """
+
+    outlines: tuple[Curve, ...] = ()
+    holes: tuple[Curve, ...] = ()
+    shared: tuple[Curve, ...] = ()
+    engraved: tuple[Curve, ...] = ()
+
+    def moved(self, shift: Float[np.ndarray, " 2"]) -> DrawnPiece:
+        """Return the piece shifted by metres."""
+        return DrawnPiece(*(tuple(c.moved(0.0, shift) for c in some) for some in self._all))
+
+    def cut(self, kerf: float, kerf_holes: float) -> DrawnPiece:
+        """Return the piece with the paths of the cutter: outlines and holes offset by half of the kerf."""
+        return replace(
+            self,
+            outlines=tuple(offset(c, 0.5 * kerf) for c in self.outlines),
+            holes=tuple(offset(c, 0.5 * kerf_holes) for c in self.holes),
+        )
+
+    @property
+    def _all(self) -> tuple[tuple[Curve, ...], ...]:
+        return self.outlines, self.holes, self.shared, self.engraved
+
+    @property
+    def box(self) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+        """Lower left and upper right corner, metres."""
+        points = np.concatenate([c.sampled(1e-5) for some in self._all for c in some])
+        return points.min(axis=0), points.max(axis=0)
+
+
+def together(pieces: Iterable[DrawnPiece]) -> DrawnPiece:
+    """Join several pieces."""
+    some = list(pieces)
+    return DrawnPiece(*(tuple(c for piece in some for c in piece._all[k]) for k in range(4)))
+
+
+def words(text: str, x: float, y: float, middle: bool = False, room: float = math.inf) -> tuple[Curve, ...]:
+    """Return engraved letters starting at (x, y), metres, or centred there; smaller if ``room`` requires."""
+    high = min(LETTERS, room / max(length(text), 1.0))
+    begin = np.array([x - (0.5 * high * length(text) if middle else 0.0), y])
+    return tuple(Curve(high * s + begin, np.zeros(len(s)), closed=False) for s in strokes(text))
+
+
+def rectangle(x0: float, y0: float, x1: float, y1: float) -> Curve:
+    """Return a rectangle, counter-clockwise."""
+    return Curve(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), np.zeros(4))
+
+
+def line(*points: tuple[float, float]) -> Curve:
+    """Return an open polyline."""
+    return Curve(np.array(points), np.zeros(len(points)), closed=False)
+
+
+def comb(made: Coupons, text: str) -> DrawnPiece:
+    """Return the kerf comb: squares in a window, separated by shared lines.
+
+    Pushed to one side, n squares leave a gap of n + 1 kerfs.
+    """
+    wide, high, a = made.cells * made.cell, made.cell, made.cell
+    x, y = RIM, RIM + 2.0 * LETTERS
+    window = rectangle(x, y, x + wide, y + high)
+    between = [line((x + k * a, y), (x + k * a, y + high)) for k in range(1, made.cells)]
+    says = words(
+        f"{made.cells} SQUARES OF {a * 1e3:g} MM - GAP OVER {made.cells + 1} IS THE KERF", x, 0.5 * RIM, room=wide
+    )
+    outline = rectangle(0.0, 0.0, 2.0 * RIM + wide, y + high + RIM + LETTERS)
+    return DrawnPiece((outline,), (), (*between, window), says + words(text, x, y + high + 0.5 * RIM, room=wide))
+
+
+# -- the ladders of clearances -----------------------------------------------------------------------------------------
+
+
+def ladder(made: Coupons, params: ConnectorParams, kind: str) -> DrawnPiece:
+    """Return a rail with a socket for every clearance, the pieces to insert, and their values on both."""
+    rungs = [size(made.joint, replace(params, clearance=c), mill=made.mill) for c in made.clearances]
+    values = [f"{c * 1e3:g}" for c in made.clearances]
+    gap = made.joint + 2.0 * max(made.kerf, made.mill)
+    pitch = max(max(r.pad for r in rungs) + gap, max(LETTERS * length(v) for v in values) + LETTERS + gap)
+    deep = max(r.length for r in rungs) + 2.0 * LETTERS
+    name, x0 = kind.upper(), 2.0 * LETTERS
+    begin, top = x0 + LETTERS * length(name) + LETTERS, deep + LETTERS
+    low = top - max(made.clearances)  # between sockets the rail is lower than their faces, so that only the faces touch
+    end = begin + pitch * len(rungs) + x0
+    places = [begin + pitch * (k + 0.5) for k in range(len(rungs))]
+    rail = [(0.0, 0.0), (end, 0.0), (end, low)]
+    bulges, says = [0.0, 0.0, 0.0], list(words(name, x0, LETTERS))
+    for x, rung, value in reversed(list(zip(places, rungs, values, strict=True))):
+        mouth = _point_up(_recess(rung, kind), x, top)
+        ends = [(float(mouth.points[k, 0]), low) for k in (0, -1)]
+        rail += [ends[0], *map(tuple, mouth.points.tolist()), ends[1]]
+        bulges += [0.0, *mouth.bulge[:-1].tolist(), 0.0, 0.0]
+        says += words(value, x, LETTERS, middle=True)
+    rail.append((0.0, low))
+    bulges.append(0.0)
+    parts = [DrawnPiece((Curve(np.array(rail), np.array(bulges)),), engraved=tuple(says))]
+    high = top + 2.0 * max(r.length for r in rungs) + gap
+    for x, rung, value in zip(places, rungs, values, strict=True):
+        parts += _counterpart(rung, kind, value, x, high, gap)
+    return together(parts)
+
+
+def _recess(rung: Size, kind: str) -> Curve:
+    """Return the recess in a rail from right to left, seen from outside, as ``socket``."""
+    if kind != "tab":
+        return socket(rung)
+    wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
+    edge_of_pad = 0.5 * rung.pad
+    points = [(0.0, -edge_of_pad), (0.0, -wide), (-deep, -wide), (-deep, wide), (0.0, wide), (0.0, edge_of_pad)]
+    return relieved(rounded(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside)
+
+
+def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
+    """Return the pieces to insert into one recess, placed above it: a stem with its value, and the key if it is loose."""
+    wide = max(0.5 * rung.pad, 0.5 * LETTERS * length(value) + 0.4 * LETTERS)
+    foot = rung.length + 2.0 * rung.inside if kind == "key" else 0.0  # letters are placed above the socket
+    high = foot + 4.0 * LETTERS
+    if kind == "dovetail":
+        front = _point_down(head(rung))
+    elif kind == "key":
+        front = _point_down(socket(rung))
+    else:
+        half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad
+        corners = [(-pad, 0.0), (-half, 0.0), (-half, -deep), (half, -deep), (half, 0.0), (pad, 0.0)]
+        front = rounded(corners, [0.0, rung.inside, rung.rounding, rung.rounding, rung.inside, 0.0])
+    points = [
+        *front.points.tolist(),
+        [wide, front.points[-1, 1]],
+        [wide, high],
+        [-wide, high],
+        [-wide, front.points[0, 1]],
+    ]
+    bulge = [*front.bulge[:-1].tolist(), 0.0, 0.0, 0.0, 0.0, 0.0]
+    stem = DrawnPiece(
+        (Curve(np.array(points), np.array(bulge)),), engraved=words(value, 0.0, foot + 1.5 * LETTERS, middle=True)
+    )
+    if kind != "key":
+        return [stem.moved(np.array([x, y]))]
+    loose = key(rung).moved(0.5 * math.pi, np.zeros(2))
+    below = rung.length + gap
+    return [DrawnPiece((loose,)).moved(np.array([x, y])), stem.moved(np.array([x, y + below]))]
+
+
+def _point_up(curve: Curve, x: float, y: float) -> Curve:
+    """Return the end of an arm pointing up, with its face at (x, y)."""
+    return curve.moved(0.5 * math.pi, np.array([x, y]))
+
+
+def _point_down(curve: Curve) -> Curve:
+    """Return the end of an arm pointing down, from left to right."""
+    return curve.moved(-0.5 * math.pi, np.zeros(2))
+
+
+# -- the strip and the spirals -----------------------------------------------------------------------------------------
+
+
+def strip(made: Coupons) -> DrawnPiece:
+    """Return the bending strip: a clamped part, a line at its end, and a hole for a thread with the weight."""
+    clamp, end = STRIP_CLAMP * made.thickness, STRIP_END * made.thickness
+    b, load = made.strip_width, clamp + made.strip_length
+    hole = max(0.002, 1.5 * max(made.kerf, made.mill))
+    says = (
+        line((clamp, 0.0), (clamp, b)),
+        *words("CLAMP", 0.5 * clamp, 0.5 * (b - LETTERS), middle=True, room=0.8 * clamp),
+        *words(
+            f"{made.strip_length * 1e3:g} TO THE HOLE - TRY {made.strip_load * 1e3:g} G",
+            clamp + LETTERS, 0.5 * (b - LETTERS), room=made.strip_length - hole - 2.0 * LETTERS,
+        ),
+    )  # fmt: skip
+    return DrawnPiece((rectangle(0.0, 0.0, load + end, b),), (_circle(load, 0.5 * b, 0.5 * hole),), engraved=says)
+
+
+def _circle(x: float, y: float, radius: float) -> Curve:
+    """Return a circle, clockwise, for a hole."""
+    return Curve(np.array([[x + radius, y], [x - radius, y]]), np.array([-1.0, -1.0]))
+
+
+def spiral(made: Coupons, one: SpiralCoupon) -> DrawnPiece:
+    """Return a spiral in its frame, with a hole between consecutive arms."""
+    arms = _arms(one)
+    rim = 0.5 * one.scale + 1.5 * max(one.width, 2.0 * max(made.kerf_holes, made.mill)) + max(RIM, 5.0 * made.thickness)
+    foot = 2.0 * LETTERS
+    centre = np.array([rim, rim + foot])
+    holes = tuple(hole.moved(0.0, centre) for hole in _slots(made, one, arms))
+    says = words(f"{one.name} - TRY {one.load * 1e3:g} G", rim, 0.8 * LETTERS, middle=True, room=1.8 * rim)
+    return DrawnPiece((rectangle(0.0, 0.0, 2.0 * rim, 2.0 * rim + foot),), holes, engraved=says)
+
+
+def _arms(one: SpiralCoupon) -> Arms:
+    """Return four equal arms around the origin, without blends, as in the stiffness table."""
+    four = np.full((1, 4), 1.0)
+    angle = 0.5 * np.pi * np.arange(4.0)[None]
+    return Arms(
+        np.zeros((1, 2)), 0.5 * one.scale * four, angle, np.array([one.twist]), one.width * four, one.width * four,
+        np.zeros((1, 4, 2)), 0.15 * four,
+    )  # fmt: skip
+
+
+def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
+    """Return the holes between arms k and k + 1, clockwise.
+
+    A hole runs along one arm to the hub, along the next arm to its end, and back along the frame, which holds the ends
+    of the arms with perpendicular teeth.
+    """
+    roots = hubs(arms, fillet(sizes, one.width))
+    if roots.missed.any():
+        raise FlexMapsError(
+            "The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter"
+        )
+    share = np.linspace(0.0, 1.0, SAMPLES + 1)
+    inwards = edge(arms, roots.left[..., None] * share, LEFT)
+    right = np.roll(roots.right, 1, axis=1)[..., None]
+    outwards = edge(arms, right * share[::-1], RIGHT)
+    to_hub, hub_bulge = biarcs(inwards[0][0], inwards[1][0])
+    from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
+    ends = _complex(np.stack([edge(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
+    middle = _complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
+    reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to pass around the ends
+    made = []
+    for k in range(4):
+        after = (k + 1) % 4
+        first = _complex(inwards[0][0, k, -1])
+        into, out = _complex(inwards[1][0, k, -1]), -_complex(outwards[1][0, after, 0])
+        corner_bulge = math.tan(0.25 * _right_turn(complex(into), complex(out)))
+        # arms wind clockwise outwards, so the left corner of an arm's end lies outside the right one. The frame
+        # continues along the ends of both arms; the tooth that holds arm k + 1 stands on the frame's circle
+        outer, inner = (
+            corner + reach * (corner - tip) / abs(corner - tip)
+            for corner, tip in ((ends[0, k], middle[k]), (ends[1, after], middle[after]))
+        )
+        radius = abs(outer)
+        foot = radius * inner / abs(inner) * np.exp(-1j * TOOTH * reach / radius)
+        back = math.tan(0.25 * float(np.angle(outer / foot)))
+        nodes = [
+            *_complex(to_hub[k]).tolist(),
+            first,
+            *_complex(from_hub[after]).tolist(),
+            ends[1, after],
+            inner,
+            foot,
+            outer,
+        ]
+        bulges = [*hub_bulge[k].tolist(), corner_bulge, *tip_bulge[after].tolist(), 0.0, 0.0, back, 0.0]
+        made.append(Curve(np.column_stack([np.real(nodes), np.imag(nodes)]), np.array(bulges)))
+    return made
+
+
+def _right_turn(before: complex, after: complex) -> float:
+    """Return the angle between two directions as a right turn, in radians."""
+    turn = float(np.angle(after / before))
+    return turn - 2.0 * math.pi if turn > 0.5 * math.pi else min(turn, 0.0)
+
+
+def _complex(points: np.ndarray) -> np.ndarray:
+    """Return points as complex numbers."""
+    return points[..., 0] + 1j * points[..., 1]

@@ -1,0 +1,52 @@
+"""Choose the sizes of calibration pieces for a machine and a material."""
+
+from __future__ import annotations
+
+import math
+
+from ...errors import FlexMapsError
+from ...fabrication.connectors.shape import size
+from ...params import Settings
+from .bending import spiral_load, strip_load
+from .coupons import STRIP_LENGTH, STRIP_SAG, STRIP_WIDTH, Coupons, SpiralCoupon, members
+
+# number of squares of the kerf comb and their side in metres: calipers of 0.02 mm then resolve 0.002 mm of kerf
+CELLS, CELL = 10, 0.01
+# clearances of the ladder in mm, around those usual for lasers and printers
+STEPS = (0.0, 0.025, 0.05, 0.075, 0.1, 0.15, 0.2)
+# Dimensions of the spirals in thicknesses: diameter, and widths of the arms of A and B. A twist of half a turn bends
+# and twists the arms as in real pieces. All values are within the range of the stiffness table. The intended sag is
+# half a thickness
+SPIRAL_SCALE, SPIRAL_WIDTHS, SPIRAL_TWIST, SPIRAL_SAG = 25.0, (0.8, 1.2), math.pi, 0.5
+MILLS = 1.5  # maximum diameter of a mill in thicknesses: wider mills do not fit around the ends of spiral B's arms
+KERFS = 4.0  # minimum width of an arm in kerfs; otherwise variation of the kerf would dominate its stiffness
+
+
+def coupons(settings: Settings) -> Coupons:
+    """Return the pieces for these settings of thickness, material, kerf, mill and widths."""
+    spiral, cut, material = settings.spiral, settings.cut, settings.material.sheet
+    h, kerf = spiral.thickness, max(cut.kerf_outline, cut.kerf_holes)
+    if cut.mill > MILLS * h:
+        raise FlexMapsError(
+            f"A mill of {cut.mill * 1e3:g} mm is too wide for the spirals of a sheet of {h * 1e3:g} mm; take a thinner mill, or "
+            "calibrate a thicker sheet"
+        )
+    joint = spiral.width_max
+    catch = size(joint, settings.connect, mill=cut.mill)
+    steps = tuple(c * 1e-3 for c in STEPS if c * 1e-3 <= 0.25 * (catch.head - catch.neck))
+    # the width cut by a mill varies less than that of a beam
+    thin = max(SPIRAL_WIDTHS[0] * h, 0.0 if cut.mill else KERFS * kerf)
+    widths = tuple(thin * w / SPIRAL_WIDTHS[0] for w in SPIRAL_WIDTHS)
+    scale = SPIRAL_SCALE / SPIRAL_WIDTHS[0] * thin
+    length, width = STRIP_LENGTH * h, max(STRIP_WIDTH * h, 0.01)
+    made = Coupons(
+        material=settings.material.material, youngs=material.youngs, poisson=material.poisson, density=material.density,
+        strain_limit=material.strain_limit, thickness=h, kerf=cut.kerf_outline, kerf_holes=cut.kerf_holes, mill=cut.mill,
+        cells=CELLS, cell=max(CELL, 3.0 * max(kerf, cut.mill)), clearances=steps, joint=joint,
+        strip_length=length, strip_width=width, strip_load=0.0, spirals=(),
+    )  # fmt: skip
+    spirals = tuple(
+        SpiralCoupon(name, scale, w, SPIRAL_TWIST, spiral_load(made, scale, w, SPIRAL_TWIST, SPIRAL_SAG * h))
+        for name, w in zip("AB", widths, strict=True)
+    )
+    return Coupons(**{**members(made), "strip_load": strip_load(made, STRIP_SAG * length), "spirals": spirals})

@@ -1,0 +1,151 @@
+"""Candidates: a piece with other settings or of another size, laid out, optimised for a short time, and measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...choosing import choose
+from ...choosing.choice import proposal
+from ...choosing.judge import JudgedLayout, Laid, LayoutProblem, judge
+from ...display import plots
+from ...display.drawing import svg
+from ...errors import FlexMapsError
+from ...materials import Material
+from ...params import Settings, with_values
+from ...runs import by_hand, job
+from ...runs.outputs import FinalLayout, Surface, UserInput
+from ...runs.result import Result
+from ...surface.mesh import PolygonMesh, QuadMesh
+from ...workers import Workers
+from .space import SIZES, Values
+
+# Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
+EFFORT = 0.15
+PICTURE_WIDTH = 220.0  # pixels
+
+
+@dataclass(frozen=True, eq=False)
+class StartSurface:
+    """Surface that candidates begin with; cut : mask of the edges where it is cut, unless the layout is varied."""
+
+    mesh: QuadMesh
+    cut: Bool[np.ndarray, " edges"]
+
+
+@dataclass(frozen=True, eq=False)
+class ExplorationInput:
+    """Inputs that all candidates share.
+
+    starts : surfaces by the requested number of quads; by 0 if that number is not varied
+    settings : of the piece, before variables are changed; supports : quads that are held; force : newtons on every quad
+    effort : share of the optimiser's patience that a candidate gets
+    """
+
+    starts: Mapping[int, StartSurface]
+    settings: Settings
+    supports: Int[np.ndarray, " held"] | None = None
+    force: Float[np.ndarray, "quads 3"] | None = None
+    effort: float = EFFORT
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Values of the variables, in the units shown to users, and the result.
+
+    measures : by the names of ``space.MEASURES``; empty if the candidate could not be made: ``fault`` says why
+    advice : sentence on what limits the match; picture : the surface with its panels, as SVG
+    """
+
+    values: Values
+    measures: dict[str, float] = field(default_factory=dict)
+    advice: str = ""
+    fault: str = ""
+    picture: str = ""
+
+    def row(self) -> dict[str, Any]:
+        """Return the candidate as a row of a table, without its picture."""
+        return {**self.values, **self.measures, "advice": self.advice, "fault": self.fault}
+
+
+def evaluate(base: ExplorationInput, values: Values) -> Candidate:
+    """Make and measure the candidate with these values; a FlexMapsError goes into ``Candidate.fault``, other errors propagate."""
+    try:
+        settings = with_values(base.settings, {name: value for name, value in values.items() if name not in SIZES})
+        start = base.starts[values.get("quads", 0)]
+        mesh = _scale_mesh(start.mesh, values)
+        laid = _lay_out(base, start, mesh, settings, values)
+        piece = LayoutProblem(mesh, settings, base.supports, base.force)
+        judged = judge(piece, laid, base.effort, thorough=True)
+        if judged is None:
+            return Candidate(values, fault="No equilibrium of its panels was found")
+        return Candidate(values, _measure(judged, settings, settings.material.chosen), judged.advice, "", _draw(laid))
+    except FlexMapsError as error:
+        return Candidate(values, fault=str(error))
+
+
+def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
+    """Scale the mesh to the edge or the height, millimetres, among the values, if there is one."""
+    if "edge" in values:
+        return mesh.moved(mesh.vertices * (values["edge"] / 1e3 / mesh.median_edge))
+    if "height" in values:
+        tall = float(np.ptp(mesh.vertices[:, 2]))
+        if tall <= 0.0:
+            raise FlexMapsError("The piece lies flat and has no height; vary edge instead")
+        return mesh.moved(mesh.vertices * (values["height"] / 1e3 / tall))
+    return mesh
+
+
+def _lay_out(base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
+    """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
+    surface = Surface(PolygonMesh.from_quads(mesh), [], mesh)
+    result = Result(surface, UserInput(supports=base.supports, force=base.force))
+    if any(name.startswith("layout.") for name in values):
+        result = job.go_on(result, settings, ("trace", "merge", "split"))
+    else:
+        result = job.go_on(by_hand.flattened(result, start.cut, settings), settings, ("split",))
+    flat = result.needed(FinalLayout).flat
+    if any(name.startswith("choose.") for name in values):
+        piece = LayoutProblem(mesh, settings, base.supports, base.force)
+        flat = choose.choose(piece, flat, settings.choose, together=Workers(1)).best.flat
+    return Laid(flat, "", 1)
+
+
+def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
+    """Return the measures of a candidate, rounded to four digits; those that are not finite are left out."""
+    made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
+    found = {
+        "rms_percent": 100.0 * judged.rms,
+        "max_percent": 100.0 * judged.largest,
+        "strain_share": judged.strain,
+        **({} if judged.closed is None else {"slots_closed": judged.closed}),
+        "panels": made.panels,
+        "joints": judged.laid.joints,
+        "sheets": made.sheets,
+        "quads": len(mesh.quads),
+        "edge_mm": 1e3 * mesh.median_edge,
+        "size_mm": 1e3 * float(np.ptp(mesh.vertices, axis=0).max()),
+        **({} if made.cut is None else {"cut_minutes": made.cut / 60.0}),
+        "join_minutes": made.join / 60.0,
+    }
+    return {name: float(f"{value:.4g}") for name, value in found.items() if math.isfinite(value)}
+
+
+def _draw(laid: Laid) -> str:
+    """Draw the surface in the colours of its panels, as SVG."""
+    layout = laid.flat.layout
+    sides = layout.cut[layout.mesh.quad_edges]
+    return svg(plots.thumbnail(layout.mesh.vertices, layout.mesh.quads, sides, layout.patch_of, PICTURE_WIDTH))
+
+
+def failed_candidate(values: Values, error: Exception) -> Candidate:
+    """Return the candidate for values at which the program failed, or its process ended."""
+    what = (
+        str(error) if isinstance(error, FlexMapsError) else f"A fault of the program, {type(error).__name__}: {error}"
+    )
+    return Candidate(values, fault=" ".join(what.split()))

@@ -1,0 +1,67 @@
+"""Run a whole exploration: on the cores of this machine or on a cluster, and stored in a folder if one is given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from ...cluster import Cluster
+from ...errors import FlexMapsError
+from ...own_files import Guard
+from ...params import Settings
+from ...progress import SILENT, Progress
+from ...runs.outputs import FinalLayout
+from ...runs.result import Result
+from ...workers import Workers
+from .candidate import EFFORT, ExplorationInput, StartSurface
+from .explore import Exploration, explore
+from .folder import Folder
+from .space import Space
+
+
+def explore_piece(
+    results: Mapping[int, Result],
+    settings: Settings,
+    question: Space,
+    folder: str | Path | None = None,
+    *,
+    candidates: int = 64,
+    scheduler: str | None = None,
+    cores: int | None = None,
+    effort: float = EFFORT,
+    seed: int = 0,
+    guard: Guard | None = None,
+    progress: Progress = SILENT,
+) -> Exploration:
+    """Try many candidates of a piece that has a layout.
+
+    Parameters
+    ----------
+    results : pieces by the numbers of quads in ``question.quads``
+    settings, question : of the piece; the variables and goals
+    folder : gets the table, the plot and the pictures; candidates that are stored in it are not tried again
+    candidates : largest number of candidates
+    scheduler, cores : address of a Dask cluster; else the number of this machine's cores, all by default
+    effort : share of the optimiser's patience that every candidate gets
+    seed : another number tries other candidates
+    guard : keeps the user's files in the folder
+
+    Raises
+    ------
+    FlexMapsError : the folder or the cluster cannot be used, or supports and forces do not fit other numbers of quads
+    Cancelled : the user cancels before a candidate is tried
+    """
+    first = next(iter(results.values()))
+    if question.quads != (0,) and (first.supports is not None or first.force is not None):
+        raise FlexMapsError("Supports and forces are set on the present quads; vary edge or height instead of quads")
+    starts = {count: StartSurface(one.mesh, one.needed(FinalLayout).flat.layout.cut) for count, one in results.items()}
+    base = ExplorationInput(starts, settings, first.supports, first.force, effort)
+    with ExitStack() as stack:
+        kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))
+        executor = stack.enter_context(Cluster(scheduler) if scheduler else Workers(cores))
+        if kept is None:
+            return explore(base, question, candidates, executor, progress, seed=seed)
+        made = explore(base, question, candidates, executor, progress, known=kept.known, found=kept.add, seed=seed)
+        kept.write(made)
+    return made

@@ -1,0 +1,102 @@
+"""Poses between two poses that keep joints closed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+from scipy.sparse.linalg import splu
+
+from ...arrays import Float, Int
+from ...mechanics.assembly import Pose
+from ...mechanics.vectors import exponential, rotation_vector, times
+
+
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """Path from one pose (0) to another (1): hubs turn about fixed axes, and joined hubs move so that they stay joined.
+
+    part : connected part of every hub
+    pairs : hubs of the joints
+    lever : metres from both hubs to the joint
+    turns : rotation vectors in space from the first to the second pose
+    gaps : gap vectors of the joints in both poses, in the frame half-way between their hubs, metres
+    solve : returns shifts (n, 3) of the hubs that change the gaps by given vectors (m, 3), in the least squares sense
+    """
+
+    start: Pose
+    end: Pose
+    part: Int[np.ndarray, " hubs"]
+    pairs: Int[np.ndarray, "joints 2"]
+    lever: Float[np.ndarray, "joints 2 3"]
+    turns: Float[np.ndarray, "hubs 3"]
+    gaps: Float[np.ndarray, "2 joints 3"]
+    solve: Callable[[np.ndarray], np.ndarray]
+
+    @classmethod
+    def between(cls, start: Pose, end: Pose, pairs: np.ndarray, lever: np.ndarray) -> Blend:
+        """Return the path between two poses of hubs with joints ``pairs`` that stay closed."""
+        count, ones, rows = len(start.centres), np.ones(len(pairs)), np.arange(len(pairs))
+        graph = sparse.coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()
+        part = csgraph.connected_components(graph, directed=False)[1]
+        back = np.swapaxes(start.rotations, 1, 2)
+        turns = _unwind(rotation_vector(end.rotations @ back), graph, part)
+        gaps = np.stack(
+            [times(np.swapaxes(_half_way_frames(pose, pairs), 1, 2), _gap(pose, pairs, lever)) for pose in (start, end)]
+        )
+        # joints connect the hubs, and a weak spring holds each in place
+        ends = sparse.coo_matrix(
+            (np.concatenate([ones, -ones]), (np.tile(rows, 2), np.concatenate([pairs[:, 1], pairs[:, 0]]))),
+            (len(pairs), count),
+        ).tocsr()
+        solver = splu((ends.T @ ends + 1e-9 * sparse.identity(count)).tocsc())
+        return cls(start, end, part, pairs, lever, turns, gaps, lambda wanted: solver.solve(ends.T @ wanted))
+
+    def at(self, share: float) -> Pose:
+        """Return the pose at a share of the path."""
+        centres = (1.0 - share) * self.start.centres + share * self.end.centres
+        here = Pose(centres, exponential(share * self.turns) @ self.start.rotations)
+        left = (1.0 - share) * self.gaps[0] + share * self.gaps[1]
+        wanted = times(_half_way_frames(here, self.pairs), left) - _gap(here, self.pairs, self.lever)
+        moved = self.solve(wanted)
+        # the mean of each part moves along a straight line
+        return Pose(centres + moved - means(moved, self.part)[self.part], here.rotations)
+
+
+def means(points: Float[np.ndarray, "hubs k"], part: Int[np.ndarray, " hubs"]) -> Float[np.ndarray, "parts k"]:
+    """Return the mean of the points of every part."""
+    count = np.bincount(part)
+    return np.stack([np.bincount(part, x) for x in points.T], axis=1) / np.maximum(count, 1)[:, None]
+
+
+def _gap(pose: Pose, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """Return (m, 3) the vectors from a joint as the first hub carries it to the joint as the second carries it, metres."""
+    ends = pose.centres[pairs] + (pose.rotations[pairs] @ lever[..., None])[..., 0]
+    return ends[:, 1] - ends[:, 0]
+
+
+def _half_way_frames(pose: Pose, pairs: np.ndarray) -> np.ndarray:
+    """Return (m, 3, 3) the frames half-way between two hubs."""
+    first, second = pose.rotations[pairs[:, 0]], pose.rotations[pairs[:, 1]]
+    return first @ exponential(0.5 * rotation_vector(np.swapaxes(first, 1, 2) @ second))
+
+
+def _unwind(turns: np.ndarray, graph: sparse.csr_matrix, part: np.ndarray) -> np.ndarray:
+    """Return equivalent rotation vectors (n, 3) that change little between neighbours, so that rolled panels unroll."""
+    out = turns.copy()
+    size = np.linalg.norm(turns, axis=1)
+    if size.max(initial=0.0) < 0.5 * np.pi:  # no rotation vector is ambiguous
+        return out
+    for label in range(int(part.max()) + 1):
+        members = np.flatnonzero(part == label)
+        start = members[np.argmin(size[members])]
+        order, before = csgraph.breadth_first_order(graph, start, directed=False)
+        for hub in order[1:].tolist():
+            near = out[before[hub]]
+            # add whole turns about the axis until the vector is closest to that of the previous hub
+            axis = turns[hub] / size[hub] if size[hub] > 1e-9 else near / max(float(np.linalg.norm(near)), 1e-9)
+            out[hub] += 2.0 * np.pi * np.round((near @ axis - size[hub]) / (2.0 * np.pi)) * axis
+    return out

@@ -1,0 +1,36 @@
+"""Flight of a loose panel: from the table in an arc, turning, to the place where it is joined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Float
+from ...mechanics.vectors import exponential, rotation_vector
+
+WAYPOINTS = 9  # points of the arc, joined by straight motion; chosen by eye
+
+
+def flight(
+    table: Float[np.ndarray, " 3"], place: Float[np.ndarray, " 3"], turn: Float[np.ndarray, "3 3"],
+    size: float, shape: Float[np.ndarray, "vertices 3"], ground: float,
+) -> tuple[Float[np.ndarray, " times"], Float[np.ndarray, "times 3 3"], Float[np.ndarray, "times 3"]]:  # fmt: skip
+    """Return shares of the time from 0 to 1, and turns and positions (metres) of a panel's frame.
+
+    table : initial position; its frame is parallel to the world's
+    place, turn : destination
+    size : of the whole piece, metres
+    shape : panel in its own frame, metres
+    ground : height above which the panel stays, metres
+    """
+    share = np.linspace(0.0, 1.0, WAYPOINTS)
+    ease = share * share * (3.0 - 2.0 * share)
+    turns = exponential(ease[:, None] * rotation_vector(turn[None])[0])
+    arc = table + ease[:, None] * (place - table)
+    arc[:, 2] += 0.35 * size * np.sin(np.pi * ease)
+    arc[:, 2] = np.maximum(arc[:, 2], ground - lowest(shape, turns))
+    return share, turns, arc
+
+
+def lowest(shape: Float[np.ndarray, "vertices 3"], turns: Float[np.ndarray, "... 3 3"]) -> np.ndarray:
+    """Return the height of a shape's lowest point above its origin after each turn, metres; negative below."""
+    return (turns[..., 2, :] @ shape.T).min(axis=-1)

@@ -1,0 +1,71 @@
+"""Film of the hubs alone: how panels come together, for renderers that bend the arms themselves (``skin``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...mechanics.assembly import Pose, nearest_rotation
+from ...spirals.design import SpiralDesign
+from .film import CLOSING, Shots
+
+
+@dataclass(frozen=True, eq=False)
+class Hubs:
+    """Actors of a film with three points per hub: its centre, and a point ``reach`` metres along each in-plane axis."""
+
+    design: SpiralDesign
+
+    @property
+    def reach(self) -> float:
+        """Metres from the centre to the axis points, about as far as the joints.
+
+        So the points stand for a whole panel, none of which may go below the table.
+        """
+        return 0.5 * self.design.flat.layout.mesh.median_edge
+
+    @property
+    def vertex_quad(self) -> Int[np.ndarray, " points"]:
+        return np.repeat(np.arange(len(self.design.width)), 3)
+
+    def placed(
+        self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the points of hubs in a pose, and the wrenches unchanged; arguments as for ``Actors.placed``."""
+        axes = np.swapaxes(pose.rotations[:, :, :2], 1, 2) * self.reach
+        points = np.concatenate([pose.centres[:, None], pose.centres[:, None] + axes], axis=1)
+        return points.reshape(-1, 3), wrench
+
+    def poses(self, shapes: Float[np.ndarray, "shapes points 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return centres (shapes, n, 3) and rotations (shapes, n, 3, 3) of n hubs from their points."""
+        points = shapes.reshape(len(shapes), -1, 3, 3)
+        x, y = (points[:, :, k] - points[:, :, 0] for k in (1, 2))
+        axes = np.stack([x, y, np.cross(x, y) / self.reach], axis=-1)
+        return points[:, :, 0], nearest_rotation(np.swapaxes(axes, -1, -2))
+
+
+def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"]:
+    """Return when every inner joint begins to close and is closed, in steps; joints inside a panel always are.
+
+    Parameters
+    ----------
+    design : the spirals
+    shots : film of their hubs
+    """
+    mesh, patch = design.flat.layout.mesh, design.flat.layout.patch_of
+    inner = ~mesh.border
+    out = np.full((int(inner.sum()), 2), np.inf)
+    sides = patch[mesh.edge_quads[inner]]
+    out[(sides[:, 0] == sides[:, 1]) & ~design.flat.layout.cut[inner]] = [-1.0, -0.5]
+    number = 0
+    for _, group in groupby(shots.stages.all, key=lambda stage: stage.step):
+        own = list(group)
+        for stage in own:
+            end = float(shots.stage_times[number])
+            new = stage.closed & np.isinf(out[:, 0])
+            out[new] = [end - CLOSING / len(own), end]
+            number += 1
+    return out

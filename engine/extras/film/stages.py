@@ -1,0 +1,258 @@
+"""Unfinished pieces: the shapes at rest of the panels joined so far.
+
+A stage is a static equilibrium of the elastic model of the whole piece without its open joints; every other joint is as
+in the finished piece. Pieces float freely, without weight, supports or forces, and each is placed to fit its position
+in the finished piece best. A loose panel is flat.
+
+The stages are computed backwards. The finished piece is taken apart joint by joint in the reverse order of
+``joining.steps``, and after some joints the rest relaxes from its last shape: nothing has to be pulled together, and
+energy only decreases. Where a part springs open too far for the solver, such as a ring, the opened joints are weakened
+gradually first. If an unfinished piece could rest in several shapes, this is the shape from which the finished piece is
+reached.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Bool, Int
+from ...fabrication.panels.labels import panel_name, seam_name
+from ...materials import Material
+from ...mechanics.assembly import Pose, nearest_rotation, of_design
+from ...mechanics.elastic import ElasticModel
+from ...mechanics.equilibrium import solve
+from ...mechanics.loads import Loads
+from ...params import SimulateParams
+from ...patches.joining import Step, steps
+from ...patches.layout import PatchLayout
+from ...progress import SILENT, Progress
+from ...simulation.simulate import build_model
+from ...spirals.design import SpiralDesign
+from ...surface.checking.finding import counted
+
+# approximate number of stages in which a panel is joined, at least one per seam; by eye
+PARTS = 3
+# maximum Newton steps to equilibrium after opening joints, and after weakening them; not measured
+AT_ONCE, SLOWLY = 150, 40
+# shares of stiffness for gradual opening; joints are far stiffer in translation than in rotation, hence many decades
+WEAKER = 10.0 ** -np.arange(1.0, 13.0)
+
+
+@dataclass(frozen=True, eq=False)
+class UnfinishedPiece:
+    """Unfinished piece after some joints, at rest.
+
+    step : index of the step of ``joining.steps`` in which its last panel arrives
+    seam : name of its last seam, empty before the first
+    hubs : spirals of its panels
+    closed : by inner edge, whether its joint is closed
+    share : of the step's joints that are closed
+    pose : of the hubs, fitted to their places in the finished piece
+    energy : of the elastic model, J
+    whole : whether it is a finished body, whose pose is given
+    solved : whether it is an equilibrium; otherwise it has the shape of the next equilibrium
+    """
+
+    step: int
+    seam: str
+    hubs: Int[np.ndarray, " hubs"]
+    closed: Bool[np.ndarray, " joints"]
+    share: float
+    pose: Pose
+    energy: float
+    whole: bool = False
+    solved: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """All stages of a piece.
+
+    all : in the order of assembly
+    skipped : names of panel and seam of stages without equilibrium
+    """
+
+    all: tuple[UnfinishedPiece, ...]
+    skipped: tuple[tuple[str, str], ...]
+
+
+def find_stages(
+    design: SpiralDesign, pose: Pose, material: Material, params: SimulateParams, progress: Progress = SILENT
+) -> Stages:
+    """Compute all stages of a piece; the given pose of its hubs is the last stage of every body.
+
+    Parameters
+    ----------
+    design, pose : spirals, and the pose of their hubs at rest
+    material, params : elastic model and solver; weight and other shapes are ignored
+
+    Raises
+    ------
+    FlexMapsError : a spiral is outside the elastic model's range
+    """
+    model = build_model(of_design(design), material, params.model, slopes=False)
+    search = _Disassembly(design, pose, model, replace(params, restarts=0))
+    plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
+    found: list[UnfinishedPiece] = []
+    for done, (number, k) in enumerate(reversed(plan)):
+        panel = panel_name(number + 1)
+        # the first stages computed have most hubs and take longest
+        share = 1.0 - (1.0 - done / len(plan)) ** 2
+        progress(
+            share,
+            f"Taking the piece apart: panel {panel}, {counted(len(plan) - done, 'half-finished piece', 'half-finished pieces')} to go",
+        )
+        made = search.stage(number, k, progress)
+        if made is not None:
+            found.append(made)
+    return Stages(tuple(reversed(found)), tuple(reversed(search.skipped)))
+
+
+def at_once(design: SpiralDesign, pose: Pose) -> Stages:
+    """Return stages without equilibria: every panel has its final shape on arrival, with all seams closed.
+
+    Parameters
+    ----------
+    design, pose : spirals, and the final pose of their hubs
+    """
+    layout, found = design.flat.layout, []
+    order, bodies, sides = steps(layout), _bodies(layout), layout.mesh.edge_quads[~layout.mesh.border]
+    for number, step in enumerate(order):
+        body = bodies[step.panel]
+        patches = [p for p in step.there if bodies[p] == body]
+        hubs = np.flatnonzero(np.isin(layout.patch_of, patches))
+        closed = np.isin(layout.patch_of[sides], patches).all(axis=1)
+        whole = all(bodies[later.panel] != body for later in order[number + 1 :])
+        seam = seam_name(step.joins[-1].seam) if step.joins else ""
+        found.append(UnfinishedPiece(number, seam, hubs, closed, 1.0, pose.part(hubs), np.nan, whole, whole))
+    return Stages(tuple(found), ())
+
+
+class _Disassembly:
+    """State of the piece while it is taken apart."""
+
+    def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
+        self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
+        self.pairs = of_design(design).pairs
+        self.order = steps(self.layout)
+        self.batches = [batches(self.layout, step) for step in self.order]
+        self.bodies = _bodies(self.layout)
+        self.closed = np.ones(len(self.pairs), dtype=bool)
+        self.now = Pose(pose.centres.copy(), pose.rotations.copy())
+        self.before = self.closed.copy()  # joints closed in the equilibrium ``now``
+        self.skipped: list[tuple[str, str]] = []
+
+    def stage(self, number: int, k: int, progress: Progress) -> UnfinishedPiece | None:
+        """Return the stage after the batches up to ``k`` of a step, or None; then open batch ``k``."""
+        step, batches_ = self.order[number], self.batches[number]
+        body, last = self.bodies[step.panel], k >= len(batches_) - 1
+        patches = [p for p in step.there if self.bodies[p] == body]
+        hubs = np.flatnonzero(np.isin(self.layout.patch_of, patches))
+        closed = self.closed & np.isin(self.layout.patch_of[self.pairs], patches).all(axis=1)
+        counts = [len(joints) for _, joints in batches_]
+        share = sum(counts[: k + 1]) / sum(counts) if counts else 1.0
+        seam = batches_[k][0] if batches_ else ""
+        here = UnfinishedPiece(number, seam, hubs, closed, share, self.now.part(hubs), np.nan)
+        made: UnfinishedPiece | None
+        if last and all(self.bodies[later.panel] != body for later in self.order[number + 1 :]):
+            made = self._with_energy(replace(here, pose=self.end.part(hubs), whole=True))
+        elif not batches_:
+            made = self._with_energy(replace(here, pose=lying(self.design, hubs, self.end)))
+        else:
+            made = self._relax(here, step.panel, progress)
+            if made is None:
+                self.skipped.append((panel_name(number + 1), seam))
+                # the panel needs something to be joined to
+                made = self._with_energy(replace(here, solved=False)) if last else None
+        if made is not None:
+            self.now.centres[hubs], self.now.rotations[hubs] = made.pose.centres, made.pose.rotations
+            self.before = self.closed.copy()
+        if batches_:
+            self.closed[batches_[k][1]] = False
+        return made
+
+    def _with_energy(self, here: UnfinishedPiece) -> UnfinishedPiece:
+        """Return the stage with the energy of its pose."""
+        part = self._model(here)
+        return replace(here, energy=part.energy(part.start(here.pose)))
+
+    def _model(self, here: UnfinishedPiece) -> ElasticModel:
+        """Return the elastic model of a stage."""
+        return self.model.part(here.hubs, np.flatnonzero(here.closed))
+
+    def _relax(self, here: UnfinishedPiece, panel: int, progress: Progress) -> UnfinishedPiece | None:
+        """Return the stage at rest; None without equilibrium."""
+        loads, quiet = Loads.for_spirals(len(here.hubs)), progress.quiet()
+        found = solve(self._model(here), here.pose, loads, self.params, quiet, iterations=AT_ONCE)
+        if not found.converged:
+            opened = self.before & ~self.closed & np.isin(self.pairs, here.hubs).all(axis=1)
+            joints, pose = np.flatnonzero(here.closed | opened), here.pose
+            held = self.model.part(here.hubs, joints)
+            for share in WEAKER:
+                weaker = held.weakened(np.where(opened[joints], share, 1.0))
+                pose = solve(weaker, pose, loads, self.params, quiet, iterations=SLOWLY).pose
+            found = solve(self._model(here), pose, loads, self.params, quiet, iterations=AT_ONCE)
+        if not found.converged:
+            return None
+        # a panel held by few joints counts little for the position of the piece
+        weight = np.where(self.layout.patch_of[here.hubs] == panel, here.share, 1.0)
+        pose = _fit_rigidly(found.pose, self.end.part(here.hubs), weight, 0.5 * self.layout.mesh.median_edge)
+        return replace(here, pose=pose, energy=found.energy)
+
+
+def lying(design: SpiralDesign, hubs: Int[np.ndarray, " hubs"], there: Pose) -> Pose:
+    """Return hubs of one panel, flat, fitted to their places in a pose of all hubs."""
+    centres = np.c_[design.arms.centre[hubs], np.zeros(len(hubs))]
+    flat = Pose(centres, np.broadcast_to(np.eye(3), (len(hubs), 3, 3)))
+    return _fit_rigidly(flat, there.part(hubs), np.ones(len(hubs)), 0.5 * design.flat.layout.mesh.median_edge)
+
+
+def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> Pose:
+    """Move a pose rigidly so that hubs with weights (n,) come closest to those of another pose.
+
+    The ends of the hubs' axes, ``reach`` metres long, are compared, because even hubs in a row define an orientation
+    then.
+    """
+    share = weight / weight.sum()
+    own, aim = share @ pose.centres, share @ there.centres
+    spread = (share[:, None] * (pose.centres - own)).T @ (there.centres - aim)
+    turned = np.einsum("n,nik,njk->ij", share, pose.rotations, there.rotations)
+    rotation = nearest_rotation(spread + reach**2 * turned)
+    return pose.placed(rotation, aim - rotation @ own)
+
+
+def _bodies(layout: PatchLayout) -> np.ndarray:
+    """Return (N,) the body of every patch."""
+    body = np.arange(len(layout.patches))
+    for edges in layout.seams:
+        one, two = body[layout.patch_of[layout.mesh.edge_quads[edges[0]]]]
+        body[body == two] = one
+    return body
+
+
+# -- joints in the order in which they are closed --------------------------------------------------------------------------
+
+
+def batches(layout: PatchLayout, step: Step) -> list[tuple[str, Int[np.ndarray, " _"]]]:
+    """Return the joints (indices of inner edges) that a step closes in turn, with the names of their seams.
+
+    Seams within the panel come last, because nothing holds the panel before the others; along a seam, joints are closed
+    from the end where the panel is already joined.
+    """
+    mesh = layout.mesh
+    joint = np.cumsum(~mesh.border) - 1
+    joins = sorted(step.joins, key=lambda join: join.other == join.panel)
+    total, found = sum(join.joints for join in joins), []
+    held: set[int] = set()  # vertices where the panel is joined
+    for join in joins:
+        edges = layout.seams[join.seam]
+        if len(edges) > 1 and held:
+            first, last = (set(mesh.edges[e].tolist()) for e in (edges[0], edges[-1]))
+            if last & held and not first & held:
+                edges = edges[::-1]
+        held.update(mesh.edges[edges].ravel().tolist())
+        count = min(max(round(PARTS * len(edges) / total), 1), len(edges))
+        found += [(seam_name(join.seam), joint[part]) for part in np.array_split(edges, count)]
+    return found

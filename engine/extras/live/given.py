@@ -1,0 +1,70 @@
+"""Input of a live piece: all that its shape depends on, as plain arrays and settings that can be sent between processes."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...materials import Material
+from ...params import LayoutParams, SimulateParams, SpiralParams
+
+
+@dataclass(frozen=True, eq=False)
+class LiveInput:
+    """Input of a live piece.
+
+    vertices, corners, sizes : as in ``PolygonMesh``, metres
+    seams : whether each edge is to be cut, in the engine's order of edges
+    cut : whether each edge was cut when the stored flat patches were made
+    flat : flat corners of these patches, each in its patch's frame, metres
+    energy : distortion of every quad when they were made; a difference shows where vertices have moved since
+    width, twist : of the spirals, metres and radians
+    spiral, layout, material, simulate : settings and material
+    supports : quads that are held at their places in the target, or None
+    force : forces on the quads, newtons, or None
+    """
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    corners: Int[np.ndarray, " corners"]
+    sizes: Int[np.ndarray, " quads"]
+    seams: Bool[np.ndarray, " edges"]
+    cut: Bool[np.ndarray, " edges"]
+    flat: Float[np.ndarray, "quads 4 2"]
+    energy: Float[np.ndarray, " quads"]
+    width: Float[np.ndarray, "quads 4"]
+    twist: Float[np.ndarray, " quads"]
+    spiral: SpiralParams
+    layout: LayoutParams
+    material: Material
+    simulate: SimulateParams
+    supports: Int[np.ndarray, " held"] | None = None
+    force: Float[np.ndarray, "quads 3"] | None = None
+
+    def changes(self, since: LiveInput | None) -> dict[str, Any]:
+        """Return the fields that differ from an earlier input, by name; all fields if ``since`` is None."""
+        own = {one.name: getattr(self, one.name) for one in fields(self)}
+        return own if since is None else {k: v for k, v in own.items() if not same(v, getattr(since, k))}
+
+    @property
+    def mark(self) -> bytes:
+        """Hash of all fields."""
+        digest = hashlib.blake2b(digest_size=16)
+        for one in fields(self):
+            value = getattr(self, one.name)
+            digest.update(value.tobytes() if isinstance(value, np.ndarray) else pickle.dumps(value))
+            digest.update(one.name.encode())
+        return digest.digest()
+
+
+def same(one: Any, two: Any) -> bool:
+    """Return whether two values are equal, arrays included."""
+    if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
+        return one.shape == two.shape and bool((one == two).all())
+    if isinstance(one, np.ndarray) or isinstance(two, np.ndarray):
+        return False
+    return bool(one == two)

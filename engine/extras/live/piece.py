@@ -1,0 +1,208 @@
+"""A piece that is solved again after every change, from its present pose; the next change can interrupt at any step."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.assembly import Pose
+from ...mechanics.equilibrium import Equilibrium, settling
+from ...simulation.simulate import move_vertices
+from ...threads import one_thread
+from .given import LiveInput
+from .rig import LiveState
+
+# residual at which a live piece counts as at rest; larger values save steps and are less exact: brush strokes on domes of 400
+# to 2,400 spirals end within 1e-4 mm, one step earlier than with a tolerance of 1e-10
+TOLERANCE = 1e-5
+SLICE = 0.015  # computing time before ``advance`` returns a shape, seconds; a frame at 60 Hz has 16 ms
+# a motion beyond JUMP is a suspected snap; it is confirmed if the shape stays farther than AWAY from the earlier one after the
+# change is undone. Unit: mean distance of neighbours; AWAY is as in ``equilibrium.other_minima``
+JUMP, AWAY = 1.0, 0.1
+RETURN_STEPS = 60  # most Newton steps for the return to the earlier shape; pieces that return need 5 to 60
+# number of stored poses at rest, so that undo and redo are immediate; each takes a quarter of a megabyte for 2,400 spirals
+STORED_POSES = 24
+
+
+@dataclass(frozen=True, eq=False)
+class LiveEquilibrium:
+    """Present shape of a live piece.
+
+    vertices : vertices of the target, moved with the hubs, metres; None before the first shape
+    centres : of the hubs, metres; None before the first shape
+    quads : vertex indices
+    distance : of every hub from its quad's centre in the target, metres
+    resting : whether all work is done
+    converged : whether the piece rests in a minimum
+    problem : why the last change has no shape; "" if it has one
+    snapped : largest motion of a spiral if the piece snapped, millimetres, else 0
+    """
+
+    vertices: Float[np.ndarray, "vertices 3"] | None
+    centres: Float[np.ndarray, "spirals 3"] | None
+    quads: Int[np.ndarray, "quads 4"] | None = None
+    distance: Float[np.ndarray, " quads"] | None = None
+    resting: bool = False
+    converged: bool = False
+    problem: str = ""
+    snapped: float = 0.0
+
+    @property
+    def rms(self) -> float:
+        """RMS distance from the target, metres; 0 before the first shape."""
+        return 0.0 if self.distance is None else float(np.sqrt((self.distance**2).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class RigPose:
+    """A rig and a pose of its hubs."""
+
+    rig: LiveState
+    pose: Pose
+
+    @property
+    def aligned(self) -> Pose:
+        """The pose, aligned with the target as far as supports allow."""
+        return self.rig.laid(self.pose)
+
+    def settling(self) -> Generator[Any, None, Equilibrium]:
+        """Return a generator that steps to the equilibrium and returns it."""
+        rig, physics = self.rig, self.rig.given.simulate
+        coarse = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
+        return settling(rig.model, self.pose, rig.loads, coarse, system=rig.system)
+
+
+class LivePiece:
+    """Piece that follows changes: call ``change`` at any time, and ``advance`` until the shape rests."""
+
+    def __init__(self) -> None:
+        self._given: LiveInput | None = None
+        self._now: RigPose | None = None
+        self._rest: RigPose | None = None  # last equilibrium
+        self._work: Generator[None, None, None] | None = None  # remaining work
+        self._rest_poses: OrderedDict[bytes, Pose] = (
+            OrderedDict()
+        )  # poses at rest by ``LiveInput.mark``, the latest last
+        self._refusal = ""  # why the last change makes no valid piece
+        self._problem = ""  # why no equilibrium was found
+        self._snapped = 0.0
+
+    @one_thread
+    def change(self, changes: dict[str, Any], start: Pose | None = None) -> None:
+        """Apply changes of the input; if they make no valid piece, keep the present one and report why in ``advance``.
+
+        Parameters
+        ----------
+        changes : changed fields of ``LiveInput``
+        start : pose at rest of a new piece
+        """
+        self._given = LiveInput(**changes) if self._given is None else replace(self._given, **changes)
+        stored, old = self._rest_poses.get(self._given.mark), self._now
+        try:
+            rig, pose = LiveState.from_input(
+                self._given, None if old is None else old.rig, start if old is None else old.pose
+            )
+        except FlexMapsError as error:
+            self._refusal = str(error)
+            return
+        if old is not None and old.rig.mesh.quads is not rig.mesh.quads:
+            self._rest_poses, self._rest = OrderedDict(), None
+        # a stored pose needs no transformation: equal input has equal flat frames
+        self._now = RigPose(rig, pose if stored is None else stored)
+        self._refusal, self._problem, self._snapped = "", "", 0.0
+        self._work = self._solve(stored is not None)
+
+    @one_thread
+    def advance(self) -> LiveEquilibrium:
+        """Compute some steps towards rest and return the shape after them."""
+        began = time.perf_counter()
+        try:
+            while self._work is not None and time.perf_counter() - began < SLICE:
+                if next(self._work, self) is self:
+                    self._work = None
+        except FlexMapsError as error:
+            self._fall_back(str(error))
+        return self._shape()
+
+    def _solve(self, known: bool) -> Generator[None, None, None]:
+        """Do all work after a change, in small parts; ``known`` : the piece rested like this before, so that no snap is reported."""
+        assert self._now is not None
+        while True:
+            equilibrium = yield from self._settle()
+            if not equilibrium.converged:
+                self._fall_back(equilibrium.status)
+                return
+            if not self._now.rig.refinable:
+                break
+            # refine last, so that the first shapes appear soon
+            self._now = RigPose((yield from self._now.rig.refined()), equilibrium.pose)
+        self._snapped = 0.0 if known else (yield from self._measure_snap())
+        self._rest = self._now
+        mark = self._now.rig.given.mark
+        self._rest_poses[mark] = self._now.pose
+        self._rest_poses.move_to_end(mark)
+        while len(self._rest_poses) > STORED_POSES:
+            self._rest_poses.popitem(last=False)
+
+    def _settle(self) -> Generator[None, None, Equilibrium]:
+        """Step to the equilibrium of the present rig, and update the present pose at every step."""
+        assert self._now is not None
+        rig, steps = self._now.rig, self._now.settling()
+        while True:
+            try:
+                self._now = RigPose(rig, next(steps).pose)
+            except StopIteration as end:
+                self._now = RigPose(rig, end.value.pose)
+                return end.value  # type: ignore[no-any-return]
+            yield
+
+    def _fall_back(self, why: str) -> None:
+        """Stop working, and return to the last equilibrium."""
+        self._problem, self._work = why, None
+        if self._rest is not None:
+            self._now = self._rest
+
+    def _measure_snap(self) -> Generator[None, None, float]:
+        """Return the largest motion of a spiral in millimetres if the piece snapped, else 0.
+
+        A piece has snapped if a spiral moved far and does not return when the change is undone.
+        """
+        before, now = self._rest, self._now
+        assert now is not None
+        if before is None:
+            return 0.0
+        moved = float(np.linalg.norm(now.aligned.centres - before.aligned.centres, axis=1).max())
+        if moved < JUMP * now.rig.unit:
+            return 0.0
+        undone = RigPose(before.rig, LiveState.from_input(before.rig.given, now.rig, now.pose)[1])
+        steps, equilibrium = undone.settling(), None
+        for _ in range(RETURN_STEPS):
+            try:
+                next(steps)
+            except StopIteration as end:
+                equilibrium = end.value
+                break
+            yield
+        if equilibrium is None or not equilibrium.converged:
+            return 1e3 * moved
+        returned = RigPose(before.rig, equilibrium.pose).aligned
+        away = np.linalg.norm(returned.centres - before.aligned.centres, axis=1).max()
+        return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
+
+    def _shape(self) -> LiveEquilibrium:
+        """Return the present shape."""
+        problem = self._refusal or self._problem
+        if self._now is None:
+            return LiveEquilibrium(None, None, resting=True, problem=problem)
+        rig, pose, resting = self._now.rig, self._now.aligned, self._work is None
+        apart = np.linalg.norm(pose.centres - rig.mesh.centroids, axis=1)
+        vertices = move_vertices(rig.design, pose, rig.mesh)
+        ends = resting, resting and not problem, problem, self._snapped
+        return LiveEquilibrium(vertices, pose.centres, rig.mesh.quads, apart, *ends)

@@ -1,0 +1,262 @@
+"""Model, loads and mesh of a live piece, built from its input; parts that a change does not affect are reused.
+
+A change rebuilds the patches with changed seams or vertices, and the joints with changed spirals or rest geometry. If there
+are many changed joints, two slow and less important parts stay approximate at first: the second order of the strains and the
+weights of the spirals. ``LiveState.refined`` computes them when the piece has come to rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...mechanics.arms.model import ArmModel
+from ...mechanics.arms.with_arms import with_arms
+from ...mechanics.assembly import Assembly, Pose, of_design
+from ...mechanics.elastic import ElasticModel
+from ...mechanics.loads import Loads
+from ...mechanics.newton_system import NewtonSystem
+from ...mechanics.stance import Stance
+from ...patches.flattening.flatten import FlatPatches, flatten, measured
+from ...patches.layout import PatchLayout
+from ...patches.tracing.trace import make_disks
+from ...simulation.simulate import build_model
+from ...spirals.design import SpiralDesign
+from ...surface.checking import check
+from ...surface.mesh import PolygonMesh, QuadMesh
+from .given import LiveInput, same
+
+# joints whose second order of strains is computed in one step: 15 ms of a usual core; larger values make live shapes jerky
+BATCH = 500
+# tolerance for stored distortions, absolute and relative, because .blend files store single precision
+ROUNDING = (1e-4, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """All data that solving for the equilibrium of a piece needs.
+
+    given : the input
+    mesh, flat, assembly, model : target, flat patches, spirals and joints, elastic model
+    aim : pose of the hubs on the target
+    loads, system : supports and forces, and the linear system of Newton's method
+    rough : joints whose second order of strains comes from an earlier design
+    area : area of every spiral's material, square metres; None without gravity
+    guessed : whether ``area`` is an estimate
+    """
+
+    given: LiveInput
+    mesh: QuadMesh
+    flat: FlatPatches
+    assembly: Assembly
+    model: ElasticModel
+    aim: Pose
+    loads: Loads
+    system: NewtonSystem
+    rough: Bool[np.ndarray, " joints"]
+    area: Float[np.ndarray, " quads"] | None = None
+    guessed: bool = False
+
+    @classmethod
+    def from_input(
+        cls, given: LiveInput, old: LiveState | None = None, start: Pose | None = None
+    ) -> tuple[LiveState, Pose]:
+        """Build the rig and a pose to start from.
+
+        Parameters
+        ----------
+        given : the input
+        old : earlier rig, whose unaffected parts are reused
+        start : present pose of the old rig's hubs; None to start on the target. Held hubs go to their places in the target
+
+        Raises
+        ------
+        FlexMapsError if no such piece can be made, or no support holds it against its loads.
+        """
+        mesh = _mesh(given, old)
+        old = old if old is not None and mesh.quads is old.mesh.quads else None
+        flat = _flat(given, mesh, old)
+        design = SpiralDesign(flat, given.spiral, given.width, given.twist)
+        assembly = of_design(design)
+        model, rough = _model(assembly, given, old)
+        area, guessed = _area(design, given, old)
+        loads = _loads(given, area)
+        stance = Stance(loads, mesh, flat.corners)
+        aim = stance.aim
+        pose = aim if start is None else stance.placed(_adapt_pose(start, flat, old))
+        if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
+            pose = replace(pose, nodes=None)  # nodes of another rim do not fit
+        held = loads.held(assembly.pairs, pose.centres)
+        if old is not None and same(held, old.system.held[: len(held)]) and same(model.pairs, old.model.pairs):
+            system = old.system  # reuses its symbolic factorisation
+        else:
+            system = NewtonSystem(model.pairs, held)
+        return cls(given, mesh, flat, assembly, model, aim, loads, system, rough, area, guessed), pose
+
+    @property
+    def refinable(self) -> bool:
+        """Whether some parts are approximate."""
+        return self.guessed or bool(self.rough.any())
+
+    def refined(self) -> Generator[None, None, LiveState]:
+        """Compute all approximate parts in small steps; return the exact rig."""
+        given, model, arms = self.given, self.model, with_arms(self.model)
+        if arms is not None:
+            joints = np.flatnonzero(self.rough)
+            for first in range(0, len(joints), BATCH):
+                some = joints[first : first + BATCH]
+                part = arms.part(np.unique(self.assembly.pairs[some]), some).with_own_curving()
+                model = arms = _replace_joints(arms, part, self.assembly, some, given.material)
+                yield
+        area = self.design.area if self.guessed else self.area
+        rough = np.zeros_like(self.rough)
+        return replace(self, model=model, area=area, loads=_loads(given, area), rough=rough, guessed=False)
+
+    @property
+    def design(self) -> SpiralDesign:
+        """The design of the piece."""
+        return SpiralDesign(self.flat, self.given.spiral, self.given.width, self.given.twist)
+
+    @property
+    def unit(self) -> float:
+        """Mean distance of joined spirals in the target, metres."""
+        a, b = self.assembly.pairs.T
+        return float(np.linalg.norm(self.aim.centres[b] - self.aim.centres[a], axis=1).mean())
+
+    def laid(self, pose: Pose) -> Pose:
+        """Align a pose with the target, as far as supports allow."""
+        return self.loads.laid(pose, self.assembly.pairs, self.aim)
+
+
+def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
+    """Return the checked mesh; it shares the old mesh's topology if faces are unchanged."""
+    alike = old is not None and same(given.corners, old.given.corners) and same(given.sizes, old.given.sizes)
+    if alike and old is not None and same(given.vertices, old.given.vertices):
+        return old.mesh
+    mesh = check.as_quad_mesh(PolygonMesh(given.vertices, given.corners, given.sizes))
+    if alike and old is not None and np.array_equal(mesh.quads, old.mesh.quads):
+        return old.mesh.moved(mesh.vertices)
+    return mesh
+
+
+def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
+    """Return the stored flat patches; flatten those again whose seams or vertices have changed since."""
+    names = ("vertices", "seams", "cut", "flat", "energy", "layout")
+    if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
+        return old.flat
+    old_layout = PatchLayout(mesh, given.cut & ~mesh.border)
+    points = np.zeros((int(old_layout.flat_corners.max()) + 1, 2))
+    points[old_layout.flat_corners] = given.flat
+    stored = measured(old_layout, points)
+    least, share = ROUNDING
+    with np.errstate(invalid="ignore"):
+        moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)
+    layout = make_disks(PatchLayout(mesh, given.seams & ~mesh.border))
+    if not moved.any() and np.array_equal(layout.cut, old_layout.cut):
+        return stored
+    return flatten(layout, given.layout, previous=stored, moved=moved)
+
+
+def _model(
+    assembly: Assembly, given: LiveInput, old: LiveState | None
+) -> tuple[ElasticModel, Bool[np.ndarray, " joints"]]:
+    """Return the elastic model, and a mask of the joints whose second order of strains comes from an earlier design."""
+    material, name = given.material, given.simulate.model
+    rimmed = assembly.rim is not None or (old is not None and old.assembly.rim is not None)
+    arms = None if old is None or rimmed else with_arms(old.model)
+    if name != ArmModel.name or old is None or arms is None:
+        return build_model(assembly, material, name, slopes=False), np.zeros(len(assembly.pairs), bool)
+    joints = _changed_joints(assembly, material, old.assembly, old.given)
+    if not joints.any():
+        return replace(arms, assembly=assembly), old.rough
+    some = np.flatnonzero(joints)
+    hubs = np.unique(assembly.pairs[some])
+    exact, few = len(some) <= BATCH, assembly.part(hubs, some)
+    if exact:
+        part = ArmModel.from_assembly(few, material, slopes=False)
+    else:
+        part = arms.part(hubs, some).rebuilt(few, material)
+    rough = old.rough.copy()
+    rough[some] = not exact
+    return _replace_joints(arms, part, assembly, some, material), rough
+
+
+def _changed_joints(assembly: Assembly, material: Any, old: Assembly, given: LiveInput) -> Bool[np.ndarray, " joints"]:
+    """Return a mask of the joints whose elastic behaviour has changed."""
+    for name in ("thickness", "clockwise", "cut", "grain"):
+        if getattr(assembly, name) != getattr(old, name):
+            return np.ones(len(assembly.pairs), bool)
+    if material != given.material:
+        return np.ones(len(assembly.pairs), bool)
+    spirals = (assembly.width != old.width).any(axis=1) | (assembly.twist != old.twist)
+    moved = (assembly.lever != old.lever).any(axis=(1, 2)) | (assembly.axes != old.axes).any(axis=(1, 2, 3))
+    return moved | spirals[assembly.pairs].any(axis=1)
+
+
+def _replace_joints(
+    model: ArmModel, part: ArmModel, assembly: Assembly, joints: Int[np.ndarray, " j"], material: Any
+) -> ArmModel:
+    """Replace some joints of a model by the joints of a part."""
+
+    def put(whole: np.ndarray, some: np.ndarray) -> np.ndarray:
+        out = whole.copy()
+        out[joints] = some
+        return out
+
+    # a live piece needs no derivatives with respect to the design
+    compliance = replace(model.compliance, by=None).each(lambda name, whole: put(whole, getattr(part.compliance, name)))
+    names = ("at_joint", "lever", "rest", "stiffness", "offset", "curving_at_joint")
+    arrays: dict[str, Any] = {name: put(getattr(model, name), getattr(part, name)) for name in names}
+    return replace(model, assembly=assembly, compliance=compliance, material=material, **arrays)
+
+
+def _area(
+    design: SpiralDesign, given: LiveInput, old: LiveState | None
+) -> tuple[Float[np.ndarray, " quads"] | None, bool]:
+    """Return the areas of the spirals and whether they are estimates from the arms' lengths, because measuring is slow.
+
+    The areas are None without gravity.
+    """
+    if not given.simulate.gravity:
+        return None, False
+    names = ("width", "twist", "spiral")
+    if (
+        old is not None
+        and old.flat is design.flat
+        and all(same(getattr(given, n), getattr(old.given, n)) for n in names)
+    ):
+        if old.area is not None:
+            return old.area, old.guessed
+    corners = design.flat.corners
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=1)) - corners.mean(axis=1, keepdims=True)
+    wind = np.maximum(given.twist, 1e-9)
+    # length of the spiral r = (1 - t) R, angle = twist t, per R
+    stretch = 0.5 * (np.sqrt(1.0 + wind**2) + np.arcsinh(wind) / wind)
+    return stretch * (np.linalg.norm(middles, axis=2) * given.width).sum(axis=1), True
+
+
+def _loads(given: LiveInput, area: Float[np.ndarray, " quads"] | None) -> Loads:
+    """Return supports and forces, weight included."""
+    mass = None if area is None else area * given.spiral.thickness * given.material.density
+    clamped = given.simulate.clamped
+    return Loads.for_spirals(len(given.sizes), supports=given.supports, clamped=clamped, force=given.force, mass=mass)
+
+
+def _adapt_pose(pose: Pose, flat: FlatPatches, old: LiveState | None) -> Pose:
+    """Adapt a pose of the old rig's hubs to the new flat frames, which may have turned."""
+    if old is None or old.flat is flat or len(pose.centres) != len(flat.corners):
+        return pose
+    before, now = (
+        (c - c.mean(axis=1, keepdims=True)) @ np.array([1.0, 1.0j]) for c in (old.flat.corners, flat.corners)
+    )
+    turn = (before * now.conj()).sum(axis=1)  # from the new frame to the old one
+    turn /= np.maximum(np.abs(turn), 1e-300)
+    back = np.zeros((len(turn), 3, 3))
+    back[:, 0, 0] = back[:, 1, 1] = turn.real
+    back[:, 1, 0], back[:, 0, 1] = turn.imag, -turn.imag
+    back[:, 2, 2] = 1.0
+    return Pose(pose.centres, pose.rotations @ back)  # without nodes, because the rim has changed

@@ -1,0 +1,205 @@
+"""Distance of the scanned piece from its predicted shape (Malomo et al. 2018, section 8)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bool, Float
+from ...errors import FlexMapsError
+from ...progress import SILENT, Progress
+from ...surface.mesh import QuadMesh
+from .reading import FEWEST, MOST, UNITS, Scan
+from .register import Registration, register
+from .surface import TriangleSurface
+
+# maximum distance of points that belong to the piece as a share of its size; the largest error in the paper is 0.041
+MAX_DISTANCE = 0.1
+MIN_COSINE = 0.85  # cosine of 32 degrees: a point further from a quad's normal lies beyond a border, not over the quad
+MEDIAN = 15  # points whose median locates a spiral: scatters a third as much as a single point, and stays local
+SPARSE = 0.15  # minimum share of the usual number of points over a spiral: fewer are outliers where the scan has a gap
+LEAST = 3  # minimum points over a spiral; fewer may all be outliers
+COVERED = 0.3  # minimum share of the spirals covered by a scan of the piece
+# maximum RMS distance as a share of the size: 17 pieces bent by up to 4 % have 0.85 % at most, scans of 7 other objects
+# at least 3.1 %
+MAX_RMS = 0.025
+CLUTTER = 0.5  # points with a smaller weight are taken to show a table or wall, not the piece
+# maximum ratio of sizes of scan and piece where the unit is guessed; metres and millimetres differ by 1000
+MAX_SIZE_RATIO = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A scan registered to a piece.
+
+    turn, shift : ``scale * scan @ turn.T + shift`` is the registered scan, metres
+    scale : metres per unit of the scan
+    points, used : registered points, metres, and whether each belongs to the piece
+    distances : from every spiral's centre to the scan along its normal, metres; NaN without points
+    size : the piece's diagonal, metres
+    noise : standard deviation of the scan about the piece's shape, metres
+    name : of the scan
+    simulated : whether it is compared with the simulated shape, not the target
+    remarks : sentences for the reader
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    shift: Float[np.ndarray, " 3"]
+    scale: float
+    points: Float[np.ndarray, "points 3"]
+    used: Bool[np.ndarray, " points"]
+    distances: Float[np.ndarray, " quads"]
+    size: float
+    noise: float
+    name: str = "scan"
+    simulated: bool = False
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def covered(self) -> Bool[np.ndarray, " quads"]:
+        """Whether the scan has points over a spiral."""
+        return np.isfinite(self.distances)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance over the covered spirals, metres."""
+        return float(np.sqrt(np.nanmean(self.distances**2)))
+
+    @property
+    def highest(self) -> float:
+        """Largest distance of a covered spiral, metres."""
+        return float(np.nanmax(np.abs(self.distances)))
+
+    @property
+    def shown_mm(self) -> Float[np.ndarray, " quads"]:
+        """Distances in mm for maps and attributes; -1 without points."""
+        return np.where(self.covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
+
+    def report(self) -> dict[str, Any]:
+        """Return the block "scan" of report.json; percentages of the piece's diagonal, as in the paper."""
+        mean, of_size = float(np.nanmean(self.distances)), 100 / self.size
+        return {
+            "file": self.name,
+            "against": "simulated shape" if self.simulated else "target",
+            "rms_mm": round(1e3 * self.rms, 4),
+            "rms_percent": round(of_size * self.rms, 4),
+            "max_mm": round(1e3 * self.highest, 4),
+            "max_percent": round(of_size * self.highest, 4),
+            "mean_mm": round(1e3 * mean, 4),
+            "covered": round(float(self.covered.mean()), 4),
+            "points": len(self.points),
+            "points_beside": round(1 - float(self.used.mean()), 4),
+            "noise_mm": round(1e3 * self.noise, 4),
+            "unit_m": self.scale,
+            "remarks": list(self.remarks),
+        }
+
+
+def compare(mesh: QuadMesh, scan: Scan, simulated: bool = False, progress: Progress = SILENT) -> Comparison:
+    """Register a scan to the predicted shape without markers, and measure distances.
+
+    Parameters
+    ----------
+    mesh : predicted shape, metres
+    scan : the scan
+    simulated : whether the shape was simulated
+    progress : receives the share done
+
+    Raises
+    ------
+    FlexMapsError : too few or invalid points, no suitable unit, or another object
+    """
+    points = scan.points
+    if len(points) < FEWEST:
+        raise FlexMapsError(f"The scan has {len(points)} points; at least {FEWEST} are needed: export the scan itself")
+    if not np.isfinite(points).all():
+        bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise FlexMapsError(f"Point {bad + 1} of the scan is not a finite number; export the scan again")
+    used = mesh.vertices[np.unique(mesh.quads)]
+    middle, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
+    kept = points[np.random.default_rng(0).permutation(len(points))[:MOST]].astype(float)
+    scale, remarks = _scale(kept, size, scan.unit)
+    # centre first: in a surveyor's frame coordinates are kilometres, and digits would be lost
+    centre = np.median(kept, axis=0)
+    surface = TriangleSurface.from_mesh(mesh, middle, size)
+    local = scale / size * (kept - centre)
+    found = register(surface, local, scan.anywhere, progress)
+    laid = local @ found.turn.T + found.shift
+    distances, shown = _distances(mesh, surface, laid, found)
+    if not simulated:
+        remarks += ("Nothing was simulated: the scan is compared with the target.",)
+    seen = float(np.isfinite(distances).mean())
+    if seen < COVERED:
+        raise FlexMapsError(
+            f"The scan covers only {100 * seen:.0f} % of the piece's spirals; is it another object, or in another unit?"
+        )
+    rms = float(np.sqrt(np.nanmean(distances**2)))
+    if rms > MAX_RMS:
+        raise FlexMapsError(
+            f"Even at its best fit the scan is {100 * rms:.1f} % of the size (RMS) away from the piece; is it another object, "
+            "in another unit, or did the piece snap into another shape?"
+        )
+    return Comparison(
+        turn=found.turn,
+        shift=size * found.shift + middle - scale * found.turn @ centre,
+        scale=scale,
+        points=size * laid + middle,
+        used=shown,
+        distances=size * distances,
+        size=size,
+        noise=size * found.reach / 3,
+        name=scan.name,
+        simulated=simulated,
+        remarks=remarks,
+    )
+
+
+def _scale(points: np.ndarray, size: float, unit: str) -> tuple[float, tuple[str, ...]]:
+    """Return the metres per unit of the scan, and remarks about a guess."""
+    if unit:
+        return UNITS[unit], ()
+    low, high = np.quantile(points, (0.02, 0.98), axis=0)
+    wide = float(np.linalg.norm(high - low))
+    if not wide > 0:
+        raise FlexMapsError("All points of the scan are the same; export the scan itself")
+    name = min(("m", "mm"), key=lambda one: abs(np.log(UNITS[one] * wide / size)))
+    times = UNITS[name] * wide / size
+    if not 1 / MAX_SIZE_RATIO < times < MAX_SIZE_RATIO:
+        raise FlexMapsError(
+            f"The scan is {wide:.3g} units wide, the piece {1e3 * size:.0f} mm: neither metres nor millimetres; "
+            f"give the scan's unit ({', '.join(UNITS)}), or is it another object?"
+        )
+    return UNITS[name], (f"The scan is taken to be in {'metres' if name == 'm' else 'millimetres'}.",)
+
+
+def _distances(
+    mesh: QuadMesh, surface: TriangleSurface, laid: np.ndarray, found: Registration
+) -> tuple[np.ndarray, Bool[np.ndarray, " points"]]:
+    """Return the distance of every spiral to the scan in shares of the size, and which points belong to the piece.
+
+    The distance is the median over points whose closest points on the piece are nearest to the spiral's centre, within
+    half an edge of its quad, so that a few outliers do not matter.
+    """
+    from scipy.spatial import cKDTree
+
+    triangle, foot = surface.closest(laid)
+    away = laid - foot
+    height = np.einsum("ij,ij->i", away, surface.normals[triangle])
+    far = np.linalg.norm(away, axis=1)
+    over = (far <= found.reach) | (np.abs(height) >= MIN_COSINE * far)
+    shown = (far < MAX_DISTANCE) & over & (found.weights >= CLUTTER)
+    centres = surface.vertices[surface.triangles].reshape(-1, 6, 3).mean(axis=1)
+    if np.count_nonzero(shown) < LEAST:
+        return np.full(len(centres), np.nan), shown
+    tree, size = cKDTree(foot[shown]), float(np.linalg.norm(np.ptp(mesh.vertices[np.unique(mesh.quads)], axis=0)))
+    half = 0.5 * np.sqrt(mesh.areas) / size
+    count = tree.query_ball_point(centres, half, return_length=True)
+    usual = np.median(count[count >= LEAST]) if (count >= LEAST).any() else 0.0
+    told = count >= max(LEAST, SPARSE * usual)
+    distance, near = tree.query(centres, min(MEDIAN, np.count_nonzero(shown)))
+    heights = np.append(height[shown], np.nan)[np.where(distance < half[:, None], near, -1)]
+    middle = np.full(len(centres), np.nan)
+    middle[told] = np.nanmedian(heights[told], axis=1)
+    return middle, shown

@@ -1,0 +1,95 @@
+"""Surface to which a scan is registered, with closest points, exact or from a table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ...surface.mesh import QuadMesh
+
+# grid spacing of the table as a share of the size: exact to 0.03 % on a surface whose radius is a quarter of the size
+STEP = 1 / 40
+MARGIN = 0.3  # margin of the table around the surface as a share of the size: more than the error of initial poses
+
+
+class Distances(Protocol):
+    """Function that returns distances of points from a surface, and their gradients."""
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return unit directions (..., 3) and distances along them (...) for points (..., 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleSurface:
+    """A triangulated surface with a tree of its triangles; two per quad, in the order of the quads."""
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    triangles: Int[np.ndarray, "triangles 3"]
+
+    @classmethod
+    def from_mesh(cls, mesh: QuadMesh, middle: np.ndarray, size: float) -> TriangleSurface:
+        """Return a quad mesh centred on ``middle``, in shares of its ``size``."""
+        halves = np.stack([mesh.quads[:, [0, 1, 2]], mesh.quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+        return cls(np.ascontiguousarray((mesh.vertices - middle) / size, float), np.ascontiguousarray(halves, np.int64))
+
+    @cached_property
+    def tree(self) -> Any:
+        """Tree of bounding boxes (libigl)."""
+        import igl
+
+        tree = igl.AABB()
+        tree.init(self.vertices, self.triangles)
+        return tree
+
+    @cached_property
+    def normals(self) -> Float[np.ndarray, "triangles 3"]:
+        """Unit normals of the triangles."""
+        a, b, c = np.moveaxis(self.vertices[self.triangles], 1, 0)
+        normal = np.cross(b - a, c - a)
+        return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+
+    def closest(self, points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
+        """Return for every point the nearest triangle and the closest point (points, 3) on it."""
+        _, triangle, foot = self.tree.squared_distance(
+            self.vertices, self.triangles, np.ascontiguousarray(points, float)
+        )
+        return np.asarray(triangle).ravel(), np.asarray(foot).reshape(-1, 3)
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return exact directions and distances; on the surface itself the direction is its normal."""
+        flat = np.ascontiguousarray(points.reshape(-1, 3), float)
+        triangle, foot = self.closest(flat)
+        away = flat - foot
+        distance = np.linalg.norm(away, axis=1)
+        off = distance[:, None] > 1e-9
+        direction = np.where(off, away / np.maximum(distance, 1e-300)[:, None], self.normals[triangle])
+        return direction.reshape(points.shape), distance.reshape(points.shape[:-1])
+
+
+class ClosestPoints:
+    """Closest points of the nodes of a grid; other points use the tangent plane at the nearest node.
+
+    As in Fitzgibbon 2003, "Robust registration of 2D and 3D point sets". A hundred times faster than the tree, with an
+    error of about 0.1 % of the size close to the surface.
+    """
+
+    def __init__(self, surface: TriangleSurface):
+        self._low = surface.vertices.min(axis=0) - MARGIN
+        self._counts = np.ceil((surface.vertices.max(axis=0) + MARGIN - self._low) / STEP).astype(np.int32) + 1
+        nodes = (
+            np.stack(np.meshgrid(*map(np.arange, self._counts), indexing="ij"), -1).reshape(-1, 3) * STEP + self._low
+        )
+        direction, distance = surface(nodes)
+        height = np.einsum("ij,ij->i", direction, nodes) - distance
+        self._direction, self._height = direction.astype(np.float32), height.astype(np.float32)
+
+    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return directions and signed distances from the tangent planes of the nearest nodes."""
+        at = np.clip(np.rint((points - self._low) / STEP), 0, self._counts - 1).astype(np.int32)
+        node = (at[..., 0] * self._counts[1] + at[..., 1]) * self._counts[2] + at[..., 2]
+        direction = self._direction[node]
+        return direction, np.einsum("...i,...i->...", direction, points) - self._height[node]

@@ -1,0 +1,205 @@
+"""Effects of loads on the spirals: forces at the hubs, pressures that follow them, and movements of supports.
+
+Exposed areas and lengths of lines are measured on the shape at rest without loads. Forces, wind and snow keep their
+direction as the piece deforms; a pressure stays normal to every hub.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.assembly import Pose
+from ...mechanics.loads import GRAVITY
+from .cases import Case, Combination, Load, LoadPlan
+
+Where = Callable[[str], np.ndarray]
+HIDDEN = 1e-3  # minimum distance in edges at which one quad hides another; absorbs rounding
+RAYS = 2_000_000  # pairs of quad and triangle tested at once: 100 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """Loads on n spirals.
+
+    force : N, of fixed direction
+    pressure : N along the outer normals of the hubs, which rotate with the hubs
+    shift : movement of held hubs, metres
+    """
+
+    force: Float[np.ndarray, "spirals 3"]
+    pressure: Float[np.ndarray, " spirals"]
+    shift: Float[np.ndarray, "spirals 3"]
+
+    @classmethod
+    def none(cls, size: int) -> Action:
+        """Return the action without loads."""
+        return cls(np.zeros((size, 3)), np.zeros(size), np.zeros((size, 3)))
+
+    def __add__(self, other: Action) -> Action:
+        return Action(self.force + other.force, self.pressure + other.pressure, self.shift + other.shift)
+
+    def times(self, factor: float) -> Action:
+        """Return the action scaled by a factor."""
+        return Action(factor * self.force, factor * self.pressure, factor * self.shift)
+
+    def at(self, pose: Pose) -> Float[np.ndarray, "spirals 3"]:
+        """Return the forces on the hubs in a pose, N."""
+        return self.force + self.pressure[:, None] * pose.rotations[:, :, 2]
+
+    @property
+    def follows(self) -> bool:
+        """Whether there is a pressure, which rotates with the hubs."""
+        return bool(self.pressure.any())
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is any load or movement."""
+        return bool(self.force.any() or self.pressure.any() or self.shift.any())
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The shape at rest to which loads are applied.
+
+    pose : of the hubs
+    corners : of their quads, metres
+    flat : corners of their quads before bending, metres
+    pairs, sides : hubs of every joint, and their sides
+    mass : kg
+    held : whether the position of a hub is held
+    where : returns the quads named by a text
+    """
+
+    pose: Pose
+    corners: Float[np.ndarray, "spirals 4 3"]
+    flat: Float[np.ndarray, "spirals 4 2"]
+    pairs: Int[np.ndarray, "joints 2"]
+    sides: Int[np.ndarray, "joints 2"]
+    mass: Float[np.ndarray, " spirals"]
+    held: Bool[np.ndarray, " spirals"]
+    where: Where
+
+    @property
+    def size(self) -> int:
+        """Number of spirals."""
+        return len(self.mass)
+
+    @property
+    def area(self) -> Float[np.ndarray, " spirals"]:
+        """Area of the flat quads with their slots, m2."""
+        x, y = self.flat[..., 0], self.flat[..., 1]
+        return 0.5 * np.abs((x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
+
+
+def actions(plan: LoadPlan, ground: Ground) -> dict[str, Action]:
+    """Return the action of every case and combination by name."""
+    found = {case.name: _of_case(case, ground, lasting=False) for case in plan.cases}
+    return found | {one.name: _combine(one, found, ground.size) for one in plan.combinations}
+
+
+def lasting(plan: LoadPlan, ground: Ground) -> Action:
+    """Return the sum of all loads that stay for years."""
+    parts = [_of_case(case, ground, lasting=True) for case in plan.cases]
+    return sum(parts[1:], parts[0])
+
+
+def _combine(one: Combination, found: dict[str, Action], size: int) -> Action:
+    """Return the action of a combination of cases."""
+    total = Action.none(size)
+    for factor, name in one.parts:
+        total += found[name].times(factor)
+    return total
+
+
+def _of_case(case: Case, ground: Ground, *, lasting: bool) -> Action:
+    """Return the action of a case, with ``lasting`` only of its loads that stay for years."""
+    total = Action.none(ground.size)
+    for load in case.loads:
+        if load.lasting or not lasting:
+            try:
+                total += _of_load(load, ground).times(load.factor)
+            except FlexMapsError as error:
+                raise FlexMapsError(f"Load case '{case.name}': {error}", faces=error.faces) from None
+    return total
+
+
+def _of_load(load: Load, ground: Ground) -> Action:
+    """Return the action of a load, without its factor."""
+    acts = Action.none(ground.size)
+    quads = ground.where(load.where) if load.where else np.arange(ground.size)
+    value = np.array(load.value)
+    if load.kind == "weight":
+        acts.force[quads, 2] -= GRAVITY * ground.mass[quads]
+    elif load.kind == "point":
+        acts.force[quads] += value / len(quads)
+    elif load.kind == "line":
+        acts.force[quads] += value * _lengths(quads, ground)[:, None]
+    elif load.kind == "pressure":
+        # a positive pressure acts from outside
+        acts.pressure[quads] -= value * ground.area[quads]
+    elif load.kind == "move":
+        moved = quads if load.where else np.flatnonzero(ground.held)
+        loose = moved[~ground.held[moved]]
+        if len(loose) or not len(moved):
+            raise FlexMapsError("only supports can be moved, and nothing holds these quads", faces=loose)
+        acts.shift[moved] += value
+    else:
+        acts.force[quads] += _on_exposed_areas(value, quads, ground)
+    return acts
+
+
+def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
+    """Return (k,) the length in metres of a line on each of its quads: from side to side where it continues."""
+    inside = np.zeros(ground.size, dtype=bool)
+    inside[quads] = True
+    joined = inside[ground.pairs].all(axis=1)
+    goes = np.zeros((ground.size, 4), dtype=bool)
+    goes[ground.pairs[joined].ravel(), ground.sides[joined].ravel()] = True
+    count = goes.sum(axis=1)
+    wide = np.flatnonzero(count > 2)
+    if len(wide):
+        raise FlexMapsError("its quads form no line, for one of them has three neighbours among them", faces=wide)
+    middle = 0.5 * (ground.flat + np.roll(ground.flat, -1, axis=1))
+    half = np.linalg.norm(middle - ground.flat.mean(axis=1)[:, None], axis=2)
+    # at its ends a line extends to the opposite side, on a single quad along the longer direction
+    goes |= (count == 1)[:, None] & np.roll(goes, 2, axis=1)
+    across = half + np.roll(half, 2, axis=1)
+    return np.where(count > 0, (half * goes).sum(axis=1), across.max(axis=1))[quads]
+
+
+def _on_exposed_areas(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
+    """Return (k, 3) N of a pressure along an axis on the projected areas of quads that are not hidden."""
+    axis = value / max(np.linalg.norm(value), 1e-300)
+    share = np.abs(ground.pose.rotations[quads, :, 2] @ axis) * ~hidden(ground.corners, axis)[quads]
+    return value * (share * ground.area[quads])[:, None]
+
+
+def hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
+    """Return whether the middle of a quad lies behind another quad, seen along an axis."""
+    helper = np.eye(3)[np.abs(axis).argmin()]
+    right = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))
+    frame = np.stack([right, np.cross(axis, right), axis], axis=1)
+    points = corners @ frame
+    centres, n = points.mean(axis=1), len(corners)
+    triangles = np.concatenate([points[:, [0, 1, 2]], points[:, [0, 2, 3]]])
+    owner = np.tile(np.arange(n), 2)
+    slack = HIDDEN * float(np.sqrt(np.median(np.linalg.norm(corners[:, 2] - corners[:, 0], axis=1)) ** 2 / 2.0))
+    a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    safe = np.where(np.abs(area) > 1e-30, area, np.inf)
+    out = np.zeros(n, dtype=bool)
+    step = max(1, RAYS // len(triangles))
+    for start in range(0, n, step):
+        part = slice(start, start + step)
+        to = centres[part, None] - a
+        u = (to[..., 0] * ac[:, 1] - to[..., 1] * ac[:, 0]) / safe
+        v = (to[..., 1] * ab[:, 0] - to[..., 0] * ab[:, 1]) / safe
+        depth = a[:, 2] + u * ab[:, 2] + v * ac[:, 2]
+        inside = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (owner != np.arange(n)[part, None]) & np.isfinite(safe)
+        out[part] = (inside & (depth < centres[part, 2, None] - slack)).any(axis=1)
+    return out

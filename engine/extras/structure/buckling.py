@@ -1,0 +1,61 @@
+"""Linear buckling: a quick estimate of how far a load may rise.
+
+Given the tangent stiffness at rest K0, including the stresses at rest, and its first-order change with the load factor
+K1 (Brendel and Ramm 1980; Bathe and Dvorkin 1983), the estimate is the lowest factor for which K0 + factor K1 is
+singular. It assumes a straight load path, so it may be too high or too low where a piece deforms much before it snaps.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from ...mechanics.newton_system import DENSE
+from .path import PathFollower, PathPoint, following
+
+STEP = 1e-4  # step in radians or edges for the change of the tangent: errors of 1e-4, and of 1e-9 by rounding
+EIGENVALUE_TOL = 1e-6  # relative tolerance of the lowest factor
+
+
+def linear_buckling(follower: PathFollower, rest: PathPoint) -> float | None:
+    """Return the lowest positive critical factor to first order; None without one.
+
+    Parameters
+    ----------
+    follower : model and load
+    rest : equilibrium without load
+    """
+    model, system = follower.model, follower.system
+    if not len(system.free) or not follower.action.acts or not np.isfinite(rest.rises) or rest.rises <= 0.0:
+        return None
+    there = model.expand(model.moved(rest.state, STEP * rest.way))
+    here = model.expand(rest.state)
+    base = system.values(here.hessian)
+    change = (system.values(there.hessian) - base) / (STEP * rest.rises)
+    slope = system.pattern.matrix(change)
+    if follower.action.follows:
+        turned = following(system, follower.action, rest.pose, 1.0)
+        slope = (slope + 0.5 * (turned + turned.T)).tocsc()
+    return _lowest(follower, base, slope)
+
+
+def _lowest(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float | None:
+    """Return the lowest positive factor f for which base + f slope is singular; None without one."""
+    system = follower.system
+    whole = system.pattern.matrix(base)
+    if not system.factor(base):
+        return None
+    if len(system.free) <= DENSE:
+        inverse = eigh(-slope.toarray(), whole.toarray(), eigvals_only=True)[-1]
+    else:
+        solve = LinearOperator(whole.shape, matvec=lambda x: system.cholesky.solve(np.asarray(x).ravel()), dtype=float)
+        start = np.random.default_rng(0).normal(size=whole.shape[0])
+        try:
+            inverse = eigsh(
+                -slope, 1, whole, Minv=solve, which="LA", v0=start, tol=EIGENVALUE_TOL, return_eigenvectors=False
+            )[0]
+        except ArpackNoConvergence:
+            return None
+    return float(1.0 / inverse) if inverse > 0.0 else None

@@ -1,0 +1,241 @@
+"""Named load cases, each a sum of loads, and combinations of cases with factors; read from lines of text.
+
+    weight: weight
+    snow: snow 500 on 12,13,14
+    lamp: point 5 -z on lamp lasting
+    storm: wind 300 x times 1.2
+
+    all = 1.35 weight + 1.5 snow
+
+A line is NAME: KIND VALUE AXIS on WHERE times FACTOR lasting; lines with the same name form one case. Values are in N,
+N/m or N/m2, and in mm for movements.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import FlexMapsError
+
+# name of the value, its unit and the default axis of every kind
+KINDS: dict[str, tuple[str, str, str]] = {
+    "weight": ("", "", "-z"),
+    "point": ("force", "N", ""),
+    "line": ("force per metre", "N/m", ""),
+    "pressure": ("pressure", "N/m2", ""),
+    "wind": ("pressure", "N/m2", ""),
+    "snow": ("pressure", "N/m2", "-z"),
+    "move": ("movement", "mm", ""),
+}
+AXES = {sign + axis: k for k, axis in enumerate("xyz") for sign in ("", "+", "-")}
+LASTING = "lasting"  # word for a load that stays for years
+NAME = r"[^\W\d][\w-]*"  # name of a case: a letter, then letters, digits, _ and -
+LINE = re.compile(
+    rf"(?P<name>{NAME})\s*:\s*(?P<kind>\w+)(?P<given>(?:\s+\S+?)*?)(?:\s+on\s+(?P<where>.+?))?"
+    rf"(?:\s+times\s+(?P<factor>\S+))?(?P<lasting>\s+{LASTING})?\s*"
+)
+SUM = re.compile(
+    rf"\s*(?P<sign>[+-]?)\s*(?P<factor>[0-9.]+(?:e[+-]?[0-9]+)?)?\s*\*?\s*(?P<name>{NAME})\s*", re.IGNORECASE
+)
+LONGEST = 60  # maximum letters of a line quoted in an error
+
+
+@dataclass(frozen=True)
+class Load:
+    """One load.
+
+    kind : key of ``KINDS``
+    value : total along an axis, in N, N/m, N/m2 or m: three numbers, or one for a pressure along the normal, or none
+    where : vertex group, numbers of quads, or "lowest"; "" for all quads, or for all supports in case of a movement
+    factor : multiplies the value
+    lasting : whether it stays for years
+    """
+
+    kind: str
+    value: tuple[float, ...] = ()
+    where: str = ""
+    factor: float = 1.0
+    lasting: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """Loads that act together under one name."""
+
+    name: str
+    loads: tuple[Load, ...]
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A sum of cases: factor and name of each."""
+
+    name: str
+    parts: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
+class LoadPlan:
+    """All cases and combinations of a piece, with different names."""
+
+    cases: tuple[Case, ...]
+    combinations: tuple[Combination, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.cases:
+            raise FlexMapsError("There is no load case; give one, such as 'weight: weight'")
+        names = [case.name for case in self.cases] + [one.name for one in self.combinations]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise FlexMapsError(f"Two cases or combinations are called '{twice[0]}'; give each its own name")
+        known = {case.name for case in self.cases}
+        for one in self.combinations:
+            unknown = [name for _, name in one.parts if name not in known]
+            if unknown:
+                raise FlexMapsError(
+                    f"Combination '{one.name}' adds '{unknown[0]}', which is not a load case; the load cases are {', '.join(known)}"
+                )
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Texts that name the places of loads."""
+        return tuple(dict.fromkeys(load.where for case in self.cases for load in case.loads if load.where))
+
+
+def line_of(
+    name: str, kind: str, value: float, axis: str, where: str = "", factor: float = 1.0, lasting: bool = False
+) -> str:
+    """Return the line of text for a load; values that its kind does not need are left out.
+
+    Parameters
+    ----------
+    name, kind : of the case, and key of ``KINDS``
+    value : in the unit of ``KINDS``
+    axis, where, factor, lasting : see ``Load``
+
+    Raises
+    ------
+    FlexMapsError : ``where`` could not be read back
+    """
+    called = KINDS[kind][0]
+    words = [f"{name.strip()}: {kind}"]
+    words += [f"{value:.6g}"] if called else []
+    words += [axis] if called and kind != "pressure" else []
+    words += [f"on {where}"] if where else []
+    words += [f"times {factor:.6g}"] if factor != 1.0 else []
+    words += [LASTING] if lasting and kind != "weight" else []
+    line = " ".join(words)
+    if ";" in where or "\n" in where:
+        raise FlexMapsError(
+            f"The group '{where:.{LONGEST}}' has a semicolon in its name, which separates load cases; rename the group"
+        )
+    read = _load(line)[1]
+    if read.where != where.strip():
+        raise FlexMapsError(
+            f"The group '{where:.{LONGEST}}' has a name that reads like words of a load case; rename the group"
+        )
+    return line
+
+
+def lines(text: str) -> list[str]:
+    """Return the lines of a text; semicolons separate lines too."""
+    return [line.strip() for line in re.split(r"[;\n]", text) if line.strip()]
+
+
+def plan(cases: str | Iterable[str], combinations: str | Iterable[str] = "") -> LoadPlan:
+    """Read cases and combinations from lines of text.
+
+    Parameters
+    ----------
+    cases, combinations : text, or its lines
+
+    Raises
+    ------
+    FlexMapsError : with the line that cannot be read
+    """
+    found: dict[str, list[Load]] = {}
+    for line in lines(cases) if isinstance(cases, str) else cases:
+        name, load = _load(line)
+        found.setdefault(name, []).append(load)
+    sums = lines(combinations) if isinstance(combinations, str) else combinations
+    return LoadPlan(tuple(Case(n, tuple(loads)) for n, loads in found.items()), tuple(_combination(s) for s in sums))
+
+
+def _line_error(line: str, why: str) -> FlexMapsError:
+    """Return an error that quotes a line of a load case and says what is wrong."""
+    return FlexMapsError(f"Load case '{line.strip():.{LONGEST}}': {why}")
+
+
+def _load(line: str) -> tuple[str, Load]:
+    """Return the name of the case and the load in a line."""
+    found = LINE.fullmatch(line.strip())
+    if found is None:
+        raise _line_error(
+            line, "give it as NAME: KIND VALUE AXIS, such as 'snow: snow 500' or 'lamp: point 5 -z on 12,13'"
+        )
+    kind = found["kind"]
+    if kind not in KINDS:
+        raise _line_error(line, f"'{kind}' is no kind of load; there are {', '.join(KINDS)}")
+    words = found["given"].split()
+    factor = 1.0 if found["factor"] is None else _number(line, found["factor"])
+    # a piece's own weight stays for years
+    lasting = found["lasting"] is not None or kind == "weight"
+    return found["name"], Load(kind, _value(line, kind, words), (found["where"] or "").strip(), factor, lasting)
+
+
+def _value(line: str, kind: str, words: list[str]) -> tuple[float, ...]:
+    """Return the vector or number in a load's words, in SI units."""
+    called, unit, usual = KINDS[kind]
+    if not called:
+        if words:
+            raise _line_error(line, f"{kind} takes no value; 'times 1.35' gives it a factor")
+        return ()
+    if not words:
+        raise _line_error(line, f"give its {called} in {unit}")
+    scale = 1e-3 if unit == "mm" else 1.0
+    numbers = [scale * _number(line, word) for word in words[0].split(",")]
+    if len(numbers) == 3 and len(words) == 1 and kind not in ("pressure", "wind", "snow"):
+        return tuple(numbers)
+    if len(numbers) != 1 or len(words) > 2:
+        raise _line_error(
+            line, f"give its {called} in {unit} as one number and an axis, or of a force or movement as x,y,z"
+        )
+    if kind == "pressure":
+        if len(words) > 1:
+            raise _line_error(line, "a pressure acts along the normals and has no axis; wind and snow have one")
+        return (numbers[0],)
+    axis = words[1] if len(words) > 1 else usual
+    if axis not in AXES:
+        raise _line_error(line, f"give the axis along which it acts: {', '.join(a for a in AXES if '+' not in a)}")
+    along = np.zeros(3)
+    along[AXES[axis]] = -numbers[0] if axis.startswith("-") else numbers[0]
+    return tuple(along.tolist())
+
+
+def _number(line: str, word: str) -> float:
+    """Return a finite number written in the digits 0 to 9."""
+    try:
+        value = float(word) if word.isascii() and "_" not in word else np.nan
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise _line_error(line, f"'{word:.{LONGEST}}' is no number")
+    return value
+
+
+def _combination(text: str) -> Combination:
+    """Return the combination in a line."""
+    name, equals, right = text.partition("=")
+    name = name.strip()
+    parts = [SUM.fullmatch(one) for one in re.split(r"(?<![eE])(?=[+-])", right) if one.strip()]
+    if not equals or not re.fullmatch(NAME, name) or not parts or not all(parts):
+        raise FlexMapsError(f"Combination '{text.strip():.{LONGEST}}': give it as NAME = 1.35 weight + 1.5 snow")
+    found = []
+    for part in parts:
+        assert part is not None
+        found.append((_number(text, part["sign"] + (part["factor"] or "1")), part["name"]))
+    return Combination(name, tuple(found))

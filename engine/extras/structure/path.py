@@ -1,0 +1,365 @@
+"""Load path: the equilibria of a piece as a load rises from zero, past the point where it snaps.
+
+The equilibria of elastic forces and factor x load are followed by arc length (Riks 1979; Crisfield 1991, chapter 9): a
+step along the tangent, then Newton steps in the plane perpendicular to it, which solve a bordered system by block
+elimination with the stresses predicted by the last step (Magisano, Leonetti and Garcea 2017). The load is critical
+where the tangent stiffness stops being positive definite: at a limit point, where the load can rise no further, or at a
+branch point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array
+
+from ...arrays import Float
+from ...linalg import NotPositiveDefinite, SparseLU
+from ...mechanics.assembly import Pose
+from ...mechanics.elastic import ElasticModel, Expansion, summed
+from ...mechanics.equilibrium import force_measure
+from ...mechanics.newton_system import NewtonSystem
+from ...mechanics.vectors import skew
+from ...newton import STILL
+from ...progress import SILENT, Progress
+from .actions import Action
+
+LIMIT, BRANCH = "limit", "branch"  # kind of the critical point that ends the stable path
+FIRST, LONGEST = 0.05, 0.25  # first and longest step in radians or edges that a hub moves; both by eye, any converge
+SHORTEST = 1e-6  # shortest step, in these units and as a share of the largest factor, before following is given up
+# maximum increase of the factor per step as a share of the largest factor, so that curves have enough points
+SHARE = 0.125
+USUAL, MOST = 5, 14  # Newton steps at which the step length is kept, and at which it is halved
+TURN_CAP = 0.5  # maximum rotation of a hub per Newton step in radians, as in ``equilibrium``
+BRACKET_TOL = 1e-3  # relative width to which the critical factor is bracketed
+HALVINGS = 24  # maximum bisections for that
+BEYOND = 12  # steps followed after the critical load
+STEPS = 400  # maximum number of steps; a dome that snaps takes about 40
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """An equilibrium on the path.
+
+    factor : of the load
+    state : of the elastic model
+    unstable : number of unstable directions
+    way, rises : tangent of the path in hub motion (n, 6) and factor, scaled so that no hub moves more than one radian
+        or edge
+    """
+
+    factor: float
+    state: Any = field(repr=False)
+    unstable: int
+    way: Float[np.ndarray, "spirals 6"] = field(repr=False)
+    rises: float
+
+    @property
+    def pose(self) -> Pose:
+        """Pose of the hubs."""
+        pose: Pose = self.state.pose
+        return pose
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """The equilibria in order.
+
+    points : the first is without load
+    marks : equilibria at the requested factors that were reached in a stable state
+    critical : factor at which the piece gives way, or None
+    kind : ``LIMIT`` or ``BRANCH``, or "" without critical factor
+    ended : reason why following stopped early, else ""
+    """
+
+    points: tuple[PathPoint, ...]
+    marks: dict[float, PathPoint]
+    critical: float | None
+    kind: str
+    ended: str
+
+    @property
+    def last(self) -> PathPoint:
+        """The last equilibrium before the piece gives way."""
+        first = next((k for k, one in enumerate(self.points) if one.unstable), len(self.points))
+        return self.points[max(first - 1, 0)]
+
+
+@dataclass(eq=False)
+class PathFollower:
+    """Follows the equilibria of a model under factor x action.
+
+    system : linear system of the joints with supports eliminated
+    tolerance : residual force relative to internal forces and load
+    """
+
+    model: ElasticModel
+    system: NewtonSystem
+    action: Action
+    tolerance: float
+    edge: float = field(init=False)
+    scale: float = field(init=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        # constraints of a floating piece are not supports: they carry nothing
+        assembly = self.model.assembly
+        self.edge = float(assembly.radius.mean() * 2.0)
+        self.scale = float(np.linalg.norm(self.action.force) + np.linalg.norm(self.action.pressure))
+
+    # -- linear systems ------------------------------------------------------------------------------------------------
+
+    def residual(self, here: Expansion, pose: Pose, factor: float) -> Float[np.ndarray, "spirals 6"]:
+        """Return the residual forces and moments (n, 6), N and N m.
+
+        Parameters
+        ----------
+        here : elastic gradient at the pose
+        pose, factor : of the hubs, and of the load
+        """
+        out = here.gradient.copy()
+        out[: len(self.action.force), :3] -= factor * self.action.at(pose)
+        return out
+
+    def pull(self, here: Expansion, pose: Pose) -> Float[np.ndarray, "spirals 6"]:
+        """Return the negative derivative of the residual by the factor, including moving supports.
+
+        Parameters
+        ----------
+        here, pose : expansion of the elastic energy, and the pose
+        """
+        out, hubs = np.zeros_like(here.gradient), len(self.action.force)
+        out[:hubs, :3] = self.action.at(pose)
+        if self.action.shift.any():
+            moved = np.zeros_like(out)
+            moved[:hubs, :3] = self.action.shift
+            ends = moved[self.model.pairs].reshape(-1, 12)
+            forces = np.einsum("mij,mj->mi", here.hessian, ends)
+            out -= summed(forces, self.model.pairs, len(out))
+        return out
+
+    def follows(self, pose: Pose, factor: float) -> csc_array:
+        """Return the derivative of the residual by rotations of the hubs due to following pressures.
+
+        Only rows and columns of free unknowns.
+
+        Parameters
+        ----------
+        pose, factor : of the hubs, and of the load
+        """
+        return following(self.system, self.action, pose, factor)
+
+    def factored(self, here: Expansion, pose: Pose, factor: float) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
+        """Factor the tangent stiffness.
+
+        Parameters
+        ----------
+        here : expansion of the elastic energy
+        pose, factor : of the hubs, and of the load
+
+        Returns
+        -------
+        function that solves with the tangent, and the number of negative pivots
+        """
+        values = self.system.values(here.hessian)
+        if not self.action.follows and self.system.factor(values):
+            return self.system.solve, 0
+        matrix = self.system.pattern.matrix(values)
+        if self.action.follows:
+            matrix = (matrix + self.follows(pose, factor)).tocsc()
+        lu = SparseLU(matrix)
+        return lambda field: self.system.full(lu.solve(self.system.reduced(field))), lu.negative
+
+    def moved(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
+        """Return increments (n, 6) with the movement of supports for a change of the factor added.
+
+        Parameters
+        ----------
+        way : increments of the free hubs
+        factor : change of the factor
+        """
+        out = way.copy()
+        out[: len(self.action.shift), :3] += factor * self.action.shift
+        return out
+
+    def size(self, way: np.ndarray) -> float:
+        """Return the largest motion of a hub in radians or edges."""
+        return float((np.abs(way) * np.repeat([1.0 / self.edge, 1.0], 3)).max(initial=0.0))
+
+    # -- points --------------------------------------------------------------------------------------------------------
+
+    def point(self, state: Any, factor: float, before: PathPoint | None) -> PathPoint:
+        """Return an equilibrium with the tangent of the path, oriented as the path was followed so far.
+
+        Parameters
+        ----------
+        state, factor : of the equilibrium
+        before : the previous equilibrium, or None
+        """
+        here = self.model.expand(state)
+        solve, unstable = self.factored(here, state.pose, factor)
+        way = self.moved(solve(self.pull(here, state.pose)), 1.0)
+        length = self.size(way)
+        sign = 1.0
+        if before is not None:
+            weight = np.repeat([1.0 / self.edge**2, 1.0], 3)
+            sign = 1.0 if (weight * way * before.way).sum() >= 0.0 else -1.0
+        if length == 0.0:
+            return PathPoint(factor, state, unstable, way, np.inf)
+        return PathPoint(factor, state, unstable, sign * way / length, sign / length)
+
+    def step(self, point: PathPoint, length: float, fixed: float | None = None) -> tuple[PathPoint, int] | None:
+        """Return the next equilibrium and its number of Newton steps; None without convergence.
+
+        Parameters
+        ----------
+        point : the present equilibrium
+        length : of the step, radians or edges
+        fixed : factor of the next equilibrium, instead of the plane perpendicular to the tangent
+        """
+        factor = point.factor + length * point.rises
+        state = self.model.moved(point.state, length * point.way)
+        weight = np.repeat([1.0 / self.edge**2, 1.0], 3) * point.way
+        for count in range(MOST):
+            here = self.model.expand(state, ahead=True)
+            if not np.isfinite(here.energy):
+                return None
+            left = self.residual(here, state.pose, factor)
+            ease, inner = force_measure(self.model, here, state.pose)
+            if np.linalg.norm((left * ease)[~self.system.held]) <= self.tolerance * max(inner, self.scale) and (
+                count or not length
+            ):
+                return self.point(state, factor, point), count
+            try:
+                solve, _ = self.factored(here, state.pose, factor)
+            except NotPositiveDefinite:
+                return None
+            free, along = -solve(left), self.moved(solve(self.pull(here, state.pose)), 1.0)
+            if fixed is None:
+                # stay in the plane perpendicular to the tangent
+                across = float((weight * along).sum())
+                change = -float((weight * free).sum()) / (across or 1e-300)
+            else:
+                change = fixed - factor
+            way = free + change * along
+            if count and np.abs(way).max(initial=0.0) <= STILL:
+                # the residual is rounding error
+                return self.point(state, factor, point), count
+            cap = min(1.0, TURN_CAP / max(float(np.abs(way[:, 3:]).max(initial=0.0)), 1e-300))
+            state, factor = self.model.moved(state, cap * way), factor + cap * change
+        return None
+
+
+def following(system: NewtonSystem, action: Action, pose: Pose, factor: float) -> csc_array:
+    """Return the derivative of -factor x pressure x normal by rotations of the hubs, (free, free), not symmetric."""
+    blocks = factor * action.pressure[:, None, None] * skew(pose.rotations[:, :, 2])
+    hub, size = 6 * np.arange(len(action.pressure))[:, None, None], len(system.held)
+    rows = np.broadcast_to(hub + np.arange(3)[:, None], blocks.shape).ravel()
+    cols = np.broadcast_to(hub + 3 + np.arange(3), blocks.shape).ravel()
+    whole = coo_array((blocks.ravel(), (rows, cols)), shape=(6 * size,) * 2).tocsr()
+    return whole[system.free][:, system.free].tocsc()
+
+
+def follow(
+    follower: PathFollower,
+    rest: Pose,
+    *,
+    marks: Sequence[float] = (1.0,),
+    most: float = 10.0,
+    beyond: int = BEYOND,
+    progress: Progress = SILENT,
+) -> Path:
+    """Follow the path from an equilibrium without load.
+
+    Parameters
+    ----------
+    follower : model and load
+    rest : pose without load
+    marks : factors at which equilibria are computed exactly
+    most : largest factor
+    beyond : steps after the critical point
+    """
+    point = follower.point(follower.model.start(rest), 0.0, None)
+    points, found, left, length = [point], dict[float, PathPoint](), sorted(marks), FIRST
+    critical, kind, ended = None, "", "the search took too many steps"
+    if point.unstable:
+        return Path((point,), {}, None, "", "the piece is in no stable equilibrium without load")
+    if not np.isfinite(point.rises):  # nothing moves under this load
+        still = {mark: PathPoint(mark, point.state, 0, point.way, point.rises) for mark in marks}
+        return Path((point, *still.values()), still, None, "", "")
+    while len(points) < STEPS:
+        progress(min(0.99, max(point.factor / most, len(points) / STEPS)), f"Load factor {point.factor:.3g}")
+        progress.show(point.pose)
+        aim = next((mark for mark in left if mark > point.factor), most) if critical is None else None
+        step = _limit_step(point, length, aim, most)
+        exact = aim if aim is not None and point.factor + step * point.rises >= aim * (1.0 - 1e-9) else None
+        found_next = follower.step(point, step, exact)
+        if found_next is None or _leaps(follower, point, found_next[0], step):
+            length = 0.5 * step
+            if length < SHORTEST and length * abs(point.rises) < SHORTEST * most:
+                ended = "no equilibrium was found any further"
+                break
+            continue
+        new, count = found_next
+        if critical is None and new.unstable:
+            (last, new), kind = enclosed(follower, point, new, step), ""
+            points += [last] if last is not point else []
+            critical, kind = _critical(follower, last, new)
+            step = FIRST
+        elif exact is not None and exact in left:
+            found[exact] = new
+            left.remove(exact)
+        points.append(new)
+        length = min(LONGEST, step * float(np.clip(np.sqrt(USUAL / max(count, 1)), 0.5, 2.0)))
+        length = max(length, FIRST) if exact is not None else length
+        point, beyond = new, beyond - (critical is not None)
+        if (critical is None and point.factor >= most) or (critical is not None and (beyond <= 0 or point.factor < 0)):
+            ended = ""
+            break
+    return Path(tuple(points), found, critical, kind, ended)
+
+
+def _limit_step(point: PathPoint, length: float, aim: float | None, most: float) -> float:
+    """Return the step length limited so that the factor neither rises too much nor passes its target."""
+    rises = abs(point.rises)
+    if aim is not None and point.rises > 0.0:
+        length = min(length, (aim - point.factor) / rises)
+    return min(length, SHARE * most / max(rises, 1e-300))
+
+
+def _leaps(follower: PathFollower, point: PathPoint, new: PathPoint, step: float) -> bool:
+    """Return whether a step moved a hub far beyond its length, as onto another part of the path."""
+    shift = new.pose.centres - point.pose.centres
+    far = float(np.abs(shift).max()) / follower.edge
+    return far > 4.0 * step + 1e-9
+
+
+def enclosed(
+    follower: PathFollower, stable: PathPoint, unstable: PathPoint, step: float
+) -> tuple[PathPoint, PathPoint]:
+    """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""
+    for _ in range(HALVINGS):
+        if abs(unstable.factor - stable.factor) <= BRACKET_TOL * abs(stable.factor) and step < FIRST:
+            break
+        step *= 0.5
+        found = follower.step(stable, step)
+        if found is None:
+            break
+        if found[0].unstable:
+            unstable = found[0]
+        else:
+            stable = found[0]
+    return stable, unstable
+
+
+def _critical(follower: PathFollower, stable: PathPoint, unstable: PathPoint) -> tuple[float, str]:
+    """Return the critical factor between two points, and its kind."""
+    if unstable.rises > 0.0:
+        return 0.5 * (stable.factor + unstable.factor), BRANCH
+    # maximum of the parabola through the first point whose slope decreases to that of the second
+    gap = unstable.pose.centres - stable.pose.centres
+    length = float(np.abs(gap).max()) / follower.edge
+    rise = stable.rises**2 * length / (2.0 * max(stable.rises - unstable.rises, 1e-300))
+    return max(stable.factor, unstable.factor, min(stable.factor + rise, (1.0 + BRACKET_TOL) * stable.factor)), LIMIT

@@ -1,0 +1,367 @@
+"""A piece under its load cases: deflection, use of arms and joints relative to their limits, and snapping.
+
+All figures of a case come from its own load path (``path``), which begins at the shape without loads. The state after a
+year is computed under the lasting loads with the share of Young's modulus left by then (effective modulus, EN 1995-1-1,
+2.3.2.2): as all stiffnesses are proportional to the modulus, it is the equilibrium under these loads divided by the
+share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Bool, Float, Int
+from ...errors import FlexMapsError
+from ...fabrication import joints
+from ...fabrication.connectors.connect import Connections
+from ...materials import OVERLOADED, STRAINED, Material
+from ...mechanics.arms.strain_changes import largest
+from ...mechanics.assembly import Pose
+from ...mechanics.equilibrium import Equilibrium, solve
+from ...mechanics.loads import Loads, standing
+from ...mechanics.newton_system import NewtonSystem
+from ...params import SimulateParams, StructureParams
+from ...progress import SILENT, Progress
+from ...simulation.simulate import Simulation, move_vertices
+from ...surface.checking.check import Finding
+from ...surface.checking.finding import counted
+from ...threads import one_thread
+from .actions import Action, Ground, actions, lasting
+from .buckling import linear_buckling
+from .cases import LoadPlan
+from .path import Path, PathFollower, follow
+
+YEAR = "after a year"  # name and kind of the outcome under lasting loads
+POINTS = 60  # maximum points of a curve in the report
+
+
+@dataclass(frozen=True, eq=False)
+class Borne:
+    """Use of arms and joints in a state as shares of their limits; None for the rod model.
+
+    arms : maximum over the arms of every spiral
+    joints : at the narrowest place of every joint
+    forces, moments : in every joint, N and N m
+    """
+
+    arms: Float[np.ndarray, " spirals"] | None = None
+    joints: Float[np.ndarray, " joints"] | None = None
+    forces: Float[np.ndarray, " joints"] | None = None
+    moments: Float[np.ndarray, " joints"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A case, a combination or the state after a year.
+
+    action : loads at the factor 1
+    rest, pose : of the hubs without and under these loads; pose is None if the piece snaps before
+    borne : use of arms and joints under these loads
+    path : the load path
+    linear : critical factor by linear buckling
+    share : of Young's modulus that is left
+    """
+
+    name: str
+    kind: str
+    action: Action
+    rest: Pose
+    pose: Pose | None
+    borne: Borne
+    path: Path
+    linear: float | None
+    share: float = 1.0
+
+    @property
+    def critical(self) -> float | None:
+        """The factor of the load at which the piece gives way, or None if unknown."""
+        return None if self.path.critical is None else self.share * self.path.critical
+
+    @property
+    def shift(self) -> Float[np.ndarray, "spirals 3"]:
+        """Movement of the hubs from rest in metres, at the factor 1 or at the last equilibrium before snapping."""
+        return (self.path.last.pose if self.pose is None else self.pose).centres - self.rest.centres
+
+    @property
+    def deflection(self) -> Float[np.ndarray, " spirals"]:
+        """Distance moved by every hub in metres."""
+        return np.linalg.norm(self.shift, axis=1)
+
+    @property
+    def curve(self) -> Float[np.ndarray, "points 2"]:
+        """Load factor and deflection in metres of the hub that moves most, along its direction."""
+        most = int(self.deflection.argmax())
+        way = self.shift[most] / max(float(self.deflection[most]), 1e-300)
+        return np.array([
+            [self.share * one.factor, float((one.pose.centres[most] - self.rest.centres[most]) @ way)]
+            for one in self.path.points
+        ])  # fmt: skip
+
+    def report(self, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+        """Return one row of the block; joints are included only where they are ``seams``."""
+        row: dict[str, Any] = {
+            "name": self.name,
+            "kind": self.kind,
+            "reached": self.pose is not None,
+            "critical": _rounded(self.critical),
+            "critical_kind": self.path.kind,
+            "linear": _rounded(None if self.linear is None else self.share * self.linear),
+            "followed_to": _rounded(self.share * max(one.factor for one in self.path.points)),
+            "curve": [[float(f"{x:.6g}"), float(f"{1e3 * y:.6g}")] for x, y in self.curve[:POINTS]],
+        }
+        if self.path.ended:
+            row["ended"] = self.path.ended
+        if self.pose is not None:
+            row |= {
+                "deflection_max_mm": float(f"{1e3 * self.deflection.max():.6g}"),
+                "deflection_rms_mm": float(f"{1e3 * np.sqrt((self.deflection**2).mean()):.6g}"),
+                "deflection_quad": int(self.deflection.argmax()),
+                **_use_figures(self.borne, seams),
+            }
+        return row
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Result of the load analysis of a piece.
+
+    rest : equilibrium without loads
+    at_rest : use of arms and joints in it
+    outcomes : of the cases, the combinations and the state after a year, in this order
+    seams : whether a joint is assembled by hand
+    """
+
+    simulation: Simulation
+    rest: Equilibrium
+    at_rest: Borne
+    outcomes: tuple[Outcome, ...]
+    seams: Bool[np.ndarray, " joints"]
+
+    @property
+    def utilisation(self) -> Float[np.ndarray, " quads"] | None:
+        """Maximum use of every spiral's arms over all outcomes as a share of the limit; None for the rod model."""
+        found = [one.borne.arms for one in self.outcomes if one.borne.arms is not None]
+        return np.max(found, axis=0) if found else self.at_rest.arms
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Findings about snapping, breaking, and overloaded connectors."""
+        return [finding for one in self.outcomes for finding in _findings(one, self)]
+
+    def report(self) -> dict[str, Any]:
+        """Return the ``structure`` block of report.json."""
+        block: dict[str, Any] = {
+            "material": self.simulation.material.name,
+            "rest": _use_figures(self.at_rest, self.seams),
+            "outcomes": [one.report(self.seams) for one in self.outcomes],
+        }
+        known = self.simulation.material.lasting
+        if known is not None:
+            block["lasting"] = {
+                "share": known.share, "strain": known.strain, "source": known.source, "estimated": list(known.estimated)
+            }  # fmt: skip
+        if self.findings:
+            block["findings"] = [finding.as_dict() for finding in self.findings]
+        return block
+
+
+def _rounded(value: float | None) -> float | None:
+    """Return a number with six significant digits, or None."""
+    return None if value is None else float(f"{value:.6g}")
+
+
+def _use_figures(found: Borne, seams: Bool[np.ndarray, " joints"]) -> dict[str, Any]:
+    """Return the figures about arms and joints; empty for the rod model."""
+    if found.arms is None or found.joints is None or found.forces is None or found.moments is None:
+        return {}
+    told: dict[str, Any] = {"arms": _rounded(float(found.arms.max())), "arms_quad": int(found.arms.argmax())}
+    if seams.any():
+        told |= {
+            "joints": _rounded(float(found.joints[seams].max())),
+            "joint_force_n": _rounded(float(found.forces[seams].max())),
+            "joint_moment_n_mm": _rounded(1e3 * float(found.moments[seams].max())),
+        }
+    return told
+
+
+def _findings(one: Outcome, structure: Structure) -> list[Finding]:
+    """Return the findings about one outcome."""
+    found, what = [], f"Under '{one.name}'" if one.kind != YEAR else "After a year under the loads that stay"
+    if one.pose is None:
+        reached = one.critical or one.share * one.path.last.factor
+        far = tuple(np.flatnonzero(one.deflection >= 0.5 * one.deflection.max()).tolist())
+        how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
+        text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"
+        found.append(Finding("snaps", "warning", text, far))
+    if one.borne.arms is not None and one.borne.arms.max() > STRAINED:
+        worst = tuple(np.flatnonzero(one.borne.arms > STRAINED).tolist())
+        text = (
+            f"{what} the arms of {counted(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
+            f"{structure.simulation.material.bears}, give or take 15 %"
+        )
+        found.append(Finding("overstrained", "warning", text, worst))
+    if one.borne.joints is not None and structure.seams.any():
+        share = np.where(structure.seams, one.borne.joints, 0.0)
+        weak = np.flatnonzero(share > OVERLOADED)
+        if len(weak):
+            quads = np.unique(structure.simulation.assembly.pairs[weak])
+            text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears"
+            found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
+    return found
+
+
+# -- analysis ------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Strength:
+    """Limits of a piece: those of its material, and the widths of its necks.
+
+    simulation : with the material
+    necks : width of the joints, metres
+    """
+
+    simulation: Simulation
+    necks: Float[np.ndarray, " joints"]
+
+    def borne(self, pose: Pose, strain: float) -> Borne:
+        """Return the use of arms and joints in a pose for a strain limit."""
+        model, material = self.simulation.model, self.simulation.material
+        state = model.start(pose)
+        strains, wrenches = model.strains(state, material), model.wrenches(state)
+        if strains is None or wrenches is None:
+            return Borne()
+        worst, wrench = largest(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
+        stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
+        force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
+        return Borne(worst, stress / (material.youngs * strain), force, moment)
+
+
+def without_loads(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> Equilibrium:
+    """Return the equilibrium of a piece without loads.
+
+    Parameters
+    ----------
+    simulation : with model and supports
+    params : of the solver
+
+    Raises
+    ------
+    FlexMapsError : the solver does not converge
+    """
+    loads = Loads(simulation.loads.fixed, np.zeros_like(simulation.loads.force))
+    found = solve(simulation.model, simulation.equilibrium.pose, loads, params, progress)
+    if not found.converged:
+        raise FlexMapsError(f"The piece has no equilibrium without loads: {found.status}")
+    return found
+
+
+def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarray, " some"]]) -> Ground:
+    """Return the shape at rest for loads; ``groups`` are quads by the names that loads may use besides numbers."""
+    design, mesh = simulation.design, simulation.target
+
+    def where(text: str) -> np.ndarray:
+        if text in groups:
+            return groups[text]
+        try:
+            return standing(mesh, text)
+        except FlexMapsError:
+            last = len(mesh.quads) - 1
+            raise FlexMapsError(
+                f"'{text:.60}' names no quad; give numbers from 0 to {last} with commas between them, 'lowest', or a vertex group"
+            ) from None
+
+    return Ground(
+        rest,
+        move_vertices(design, rest, mesh)[mesh.quads],
+        design.flat.corners,
+        simulation.assembly.pairs,
+        simulation.assembly.sides,
+        design.area * simulation.assembly.thickness * simulation.material.density,
+        simulation.loads.fixed[:, :3].all(axis=1),
+        where,
+    )
+
+
+@one_thread
+def analyse(
+    simulation: Simulation,
+    plan: LoadPlan,
+    params: StructureParams,
+    how: SimulateParams,
+    *,
+    connections: Connections | None = None,
+    groups: dict[str, Int[np.ndarray, " some"]] | None = None,
+    progress: Progress = SILENT,
+) -> Structure:
+    """Analyse a simulated piece under cases and combinations of loads, and after a year.
+
+    Parameters
+    ----------
+    simulation : the simulated piece
+    plan, params, how : loads, and settings of the analysis and of the solver
+    connections : without connectors, joints are as wide as the arms
+    groups : quads by name
+
+    Raises
+    ------
+    FlexMapsError : a load names no quad, or acts on a piece without supports
+    """
+    base = without_loads(simulation, how, progress.part(0.0, 0.05))
+    ground = ground_of(simulation, base.pose, groups or {})
+    found, stays = actions(plan, ground), lasting(plan, ground)
+    mesh = simulation.design.flat.layout.mesh
+    strength = _Strength(simulation, joints.necks(simulation.design, connections)[~mesh.border])
+    material, out = simulation.material, []
+    if material.lasting is not None:
+        # loads are scaled up instead of reducing the stiffness; movements of supports are not
+        stays = replace(stays, shift=material.lasting.share * stays.shift)
+    names = [*found, *([YEAR] if material.lasting is not None and stays.acts else [])]
+    combined = {one.name for one in plan.combinations}
+    for number, name in enumerate(names):
+        part = progress.part(0.05 + 0.95 * number / len(names), 0.05 + 0.95 * (number + 1) / len(names))
+        kind = YEAR if name not in found else "combination" if name in combined else "case"
+        action = found.get(name, stays)
+        try:
+            held = Loads(simulation.loads.fixed, action.at(base.pose)).held(simulation.model.pairs, base.pose.centres)
+        except FlexMapsError as error:
+            raise FlexMapsError(f"Load case '{name}': {error}", faces=error.faces) from None
+        out.append(_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))
+    seams = simulation.design.flat.layout.cut[~mesh.border]
+    return Structure(simulation, base, strength.borne(base.pose, material.strain_limit), tuple(out), seams)
+
+
+def _outcome(
+    name: str,
+    kind: str,
+    action: Action,
+    strength: _Strength,
+    base: Equilibrium,
+    held: np.ndarray,
+    params: StructureParams,
+    how: SimulateParams,
+    progress: Progress,
+) -> Outcome:
+    """Follow the load path of one case and return its outcome."""
+    model, material = strength.simulation.model, strength.simulation.material
+    share, strain = _limits(material, kind)
+    follower = PathFollower(model, NewtonSystem(model.pairs, held), action, how.tolerance)
+    path = follow(follower, base.pose, marks=(1.0 / share,), most=params.factor_max / share, progress=progress)
+    there = path.marks.get(1.0 / share)
+    pose = None if there is None else there.pose
+    borne = Borne() if pose is None else strength.borne(pose, strain)
+    if share != 1.0 and borne.forces is not None and borne.moments is not None:
+        # the model has its initial stiffness, so forces are scaled back
+        borne = Borne(borne.arms, borne.joints, share * borne.forces, share * borne.moments)
+    linear = linear_buckling(follower, path.points[0])
+    return Outcome(name, kind, action, base.pose, pose, borne, path, linear, share)
+
+
+def _limits(material: Material, kind: str) -> tuple[float, float]:
+    """Return the share of Young's modulus that is left, and the strain limit."""
+    if kind == YEAR and material.lasting is not None:
+        return material.lasting.share, material.lasting.strain
+    return 1.0, material.strain_limit

@@ -1,0 +1,1 @@
+"""Several pieces cut together: their panels on common sheets."""

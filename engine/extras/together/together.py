@@ -1,0 +1,51 @@
+"""Several pieces cut together: the panels of each, made with its own settings, on common sheets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ...errors import FlexMapsError
+from ...params import ObjectSettings
+from ...progress import SILENT, Progress
+from ...runs import job
+from ...runs.outputs import DesignVersion, MakingEstimate, SheetPlan
+from ...runs.result import Result
+from .batch import Batch, Part, batch
+
+
+def together(
+    names: Sequence[str], results: Sequence[Result], settings: Sequence[ObjectSettings], progress: Progress = SILENT
+) -> Batch:
+    """Lay the panels of several pieces on common sheets.
+
+    Parameters
+    ----------
+    names : of the pieces, for messages and labels
+    results : their products, with spirals
+    settings : of each piece; the sheet is taken from the first one, the number of copies from each
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError : no pieces, or one that cannot be cut; the message begins with its name
+    """
+    parts = []
+    for k, (name, result, own) in enumerate(zip(names, results, settings, strict=True)):
+        part = progress.part(0.4 * k / len(names), 0.4 * (k + 1) / len(names))
+        parts.append(_part(name, result, own, settings[0], part))
+    if not parts:
+        raise FlexMapsError("There is nothing to lay on sheets; name at least one piece")
+    return batch(parts, settings[0].sheet, progress.part(0.4, 1.0))
+
+
+def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings, progress: Progress) -> Part:
+    # the piece's own sheets are discarded, so nest them quickly and without remnants
+    quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
+    try:
+        made = job.go_on(result, quick, ("sheets",), progress)
+        estimate, design = made.needed(MakingEstimate), made.needed(DesignVersion).design
+        sheets, material = made.needed(SheetPlan).sheets, own.material.chosen
+        return Part(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)
+    except FlexMapsError as error:
+        raise FlexMapsError(f"{name}: {error}", faces=error.faces) from None

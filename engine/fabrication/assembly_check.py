@@ -1,0 +1,190 @@
+"""Check the assembly in advance: how well both sides of every seam fit, the load on its joints, and difficulties.
+
+Both sides of a seam were flattened to slightly different lengths; to join them, one side is stretched and the other
+compressed. ``joints`` computes the load on joints at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..patches.joining import panel_numbers
+from ..patches.layout import PatchLayout
+from ..simulation.simulate import Simulation
+from ..spirals.design import SpiralDesign
+from . import joints
+from .connectors.connect import Connections
+from .panels.labels import panel_name, seam_name
+
+# maximum difference of both sides of an edge as a share: beyond it, two joints 20 mm apart are off by a whole thin arm
+STRETCH = 0.05
+HAND = 20.0  # newtons: a third of the pinch strength of an adult, sustainable joint after joint
+BEARS = 1.0  # maximum load as a share of the strain limit
+
+
+@dataclass(frozen=True)
+class SeamCheck:
+    """Prediction for one seam.
+
+    name : letters of the seam
+    panels : numbers of the panels on both sides, equal for a cut within a panel
+    joints : number of joints
+    lengths : of both flat sides from corner to corner, metres
+    stretch : largest difference of both sides of an edge as a share of their mean
+    force, moment : largest of its joints at rest, N and N m
+    load : largest strain of a neck as a share of the material's limit
+    hard : reasons why it is hard to join: "stretch", "force", "load"
+
+    force, moment and load are None without a reliable equilibrium.
+    """
+
+    name: str
+    panels: tuple[int, int]
+    joints: int
+    lengths: tuple[float, float]
+    stretch: float
+    force: float | None
+    moment: float | None
+    load: float | None
+    hard: tuple[str, ...]
+
+    @property
+    def mismatch(self) -> float:
+        """Difference of the whole lengths of both sides as a share of their mean."""
+        return 2.0 * abs(self.lengths[0] - self.lengths[1]) / sum(self.lengths)
+
+
+@dataclass(frozen=True)
+class AssemblyCheck:
+    """All seams in the order of ``layout.seams``."""
+
+    seams: tuple[SeamCheck, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences for the user: seams that are hard to join, the reason and a remedy."""
+        limits = (
+            ("stretch", f"the two sides of an edge differ by more than {100 * STRETCH:g} %",
+             "a lower distortion limit or smaller panels help"),
+            ("force", f"a joint pulls with more than {HAND:g} N", "a thinner sheet or thinner arms help"),
+            ("load", "a connector would be strained beyond what the material bears",
+             "a thinner sheet, a larger object or another material help"),
+        )  # fmt: skip
+        found = []
+        for kind, what, helps in limits:
+            names = [s.name for s in self.seams if kind in s.hard]
+            if names:
+                some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+                found.append(f"Hard to assemble, {len(names)} of {len(self.seams)} seams ({some}): {what}; {helps}")
+        return tuple(found)
+
+    def report(self) -> dict[str, Any]:
+        """Return the ``assembly`` block of report.json."""
+        loads = [s for s in self.seams if s.force is not None]
+        block: dict[str, Any] = {
+            "mismatch_max": round(max((s.mismatch for s in self.seams), default=0.0), 5),
+            "stretch_max": round(max((s.stretch for s in self.seams), default=0.0), 5),
+        }
+        if loads:
+            block |= {f"{key}_max": max(_loads(s)[key] for s in loads) for key in _loads(loads[0])}
+        hard = {"hard": sum(bool(s.hard) for s in self.seams), "warnings": list(self.warnings)}
+        return block | hard | {"seams": [_row(s) for s in self.seams]}
+
+
+def _row(seam: SeamCheck) -> dict[str, Any]:
+    """Return the entry of one seam in the report."""
+    return {
+        "seam": seam.name,
+        "panels": [panel_name(p) for p in seam.panels],
+        "joints": seam.joints,
+        "lengths_mm": [round(x * 1e3, 3) for x in seam.lengths],
+        "mismatch": round(seam.mismatch, 5),
+        "stretch": round(seam.stretch, 5),
+        **_loads(seam),
+        "hard": list(seam.hard),
+    }
+
+
+def _loads(seam: SeamCheck) -> dict[str, float]:
+    """Return force, moment and load of a seam in the report's units; empty if unknown."""
+    if seam.force is None or seam.moment is None or seam.load is None:
+        return {}
+    return {"force_n": round(seam.force, 4), "moment_n_mm": round(seam.moment * 1e3, 4), "load": round(seam.load, 4)}
+
+
+def check_assembly(
+    design: SpiralDesign, made: Connections | None = None, simulation: Simulation | None = None
+) -> AssemblyCheck:
+    """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if given.
+
+    Forces need the arm model and a reliable state: converged and not locked.
+    """
+    layout = design.flat.layout
+    numbers, lengths = panel_numbers(layout), _lengths(design)
+    forces = None if simulation is None else _forces(design, made, simulation)
+    found = []
+    for number, edges in enumerate(layout.seams):
+        sides, quads = lengths[number], layout.mesh.edge_quads[edges[0]]
+        stretch = float((2.0 * np.abs(sides[:, 0] - sides[:, 1]) / sides.sum(axis=1)).max())
+        force, moment, load = (None,) * 3 if forces is None else (float(x) for x in forces[edges].max(axis=0))
+        hard = {
+            "stretch": stretch > STRETCH,
+            "force": force is not None and force > HAND,
+            "load": load is not None and load > BEARS,
+        }
+        one, two = (numbers[p] for p in layout.patch_of[quads].tolist())
+        whole = float(sides[:, 0].sum()), float(sides[:, 1].sum())
+        reasons = tuple(kind for kind, is_so in hard.items() if is_so)
+        found.append(SeamCheck(seam_name(number), (one, two), len(edges), whole, stretch, force, moment, load, reasons))
+    return AssemblyCheck(tuple(found))
+
+
+def _lengths(design: SpiralDesign) -> list[np.ndarray]:
+    """Return for every seam (N, 2) metres: the lengths of its edges on both sides.
+
+    The first column is the side of the first edge's first quad.
+    """
+    layout = design.flat.layout
+    mesh, corners = layout.mesh, design.flat.corners
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    found = []
+    for edges in layout.seams:
+        pair, side = mesh.edge_quads[edges], mesh.edge_sides[edges]
+        length = sides[pair, side]
+        found.append(np.where(_is_swapped(layout, edges)[:, None], length[:, ::-1], length))
+    return found
+
+
+def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
+    """Return (N,) whether the second quad of an edge of a seam lies on the side of the first edge's first quad.
+
+    All quads on one side of a path run along it in the same direction.
+    """
+    mesh = layout.mesh
+    quad, side = mesh.edge_quads[edges, 0], mesh.edge_sides[edges, 0]
+    start, end = mesh.quads[quad, side].tolist(), mesh.quads[quad, (side + 1) % 4].tolist()
+    turned = [False]
+    for k in range(1, len(edges)):
+        # consecutive edges run in the same direction where the end of one is the start of the other
+        same = end[k - 1] == start[k] or start[k - 1] == end[k]
+        turned.append(turned[-1] if same else not turned[-1])
+    return np.array(turned)
+
+
+def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
+    """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
+    model, rest = simulation.model, simulation.equilibrium
+    if not rest.converged or simulation.locked:
+        return None
+    wrenches = model.wrenches(model.start(rest.pose))
+    if wrenches is None:
+        return None
+    mesh, material, thickness = design.flat.layout.mesh, simulation.material, design.params.thickness
+    wrench = np.zeros((len(mesh.edges), 6))
+    wrench[~mesh.border] = wrenches[: model.assembly.inner]
+    force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
+    stress = joints.stresses(wrench, joints.necks(design, made), thickness)
+    return np.column_stack([force, moment, stress / material.strength])

@@ -1,0 +1,51 @@
+"""Stress in the narrowest place of every joint.
+
+At rest every joint carries a force and a moment. Its narrowest place is the neck of its connector, a bar of the neck's
+width n and the sheet's thickness t. Under a force F and the moments M_in and M_out in and out of the sheet's plane, its
+stress is at most F / n t + 6 M_in / t n^2 + 6 M_out / n t^2 by beam theory: tension and both bendings are added as in
+EN 1995-1-1, 6.2.3, with k_m = 1. Torsion counts as bending out of the plane: in a flat bar it strains the material
+slightly less. The limit is the material's strength, Young's modulus times the strain limit. Failure of glue, and heads
+or keys that slip out of their sockets across the sheet, are not covered.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Float
+from ..spirals.design import SpiralDesign
+from .connectors.connect import Connections
+
+
+def necks(design: SpiralDesign, made: Connections | None) -> Float[np.ndarray, " edges"]:
+    """Return (E,) metres, the width of the narrowest place of every joint: its connector's neck, or else the arm.
+
+    Parameters
+    ----------
+    design : the spirals
+    made : the connectors, or None
+    """
+    mesh = design.flat.layout.mesh
+    neck = design.arms.joint_width[mesh.edge_quads[:, 0], mesh.edge_sides[:, 0]]
+    for connector in () if made is None else made.connectors:
+        if connector.kind != "tab":
+            size = connector.made.size
+            # the gap is removed on both sides of the curve between head and socket
+            neck[mesh.quad_edges[connector.faces[0], connector.sides[0]]] = size.neck - size.clearance
+    return neck
+
+
+def stresses(
+    wrench: Float[np.ndarray, "joints 6"], neck: Float[np.ndarray, " joints"], thickness: float
+) -> Float[np.ndarray, " joints"]:
+    """Return the stress in every neck, Pa.
+
+    Parameters
+    ----------
+    wrench : (m, 6), N and N m in the joint's axes: across, along the edge, normal
+    neck : width (m,), metres
+    thickness : metres
+    """
+    force = np.linalg.norm(wrench[:, :3], axis=1)
+    inside, outside = np.abs(wrench[:, 5]), np.linalg.norm(wrench[:, 3:5], axis=1)
+    return force / (neck * thickness) + 6.0 * inside / (thickness * neck**2) + 6.0 * outside / (neck * thickness**2)

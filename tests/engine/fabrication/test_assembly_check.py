@@ -1,0 +1,136 @@
+"""The check of the assembly against lengths, forces and strains that are known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from flexmaps.engine.fabrication import assembly_check as assembly_check
+from flexmaps.engine.fabrication import joints
+from flexmaps.engine.fabrication.connectors import connect as connectors
+from flexmaps.engine.materials import MATERIALS
+from flexmaps.engine.mechanics.arms.model import ArmModel
+from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
+from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.patches.merging import merge
+from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.simulation import simulate
+from flexmaps.engine.spirals import design
+from flexmaps.engine.surface import shapes
+
+POM = MATERIALS["pom"]
+
+
+def stretched(flat, patch, factor):
+    """The same patches, one of them longer along y."""
+    points = flat.points.copy()
+    points[np.unique(flat.layout.flat_corners[flat.layout.patches[patch]])] *= [1.0, factor]
+    return FlatPatches(flat.layout, points, flat.energy, flat.square)
+
+
+def test_lengths_of_both_sides(flat_grid):
+    flat = stretched(flat_grid(4, 3, cut=lambda x, y: x == 2), 1, 1.08)
+    (seam,) = assembly_check.check_assembly(design.uniform(flat, SpiralParams())).seams
+    assert sorted(seam.lengths) == pytest.approx([0.06, 0.0648])
+    assert seam.mismatch == pytest.approx(0.08 / 1.04)
+    assert seam.stretch == pytest.approx(0.08 / 1.04)
+    assert (seam.joints, seam.panels, seam.hard) == (3, (1, 2), ("stretch",))
+    assert seam.force is seam.moment is seam.load is None
+
+
+def test_differences_along_a_seam_do_not_cancel(flat_grid):
+    flat = flat_grid(4, 2, cut=lambda x, y: x == 2)
+    points, right = flat.points.copy(), np.unique(flat.layout.flat_corners[flat.layout.patches[1]])
+    middle = right[np.isclose(flat.points[right, 1], 0.02)]
+    points[middle, 1] += 0.001
+    found = assembly_check.check_assembly(
+        design.uniform(FlatPatches(flat.layout, points, flat.energy, flat.square), SpiralParams())
+    )
+    (seam,) = found.seams
+    assert seam.mismatch == pytest.approx(0.0, abs=1e-9)
+    assert seam.stretch == pytest.approx(2 * 0.001 / 0.039)
+    assert "5 %" in found.warnings[0] and "(A)" in found.warnings[0]
+
+
+def test_sides_keep_together_within_one_panel():
+    """Along a cut inside a panel both sides have the same patch: the path tells which is which."""
+    params = LayoutParams()
+    flat = merge.merge(trace.trace(shapes.make("cubesphere"), params), params)
+    made = design.uniform(flat, SpiralParams())
+    layout, mesh = flat.layout, flat.layout.mesh
+    for seam, edges in zip(assembly_check.check_assembly(made).seams, layout.seams, strict=True):
+        if seam.panels[0] != seam.panels[1] or len(edges) < 2:
+            continue
+        # by hand: walk along the vertices of the seam, always with the quad to the left
+        walk = [set(mesh.edges[e].tolist()) for e in edges]
+        start = (walk[0] - walk[1]).pop()
+        left = 0.0
+        for e, ends in zip(edges.tolist(), walk, strict=True):
+            for quad, side in zip(mesh.edge_quads[e].tolist(), mesh.edge_sides[e].tolist(), strict=True):
+                if mesh.quads[quad, side] == start:
+                    left += np.linalg.norm(flat.corners[quad, (side + 1) % 4] - flat.corners[quad, side])
+            (start,) = ends - {start}
+        assert min(abs(x - left) for x in seam.lengths) < 1e-12
+
+
+def hung(flat_grid, newtons):
+    """A strip that is held at one end and pulled in line at the other, its joints crossed by the force."""
+    made = design.uniform(flat_grid(4, 1, cut=lambda x, y: x == 2), SpiralParams(), width=0.002, twist=0.5)
+    mesh = made.flat.layout.mesh
+    force = np.zeros((4, 3))
+    force[np.argmax(mesh.centroids[:, 0])] = [newtons, 0.0, 0.0]
+    held = np.array([np.argmin(mesh.centroids[:, 0])])
+    return made, simulate.simulate(made, mesh, POM, SimulateParams(), supports=held, force=force)
+
+
+def test_the_force_of_a_pulled_strip(flat_grid):
+    made, found = hung(flat_grid, 0.8)
+    assert found.equilibrium.converged
+    joined = connectors.connect(made, ConnectorParams())
+    (seam,) = assembly_check.check_assembly(made, joined, found).seams
+    assert seam.force == pytest.approx(0.8, rel=1e-5)  # statics
+    assert seam.hard == ()
+    size = joined.connectors[0].made.size
+    tension = 0.8 / ((size.neck - size.clearance) * made.params.thickness) / (POM.youngs * POM.strain_limit)
+    assert seam.load >= tension
+    # a strip keeps its plane, so that what is beyond tension is bending in it
+    bending = 6.0 * seam.moment / made.params.thickness / (size.neck - size.clearance) ** 2
+    assert seam.load - tension == pytest.approx(bending / (POM.youngs * POM.strain_limit), rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["none", "dovetail", "key", "tab"])
+def test_necks_are_those_of_the_connectors(flat_grid, kind):
+    made = design.uniform(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
+    joined = connectors.connect(made, ConnectorParams(connector=kind))
+    neck = joints.necks(made, joined)
+    cut = made.flat.layout.cut
+    arm = made.arms.joint_width[made.flat.layout.mesh.edge_quads[:, 0], made.flat.layout.mesh.edge_sides[:, 0]]
+    np.testing.assert_array_equal(neck[~cut], arm[~cut])
+    if kind in ("dovetail", "key"):
+        assert len(joined.connectors) == 2
+        assert (neck[cut] == [c.made.size.neck - c.made.size.clearance for c in joined.connectors]).all()
+    else:
+        np.testing.assert_array_equal(neck[cut], arm[cut])
+
+
+def test_what_cannot_be_believed_is_not_told(flat_grid):
+    made, found = hung(flat_grid, 0.8)
+    for converged, locked in ((False, False), (True, True)):
+        equilibrium = SimpleNamespace(pose=found.equilibrium.pose, converged=converged)
+        doubtful = SimpleNamespace(model=found.model, material=POM, equilibrium=equilibrium, locked=locked)
+        assert assembly_check.check_assembly(made, None, doubtful).seams[0].force is None
+
+
+def test_hard_seams_are_named(flat_grid):
+    made, found = hung(flat_grid, 0.8)
+    weak = SimpleNamespace(
+        model=found.model,
+        equilibrium=found.equilibrium,
+        material=SimpleNamespace(strength=1e-6 * POM.youngs),
+        locked=False,
+    )
+    checked = assembly_check.check_assembly(made, None, weak)
+    assert checked.seams[0].hard == ("load",)
+    block = checked.report()
+    assert block["hard"] == 1 and "beyond what the material bears" in block["warnings"][0]
+    assert block["force_n_max"] == block["seams"][0]["force_n"] == pytest.approx(0.8, abs=1e-3)
+    assert isinstance(found.model, ArmModel)
