@@ -6,7 +6,7 @@ linearly with the design. A search takes more steps. What limits strains is left
 
 Over 88 layouts of 21 surfaces its rank correlation with what searches reach is 0.91, and 68 % of predictions are within a factor of 1.5; of
 67 layouts predicted with the spirals of another layout that was optimised, 0.94 and 81 %. With one equilibrium, which takes half of the
-time, they are 0.78 and 60 %. `bench layout --match` tells.
+time, the former are 0.78 and 60 %. `bench layout --match` tells.
 """
 
 from __future__ import annotations
@@ -61,8 +61,6 @@ def predicted(
     flat: FlatPatches,
     start: PredictionStart | None = None,
     progress: Progress = SILENT,
-    *,
-    quick: bool = False,
 ) -> float:
     """Return the RMS distance from the target that a search of a layout may reach.
 
@@ -71,7 +69,6 @@ def predicted(
     piece : the surface, how it is held, and what it is made of
     flat : one of its layouts
     start : made of any layout of the piece, saves half of the time; of this one by default
-    quick : leave the second equilibrium out, and expect a second step to shrink the distance by the same share as the first
 
     Returns
     -------
@@ -81,8 +78,7 @@ def predicted(
     ------
     FlexMapsError : quads are too small for spirals
     """
-    way = _shrunk if quick else _predicted
-    return way(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress))
+    return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress))
 
 
 def foreseen(
@@ -136,15 +132,6 @@ def _predicted(design: SpiralDesign, point: FlatPoint) -> float:
         point = after.renewed()
         step = _step(point)
     return min(before, _moved(point, step)) / design.flat.layout.mesh.diagonal
-
-
-def _shrunk(design: SpiralDesign, point: FlatPoint) -> float:
-    """Return the distance that is predicted by one equilibrium, as ``_predicted`` returns it by two."""
-    if not point.equilibrium.converged:
-        return np.inf
-    size = design.flat.layout.mesh.diagonal
-    before, after = _distance(point, point.equilibrium.pose), _moved(point, _step(point))
-    return min(before, after) * min(1.0, after / max(before, 1e-9 * size)) / size
 
 
 def _moved(point: FlatPoint, step: Float[np.ndarray, " coordinates"]) -> float:

@@ -105,6 +105,6 @@ def _panels(flat: FlatPatches) -> int:
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
     try:
-        return SEARCHED * predicted(piece, flat, start, progress.quiet(), quick=True)
+        return SEARCHED * predicted(piece, flat, start, progress.quiet())
     except FlexMapsError:
         return np.inf
