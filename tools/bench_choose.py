@@ -2,8 +2,8 @@
 
 python3 tools/dev.py bench choose [--thorough] [--only PATTERNS] [--quads N] [--json FILE]
 
-Every surface is laid out and optimised as by default, then layouts are proposed for the usual match, and what is taken is optimised
-again. The quick ones are a few; ``--thorough`` takes Blender's primitives, some of the zoo and the meshes beside the checkout. Surfaces
+Every surface is laid out and optimised as by default. Where that misses the usual match, layouts are proposed, and what is taken is
+optimised again. The quick ones are a few; ``--thorough`` takes Blender's primitives, some of the zoo and the meshes beside the checkout. Surfaces
 that do not consist of about so many quads are remeshed. What is in the JSON file is not measured again. Seconds are the processor's,
 those of other processes included; the time left is told by a clock, so that it depends on what else the machine does.
 """
@@ -107,6 +107,8 @@ def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
         polygons = trial.remeshed(polygons, quads)
     laid = job.run(polygons, settings, edge=EDGE, stop_after="split")
     given = job.go_on(laid, settings, ("spirals", "optimise", "simulate"))
+    if _rms(given) <= settings.choose.match:
+        return [*_by_default(name, given), _small(name, given)]
     watch, began = _Watch(), processor()
     chosen = job.go_on(given, settings, ("choose",), Progress(watch.report))
     spent = processor() - began
@@ -142,11 +144,8 @@ class _Watch:
 
 
 def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch, spent: float) -> list[Row]:
-    assert given.flat is not None
-    assert again.flat is not None
     before, after = _rms(given), _rms(again)
     best = choice.best
-    sizes = [len(patch) for patch in again.flat.layout.patches]
     peer: dict[str, Any] = {
         "stays": best.judged.laid.origin == GIVEN,
         "judged": choice.judged,
@@ -154,17 +153,30 @@ def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch
     }
     allowed = max(SAME * before, Settings().choose.match) if choice.reached else SAME * before
     return [
-        row(name, "quads", "", len(given.mesh.quads), None),
-        row(name, "panels by default", "", len(given.flat.layout.patches), None),
-        row(name, "RMS % by default", "", float(f"{before:.4g}"), None),
+        *_by_default(name, given),
         row(name, "panels taken", "", best.panels, None, peer),
         row(name, "RMS % as proposed", "", float(f"{100.0 * best.rms:.4g}"), None),
         at_most(name, "RMS % after the search", allowed, after),
-        at_most(name, f"panels under {SMALL} quads", 0, sum(size < SMALL for size in sizes)),
+        _small(name, again),
         at_most(name, "seconds until the first proposal", FIRST, watch.first),
         at_most(name, "seconds of processor", SECONDS, spent),
         at_most(name, "largest rise of the time left", RISE, watch.rise),
     ]
+
+
+def _by_default(name: str, given: Result) -> list[Row]:
+    assert given.flat is not None
+    return [
+        row(name, "quads", "", len(given.mesh.quads), None),
+        row(name, "panels by default", "", len(given.flat.layout.patches), None),
+        row(name, "RMS % by default", "", float(f"{_rms(given):.4g}"), None),
+    ]
+
+
+def _small(name: str, result: Result) -> Row:
+    assert result.flat is not None
+    sizes = [len(patch) for patch in result.flat.layout.patches]
+    return at_most(name, f"panels under {SMALL} quads", 0, sum(size < SMALL for size in sizes))
 
 
 def _rms(result: Result) -> float:
