@@ -183,7 +183,7 @@ def _collect(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     unsearched = quick is not None and key(first) not in search.proved
     jobs = [first, *others] if unsearched else others
     most = CURVED * taken_up(first.flat.layout)
-    began, paced = time.monotonic(), creeping(progress, search.pace)
+    began, paced = time.monotonic(), creeping(progress, search.pace) if unsearched else progress
     made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
     search.pace = time.monotonic() - began if unsearched else search.pace
     slow = made.pop(0) if unsearched else None
