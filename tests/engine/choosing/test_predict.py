@@ -68,6 +68,17 @@ def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: py
         assert 0.0 < predicted(piece, laid.flat) < 10.0 * usual
 
 
+def test_every_further_step_shrinks_the_distance_by_the_same_share() -> None:
+    piece, layouts = dome()
+    shares = []
+    for laid in layouts.values():
+        start = PredictionStart.from_layout(piece, laid.flat)
+        two, three, four = (predicted(piece, laid.flat, start, further=steps) for steps in range(3))
+        assert 0.0 < four <= three <= two and three / two == pytest.approx(four / three)
+        shares.append(three / two)
+    assert min(shares) < 1.0, "more steps bring one of these layouts nearer"
+
+
 def test_it_hardly_matters_which_layout_gives_the_start() -> None:
     piece, layouts = dome()
     starts = [PredictionStart.from_layout(piece, laid.flat) for laid in layouts.values()]
