@@ -14,6 +14,7 @@ from ..figures import format_figure
 from ..params import ChooseParams
 from ..progress import Progress
 from ..surface.checking.finding import counted
+from ..workers import cores
 from .judge import LONG, JudgedLayout, Laid, LayoutProblem, judge
 from .predict import PredictionStart, foreseen
 
@@ -41,6 +42,7 @@ class LayoutSearch:
     reference: float = np.inf  # of the given layout after a long search
     expected: float = EXPECTED  # what a long search leaves of what is predicted, or what a short one ends with
     pace: float = 0.0  # seconds that the last long search took
+    each: float = 0.0  # seconds that one layout took to judge, by the clock
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
     proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
     waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
@@ -102,7 +104,8 @@ class LayoutSearch:
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(foreseen, self.piece, self.start)
-        found = self.together(way, fresh, progress, self.said)
+        paced = creeping(progress, self.each * np.ceil(len(fresh) / cores()))
+        found = self.together(way, fresh, paced, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[JudgedLayout]) -> None:

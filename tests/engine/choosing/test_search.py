@@ -184,3 +184,20 @@ def test_time_that_nobody_reports_goes_on_and_never_comes_to_the_end(monkeypatch
     assert seen == sorted(set(seen)) and seen[-1] < 0.6
     quiet = Progress()
     assert creeping(quiet, 10.0) is quiet and creeping(replace(progress), 0.0).report is progress.report
+
+
+def test_progress_goes_on_while_layouts_are_judged(
+    layouts: tuple[LayoutProblem, list[Laid]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    piece, made = layouts
+    now, seen = [100.0], list[float]()
+    monkeypatch.setattr(searching.time, "monotonic", lambda: now[0])
+
+    def together(_: Any, things: Any, progress: Progress, text: str) -> list[None]:
+        for now[0] in (100.0, 103.0, 106.0):
+            progress(0.0, text)  # no layout is finished yet
+        return [None for _ in things]
+
+    search = LayoutSearch(piece, ChooseParams(), together, each=10.0)
+    search.judge(made[:1], Progress(lambda fraction, _: seen.append(fraction)))
+    assert seen == pytest.approx([0.0, 0.3, 0.6])
