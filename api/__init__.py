@@ -20,7 +20,7 @@ may be any function, and may raise ``Cancelled`` to stop the work.
 from __future__ import annotations
 
 from ..engine.errors import Cancelled, FlexMapsError
-from ..engine.extras.calibrating.calibrate import Calibration
+from ..engine.extras import registry
 from ..engine.params import ObjectSettings
 from ..engine.runs.piece import Piece
 from ..engine.surface.checking.check import Finding
@@ -44,6 +44,9 @@ from .steps import (
     take,
     use,
 )
+
+if registry.has("calibrating"):
+    from ..engine.extras.calibrating.calibrate import Calibration
 
 __all__ = ["Calibration", "Cancelled", "Finding", "FlexMapsError", "ObjectSettings", "Piece", "PolygonMesh", "QuadMesh", "calibrated", "calibration_sheet",
            "change", "check", "choose", "compare", "explore", "export", "layout", "load", "optimise", "paint", "press", "presses", "protect", "pull", "regularise", "remesh",

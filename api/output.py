@@ -7,9 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine.extras.calibrating import calibrate, coupons
-from ..engine.extras.calibrating import sheet as calibration
-from ..engine.extras.calibrating.calibrate import Calibration
+from ..engine.extras import registry
 from ..engine.fabrication.writers.export import USUAL
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
@@ -25,6 +23,7 @@ from .steps import sheets, spirals
 if TYPE_CHECKING:
     import bpy
 
+    from ..engine.extras.calibrating.calibrate import Calibration
     from ..engine.extras.together.batch import Batch
 
 
@@ -79,6 +78,7 @@ def export(
 
 def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
+    registry.need("together")
     from ..engine.extras.together.together import together
 
     shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
@@ -163,7 +163,7 @@ def calibration_sheet(
     folder: str | Path,
     settings: ObjectSettings | Mapping[str, Any] | None = None,
     *,
-    formats: Sequence[str] = calibration.USUAL,
+    formats: Sequence[str] | None = None,
     name: str = "calibration",
     overwrite: bool = False,
     progress: Tell = None,
@@ -174,7 +174,7 @@ def calibration_sheet(
     ----------
     folder : where the files and ``calibration.json`` go, which ``calibrated`` reads
     settings : as in ``load``, as far as known: thickness, material, kerf, widths
-    formats : any of "svg", "dxf", "dxf-r12", "pdf"
+    formats : any of "svg", "dxf", "dxf-r12", "pdf"; default ``sheet.USUAL``
     name : start of the file names
     overwrite : as in ``export``
     progress : called with a fraction and a text
@@ -187,9 +187,12 @@ def calibration_sheet(
     ------
     FlexMapsError where a file may not be replaced, or a setting is out of its bounds.
     """
+    registry.need("calibrating")
+    from ..engine.extras.calibrating import sheet
+
     wanted = settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
-    guard = Guard(remnants_of(wanted), overwrite)
-    return calibration.write(calibration.make(wanted), Path(folder), formats, name, progress_of(progress), guard)
+    guard, kinds = Guard(remnants_of(wanted), overwrite), sheet.USUAL if formats is None else formats
+    return sheet.write(sheet.make(wanted), Path(folder), kinds, name, progress_of(progress), guard)
 
 
 def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:
@@ -211,6 +214,9 @@ def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -
     ------
     FlexMapsError where the sheet or a measurement cannot be read.
     """
+    registry.need("calibrating")
+    from ..engine.extras.calibrating import calibrate, coupons
+
     made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.shown(**readings))
     if name is not None:
         from ..bridge.store import presets

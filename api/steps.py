@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FlexMapsError
-from ..engine.extras.exploring.explore import Exploration
-from ..engine.extras.exploring.folder import refuse
-from ..engine.extras.exploring.run import explore_piece
-from ..engine.extras.exploring.space import GOALS, MINIMISED, SIZES, space
+from ..engine.extras import registry
 from ..engine.params import wish, with_values
 from ..engine.runs import by_hand
 from ..engine.runs.outputs import LAYOUTS
 from ..engine.runs.piece import Piece
 from .pieces import Supports, Tell, begun, change, go_on, go_to, guard_of, metres, progress_of, remesh
+
+if TYPE_CHECKING:
+    from ..engine.extras.exploring.explore import Exploration
 
 
 def regularise(piece: Piece, *, progress: Tell = None) -> Piece:
@@ -121,6 +121,7 @@ def compare(piece: Piece, scan: str | Path, *, unit: str = "", anywhere: bool = 
     ------
     FlexMapsError where the scan cannot be read.
     """
+    registry.need("scanning")
     from ..engine.extras.scanning import reading
 
     ready = piece.result.with_user(scanned=reading.read(scan, unit, anywhere))
@@ -156,6 +157,7 @@ def structure(
     ------
     FlexMapsError where a case cannot be read.
     """
+    registry.need("structure")
     texts = {"structure.cases": ";".join(cases), "structure.combinations": ";".join(combinations)}
     held = change(piece, {name: text for name, text in texts.items() if text}, supports=supports)
     return go_to(held, "simulation", progress, "structure")
@@ -190,8 +192,8 @@ def explore(
     vary: Mapping[str, Any],
     folder: str | Path | None = None,
     *,
-    goals: Sequence[str] = GOALS,
-    minimised: Sequence[str] = MINIMISED,
+    goals: Sequence[str] | None = None,
+    minimised: Sequence[str] | None = None,
     overwrite: bool = False,
     progress: Tell = None,
     **search: Any,
@@ -203,8 +205,8 @@ def explore(
     piece : the piece
     vary : "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values, see ``space``
     folder : gets table, plot and pictures; an exploration that was stopped there continues
-    goals : such as "rms_percent<=1"
-    minimised : the two measures of the Pareto front
+    goals : such as "rms_percent<=1"; default ``space.GOALS``
+    minimised : the two measures of the Pareto front; default ``space.MINIMISED``
     overwrite : also replace files in the folder that FlexMaps did not write or that changed since
     progress : called with a fraction and a text; raising ``Cancelled`` ends the exploration with what it has
     search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
@@ -213,12 +215,17 @@ def explore(
     ------
     FlexMapsError where the folder, the cluster or a goal cannot be used.
     """
+    registry.need("exploring")
+    from ..engine.extras.exploring.folder import refuse
+    from ..engine.extras.exploring.run import explore_piece
+    from ..engine.extras.exploring.space import GOALS, MINIMISED, space
+
     if search.get("scheduler"):
         _refuse_offline()
     guard = guard_of([piece], overwrite)
     if folder is not None:
         refuse(Path(folder), guard)
-    reporter, question = progress_of(progress), space(vary, piece.settings, goals, minimised)
+    reporter, question = progress_of(progress), space(vary, piece.settings, goals or GOALS, minimised or MINIMISED)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid_out.items()}
@@ -244,6 +251,9 @@ def use(piece: Piece, values: Mapping[str, Any]) -> Piece:
     piece : the piece that was explored
     values : the candidate's ``values``
     """
+    registry.need("exploring")
+    from ..engine.extras.exploring.space import SIZES
+
     wanted = change(piece, {name: value for name, value in values.items() if name not in SIZES})
     wanted = remesh(wanted, quads=values["quads"]) if "quads" in values else wanted
     sized = {"edge", "height"} & set(values)

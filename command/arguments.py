@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections import Counter
 from dataclasses import Field, fields
-from functools import partial
 from typing import Any, NoReturn, get_type_hints
 
 from .. import api
 from ..engine.errors import FlexMapsError
-from ..engine.extras.exploring.space import GOALS, MEASURES, MINIMISED
-from ..engine.extras.scanning.reading import UNITS
-from ..engine.extras.structure.cases import KINDS
-from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.fabrication.writers import export
-from ..engine.params import SHOWN, ChooseParams, ObjectSettings, RemeshParams, Settings, shown, wish
+from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, shown
 from ..engine.progress import Progress
 from ..engine.runs import job
-from ..engine.surface import shapes
-from ..engine.surface.files.meshio import SHAPE
-from . import calibration, handles, painting, pressing, summary
-from .guarding import guarded
+from . import extras, handles, painting, pressing, summary
+from .sources import command, source
 
 CHOSEN = {f"choose.{f.name}" for f in fields(ChooseParams)}  # giving one of these settings also asks for a choice
-
-KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped
 
 
 class Parser(argparse.ArgumentParser):
@@ -40,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
     made = Parser(prog="flexmaps", description="From a surface to flat, flexible panels, step by step or in one go.")
     commands = made.add_subparsers(dest="command", metavar="COMMAND", required=True)
 
-    whole = _command(commands, "run", _run, summary.whole, "the whole way: sheets, a .blend, pictures and a report")
+    whole = command(commands, "run", _run, summary.whole, "the whole way: sheets, a .blend, pictures and a report")
     whole.epilog = (
         "Exit status: 0 all is done; 2 nothing could be made, one line says why; 3 the files are there, but it could not "
         "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
@@ -62,35 +52,29 @@ def parser() -> argparse.ArgumentParser:
     _formats(whole)
     _flags(whole)
 
-    _command(commands, "check", _check, summary.whole, "say what is wrong with a mesh; 2 where it cannot be made")
-    flat = _command(commands, "layout", _layout, summary.whole, "cut it into panels and flatten them")
+    command(commands, "check", _check, summary.whole, "say what is wrong with a mesh; 2 where it cannot be made")
+    flat = command(commands, "layout", _layout, summary.whole, "cut it into panels and flatten them")
     flat.add_argument(
         "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
     )
-    _command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
+    command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
     for name in ("goal", "match", "panels"):
         setting = next(f for f in fields(ChooseParams) if f.name == name)
         _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
-    _command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
-    _command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
+    command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
+    command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
     commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE}")  # fmt: skip
     painting.add(
-        _command(commands, "paint", _paint, summary.whole, "change spirals by hand: stiffer, softer, protected")
+        command(commands, "paint", _paint, summary.whole, "change spirals by hand: stiffer, softer, protected")
     )
     handles.add(
-        _command(commands, "pull", _pull, summary.whole, "pull at single spirals with a force"),
-        _command(commands, "wish", _wish, summary.whole, "say where 'optimise' shall bring single spirals"),
+        command(commands, "pull", _pull, summary.whole, "pull at single spirals with a force"),
+        command(commands, "wish", _wish, summary.whole, "say where 'optimise' shall bring single spirals"),
     )
     for name in ("layout", "choose", "simulate", "optimise"):
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
-    _comparing(_command(commands, "compare", _compare, summary.whole, "lay a scan of the built piece over its shape"))
-    loaded = _command(commands, "structure", _structure, summary.whole, "what it bears: load cases, and when it snaps")
-    loaded.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
-    _cases(loaded)
-    _exploring(
-        _command(commands, "explore", _explore, summary.explored, "try many sizes, materials or settings at once")
-    )
     _writing(commands)
+    extras.add(commands)
     pressing.add(commands)
     listed = commands.add_parser("settings", help="list every setting: name, default, bounds, unit")
     listed.add_argument("--json", action="store_true", help="as JSON")
@@ -100,94 +84,28 @@ def parser() -> argparse.ArgumentParser:
 
 def _writing(commands: Any) -> None:
     """Add the commands that write files: sheets, calibration, report, page to share."""
-    sheets = _command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
+    sheets = command(commands, "export", _export, summary.whole, "nest the panels on sheets and write them")
     sheets.add_argument("others", nargs="*", metavar="MESH", help="more pieces, on common sheets with the first")
     sheets.add_argument(
         "--copies", type=int, nargs="+", default=[], metavar="N", help="how often each piece is made, or all of them"
     )
     sheets.add_argument("--out", required=True, metavar="FOLDER", help="folder for the files")
     _formats(sheets)
-    calibration.add(commands)
-    page = _command(
+    page = command(
         commands, "report", _report, summary.whole, "simulate where needed; a page with figures, plots and maps"
     )
     page.add_argument(
         "--out", required=True, metavar="FOLDER", help="folder for report.html, report.json and the plots"
     )
-    share = _command(
+    share = command(
         commands, "share", _share, summary.whole, "simulate where needed; the piece in 3D as one page to send"
     )
     share.add_argument("--out", required=True, metavar="FILE.html", help="the page")
 
 
-def number(text: str) -> float:
-    """Return a finite number written in ASCII digits; otherwise raise ``ValueError``, which argparse reports."""
-    value = float(text)
-    if not text.isascii() or "_" in text or not math.isfinite(value):
-        raise ValueError
-    return value
-
-
-def _command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
-    """Add a command that reads a mesh, with the arguments that all such commands have."""
-    made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-    made.set_defaults(run=partial(guarded, run), tell=tell, keeps=name in KEEP)
-    made.add_argument(
-        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
-    )
-    size = made.add_mutually_exclusive_group()
-    size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
-    size.add_argument("--height", type=number, metavar="MM", help="scale the mesh to this extent along z")
-    made.add_argument(
-        "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
-    )
-    made.add_argument("--remesh", type=number, metavar="QUADS",
-                      help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
-    made.add_argument("--supports", metavar="QUADS",
-                      help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
-    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
-                      help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
-    made.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
-                      help="a DXF or SVG drawing of an odd piece of sheet to fill first; may be given several times")  # fmt: skip
-    made.add_argument("--overwrite", action="store_true",
-                      help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
-    made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
-    return made
-
-
 def _formats(made: argparse.ArgumentParser) -> None:
     made.add_argument("--formats", nargs="+", choices=export.FORMATS, default=list(export.USUAL), metavar="NAME",
                       help=f"kinds of files: {', '.join(export.FORMATS)} (default: {' '.join(export.USUAL)})")  # fmt: skip
-
-
-def _comparing(made: argparse.ArgumentParser) -> None:
-    made.add_argument("scan", help="an .ply, .obj, .stl or .off file of points or of a mesh")
-    made.add_argument("--out", metavar="FOLDER", help="folder for report.html, report.json and the plots")
-    made.add_argument("--unit", choices=UNITS, help="of the scan (default: metres or millimetres, by its size)")
-    made.add_argument("--near", action="store_true", help="the scan is turned by 30 degrees at most; quicker and surer")
-    made.add_argument("--simulate", action="store_true", help="simulate first; without, a shape that the .blend holds, or the target")  # fmt: skip
-
-
-def _cases(made: argparse.ArgumentParser) -> None:
-    made.add_argument("--case", action="append", default=[], metavar="NAME: KIND VALUE AXIS on QUADS", dest="cases",
-                      help=f"a load, such as 'snow: snow 500'; kinds: {', '.join(KINDS)}; N, N/m, N/m2, mm")  # fmt: skip
-    made.add_argument("--combine", action="append", default=[], metavar="NAME = 1.35 A + 1.5 B", dest="combinations",
-                      help="a sum of cases with factors")  # fmt: skip
-
-
-def _exploring(made: argparse.ArgumentParser) -> None:
-    made.add_argument("--out", required=True, metavar="FOLDER",
-                      help="folder for table, plot and pictures; one that was stopped goes on there")  # fmt: skip
-    made.add_argument("--vary", action="append", default=[], metavar="NAME=LOW:HIGH", required=True,
-                      help="a setting, edge, height or quads, with its bounds, or with what is tried: NAME=A,B,C")  # fmt: skip
-    made.add_argument("--goal", action="append", metavar="MEASURE<=NUMBER", dest="goals",
-                      help=f"what a candidate shall hold (default: {' '.join(GOALS)}); of {', '.join(MEASURES)}")  # fmt: skip
-    made.add_argument("--minimise", nargs=2, default=MINIMISED, metavar="MEASURE",
-                      help=f"what is to be small (default: {' '.join(MINIMISED)})")  # fmt: skip
-    made.add_argument("--candidates", type=int, default=64, metavar="NUMBER", help="how many are tried (default: 64)")
-    made.add_argument("--cores", type=int, metavar="NUMBER", help="processes beside this one (default: one a core)")
-    made.add_argument("--scheduler", metavar="ADDRESS", help="work on the Dask cluster there, such as tcp://name:8786")
-    made.add_argument("--seed", type=int, default=0, metavar="NUMBER", help="another number tries others")
 
 
 # -- a flag for every setting, and --set -------------------------------------------------------------------------------
@@ -218,104 +136,51 @@ def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kin
         group.add_argument(flag, dest=dest, metavar=metavar, help=help)  # ``changed`` converts the text to a number
 
 
-def _settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings given by flags and --set, as the api takes them."""
-    values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
-    values |= calibration.assigned(args.settings)
-    if args.remnants_given:
-        values["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
-    wished = {name: values.get(f"choose.{name}") for name in ("goal", "panels", "match")}
-    return values | wish(**wished)
-
-
 # -- what the commands do ----------------------------------------------------------------------------------------------
 
 
-def _source(args: argparse.Namespace) -> dict[str, Any]:
-    edge = args.edge
-    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
-        edge = 1e3 * RemeshParams.edge
-    return {
-        "edge": edge,
-        "height": args.height,
-        "up": args.up,
-        "quads": args.remesh,
-        "settings": _settings(args),
-        "supports": args.supports,
-    }
-
-
 def _run(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    inputs = _source(args)
+    inputs = source(args)
     chosen = args.choose or args.stop_after == "choose" or not CHOSEN.isdisjoint(inputs["settings"])
     return api.run(args.mesh, args.out, **inputs, remeshed=args.remeshed, optimised=args.optimise, chosen=chosen, structured=args.structure, stop_after=args.stop_after,
                    formats=args.formats, pictures=args.pictures, overwrite=args.overwrite, progress=tell)  # fmt: skip
 
 
 def _check(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **_source(args))
+    piece = api.load(args.mesh, **source(args))
     if piece.made is not None:
         return api.report(piece)
     return {"checks": [finding.as_dict() for finding in api.check(piece)]}
 
 
 def _layout(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **_source(args))
+    piece = api.load(args.mesh, **source(args))
     return _save_and_report(args, api.layout(piece, keep_seams=args.keep_seams, progress=tell))
 
 
 def _choose(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, api.choose(api.load(args.mesh, **_source(args)), progress=tell))
+    return _save_and_report(args, api.choose(api.load(args.mesh, **source(args)), progress=tell))
 
 
 def _simulate(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, api.simulate(api.load(args.mesh, **_source(args)), progress=tell))
-
-
-def _structure(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = api.load(args.mesh, **_source(args))
-    made = api.structure(piece, *args.cases, combinations=args.combinations, progress=tell)
-    return api.report(made, args.out, overwrite=args.overwrite)
+    return _save_and_report(args, api.simulate(api.load(args.mesh, **source(args)), progress=tell))
 
 
 def _optimise(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece = painting.protected(args, api.load(args.mesh, **_source(args)))
+    piece = painting.protected(args, api.load(args.mesh, **source(args)))
     return _save_and_report(args, api.optimise(piece, progress=tell))
 
 
 def _paint(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, painting.paint(args, api.load(args.mesh, **_source(args)), tell))
+    return _save_and_report(args, painting.paint(args, api.load(args.mesh, **source(args)), tell))
 
 
 def _pull(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, handles.pull(args, api.load(args.mesh, **_source(args))))
+    return _save_and_report(args, handles.pull(args, api.load(args.mesh, **source(args))))
 
 
 def _wish(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    return _save_and_report(args, handles.wish(args, api.load(args.mesh, **_source(args))))
-
-
-def _compare(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    piece, reporter = api.load(args.mesh, **_source(args)), Progress(tell)
-    if args.simulate:
-        piece = api.simulate(piece, progress=reporter.part(0.0, 0.6))
-    compared = api.compare(
-        piece, args.scan, unit=args.unit or "", anywhere=not args.near, progress=reporter.part(0.6, 1.0)
-    )
-    return api.report(compared, args.out, overwrite=args.overwrite)
-
-
-def _explore(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
-    pairs = [text.partition("=") for text in args.vary]
-    wrong = [text for text, (_, equals, _) in zip(args.vary, pairs, strict=True) if not equals]
-    if wrong:
-        raise FlexMapsError(f"--vary {wrong[0]}: give it as NAME=LOW:HIGH or NAME=A,B,C")
-    vary = {name.strip(): values.strip() for name, _, values in pairs}
-    made = api.explore(
-        api.load(args.mesh, **_source(args)), vary, args.out, candidates=args.candidates, goals=args.goals or GOALS,
-        minimised=args.minimise, scheduler=args.scheduler, cores=args.cores, seed=args.seed, overwrite=args.overwrite, progress=tell,
-    )  # fmt: skip
-    return made.report()
+    return _save_and_report(args, handles.wish(args, api.load(args.mesh, **source(args))))
 
 
 def _save_and_report(args: argparse.Namespace, piece: Any) -> dict[str, Any]:
@@ -330,7 +195,7 @@ def _export(args: argparse.Namespace, tell: Any) -> dict[str, Any]:
         raise FlexMapsError(f"--copies: give one number, or one for each of the {len(meshes)} pieces")
     if len(meshes) > 1 or args.copies:
         return _export_together(args, meshes, tell)
-    piece = api.sheets(api.load(args.mesh, **_source(args)), progress=Progress(tell).part(0.0, 0.9))
+    piece = api.sheets(api.load(args.mesh, **source(args)), progress=Progress(tell).part(0.0, 0.9))
     written = api.export(piece, args.out, formats=args.formats, overwrite=args.overwrite)
     described = api.report(piece)
     described["sheets"]["files"] = [path.name for path in written]
@@ -342,7 +207,7 @@ def _export_together(args: argparse.Namespace, meshes: list[str], tell: Any) -> 
     copies = args.copies * (len(meshes) if len(args.copies) == 1 else 1) or [1] * len(meshes)
     pieces = []
     for mesh, count in zip(meshes, copies, strict=True):
-        inputs = _source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
+        inputs = source(argparse.Namespace(**{**vars(args), "mesh": mesh}))
         inputs["settings"] = {**inputs["settings"], "export.copies": count}
         pieces.append(api.load(mesh, **inputs))
     written = api.export(pieces, args.out, formats=args.formats, overwrite=args.overwrite, progress=tell)
@@ -372,7 +237,7 @@ def _simulate_if_needed(args: argparse.Namespace, tell: Any) -> Any:
 
     from ..bridge.store import notes, objects, states
 
-    piece = api.load(args.mesh, **_source(args))
+    piece = api.load(args.mesh, **source(args))
     if piece.uid is not None and not args.settings and not args.supports:
         obj = objects.find(piece.uid)
         if "equilibrium" in notes.read(obj.data) and not states.is_old(obj, bpy.context.scene, "equilibrium"):

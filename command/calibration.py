@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from typing import Any
 
 from .. import api
-from ..engine.errors import FlexMapsError
 from ..engine.extras.calibrating.coupons import KINDS
 from ..engine.extras.calibrating.sheet import USUAL, WRITERS
+from .sources import assigned
 
 
 def add(commands: Any) -> None:
@@ -48,17 +47,6 @@ def add(commands: Any) -> None:
     read.add_argument("--name", help="keep the result among Blender's presets of FlexMaps under this name")
     read.add_argument("--json", action="store_true", help="print the result as JSON")
     read.set_defaults(keeps=False, run=_read, tell=_tell)
-
-
-def assigned(texts: Sequence[str]) -> dict[str, str]:
-    """Return the assignments of --set, as the api takes them."""
-    values = {}
-    for text in texts:
-        name, equals, value = text.partition("=")
-        if not equals:
-            raise FlexMapsError(f"--set {text}: give it as section.name=value")
-        values[name.strip()] = value.strip()
-    return values
 
 
 def _draw(args: argparse.Namespace, tell: Any) -> dict[str, Any]:

@@ -8,14 +8,17 @@ from typing import Any
 import bpy
 
 from ..bridge.hosts import background
+from ..engine.extras import registry
 
 # modules in the order of registration
 NAMES = (
     "example", "next", "check", "mend", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
     "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
-    "render", "export", "together", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
+    "render", "export", "together", "remnant", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
 )  # fmt: skip
-MODULES: list[Any] = [import_module(f"{__package__}.{name}") for name in NAMES]
+MODULES: list[Any] = [
+    import_module(f"{__package__}.{name}") for name in NAMES if name not in registry.missing_modules("operators")
+]
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..bridge.hosts import background, live
+from ..bridge.hosts import live
 from .stage import AtOnce, OnObject, redraw
 
 
@@ -35,16 +35,6 @@ def _tick() -> float | None:
     if before != (following.resting, following.problem):
         redraw(bpy.context, "UI")
     return live.TICK
-
-
-def drawn() -> object:
-    """Return what is drawn over the 3D view: a job's shape, the live piece, or the spirals under the brush."""
-    from ..bridge.view import easel
-
-    if background.current() is not None:
-        return background.shown()
-    following = live.shown()
-    return easel.shown() if following is None else following
 
 
 def register() -> None:

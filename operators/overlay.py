@@ -9,7 +9,6 @@ import bpy
 from ..bridge.store.i18n import button_name, translate
 from ..bridge.view import colouring
 from ..engine.errors import FlexMapsError
-from .live import drawn
 from .stage import AtOnce, OnObject
 
 STAGES = {
@@ -43,6 +42,17 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
             stage = "Simulate" if self.kind in colouring.SIMULATED else STAGES.get(self.kind, "Merge")
             raise FlexMapsError(translate("There is nothing to show yet; press {} first", button_name(stage)))
         overlay.switch(self.kind)
+
+
+def drawn() -> object:
+    """Return what is drawn over the 3D view: a job's shape, the live piece, or the spirals under the brush."""
+    from ..bridge.hosts import background, live
+    from ..bridge.view import easel
+
+    if background.current() is not None:
+        return background.shown()
+    following = live.shown()
+    return easel.shown() if following is None else following
 
 
 def register() -> None:

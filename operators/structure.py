@@ -36,8 +36,8 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
         settings = snapshot.settings
 
         def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.extras.structure.load_stage import LoadAnalysis
             from ..engine.runs import job
-            from ..engine.runs.outputs import LoadAnalysis
 
             at_rest = job.simulated_at(result, rest, settings, progress.part(0.0, 0.1))
             made = job.go_on(at_rest, settings, ("structure",), progress.part(0.1, 1.0))

@@ -1,9 +1,8 @@
-"""Export all selected objects on common sheets, each in its number of copies; and choose the drawing of a remnant."""
+"""Export all selected objects on common sheets, each in its number of copies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -15,8 +14,8 @@ from ..bridge.store.objects import unusable
 from ..bridge.store.paths import file_name, folder_of
 from ..engine.errors import FlexMapsError
 from ..engine.progress import Progress
-from .stage import AnyMesh, AtOnce, OnObject, StageOperator, Work
-from .writes import FromDialog, IntoFolder
+from .stage import AnyMesh, StageOperator, Work
+from .writes import IntoFolder
 
 ENDING = "together"  # end of the files' name, after the active object's
 
@@ -77,23 +76,4 @@ def _selected(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [active, *sorted(others, key=lambda obj: obj.name)]
 
 
-class AddRemnant(FromDialog, AtOnce, OnObject, bpy.types.Operator):
-    """Choose a DXF or SVG drawing of an odd piece of sheet, which is filled before whole sheets are"""
-
-    bl_idname = "flexmaps.add_remnant"
-    bl_label = "Add remnant"
-
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    filter_glob: bpy.props.StringProperty(default="*.dxf;*.svg", options={"HIDDEN"})  # type: ignore[valid-type]
-
-    def act(self, context: bpy.types.Context) -> str:
-        from ..engine.fabrication.nesting.remnants import SEPARATOR, read_file
-
-        remnants = read_file(Path(bpy.path.abspath(self.filepath)))
-        sheet = context.object.flexmaps.sheet
-        sheet.remnants = SEPARATOR.join([*filter(None, [sheet.remnants.strip()]), bpy.path.abspath(self.filepath)])
-        sizes = ", ".join(f"{1e3 * one.size[0]:.0f} x {1e3 * one.size[1]:.0f} mm" for one in remnants)
-        return translate("Remnant of {}", sizes)
-
-
-CLASSES = (ExportTogether, AddRemnant)
+CLASSES = (ExportTogether,)

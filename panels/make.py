@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge.store.i18n import sheets
 from ..bridge.store.settings import unsaved
+from ..engine.extras import registry
 from .rows import button, decimals, duration, figures, menu, percent, rare, settings_popover, tr, value
 from .stages import block_of, look
 
@@ -28,7 +29,8 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         # this operator sets the second value whenever the current value is not the second
         switch.data_path, switch.value_1, switch.value_2 = f"object.flexmaps.export.{name}", usual, "NONE"
     row.prop(files, "pdf", text="PDF", toggle=True, translate=False)
-    row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
+    if registry.has("assembly_sheet"):
+        row.prop(files, "guide", text=tr("Guide"), toggle=True, translate=False)
     column = body.column(align=True)
     row = value(column, files, "folder", tr("Folder"))
     row.alert = unsaved(files.folder)
@@ -75,7 +77,8 @@ def key(context: bpy.types.Context) -> str:
 
 
 def _files(layout: Any, context: bpy.types.Context) -> None:
-    button(layout, "flexmaps.export_together", tr("All selected on common sheets"), "PACKAGE")
+    if registry.has("together"):
+        button(layout, "flexmaps.export_together", tr("All selected on common sheets"), "PACKAGE")
     folder = bpy.path.abspath(context.object.flexmaps.export.folder)
     button(layout, "wm.path_open", tr("Open the folder"), "FILE_FOLDER").filepath = folder
 

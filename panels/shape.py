@@ -10,6 +10,7 @@ from ..bridge.hosts import background, live
 from ..bridge.store import equilibrium, fields, handles
 from ..bridge.store.i18n import span
 from ..bridge.view import easel, plot
+from ..engine.extras import registry
 from ..engine.figures import format_figure
 from .rows import button, decimals, figures, line, menu, pair, popover, settings_of, tr, value
 from .stages import block_of, look
@@ -26,10 +27,11 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     row = body.row(align=True)
     button(row, "flexmaps.fit", tr("Make it fit"), "SHADERFX")
     row.menu("FLEXMAPS_MT_steps", text="", icon="DOWNARROW_HLT")
-    row.separator()
-    following = live.current()
-    own = following is not None and following.uid == obj.session_uid
-    button(row, "flexmaps.live", tr("Live"), "PAUSE" if own else "PLAY", depress=own)
+    if registry.has("live"):
+        row.separator()
+        following = live.current()
+        own = following is not None and following.uid == obj.session_uid
+        button(row, "flexmaps.live", tr("Live"), "PAUSE" if own else "PLAY", depress=own)
     row = body.row(align=True)
     in_hand = easel.active(context)
     button(row, "flexmaps.pick_brush", tr("Brush"), "BRUSH_DATA", depress=in_hand)

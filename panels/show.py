@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..engine.extras import registry
 from .rows import button, choice, line, rare, settings_popover, tr, value
 
 SEEN = ("target", "Target"), ("assembled", "Piece"), ("panels", "Panels")
@@ -20,10 +21,11 @@ def draw(body: Any, context: bpy.types.Context) -> None:
     choice(column, tr("Place"), wanted.preview, "place")
     line(column, "").prop(wanted.preview, "joined", text=tr("Connectors"), translate=False)
     button(body, "flexmaps.preview", tr("Show the piece"), "HIDE_OFF")
-    column = body.column(align=True)
-    value(column, wanted.film, "seconds", tr("Seconds"))
-    value(column, wanted.film, "film_detail", tr("Detail"))
-    button(column, "flexmaps.animate", tr("Animate the assembly"), "RENDER_ANIMATION")
+    if registry.has("film"):
+        column = body.column(align=True)
+        value(column, wanted.film, "seconds", tr("Seconds"))
+        value(column, wanted.film, "film_detail", tr("Detail"))
+        button(column, "flexmaps.animate", tr("Animate the assembly"), "RENDER_ANIMATION")
     column = body.column(align=True)
     value(column, wanted.render, "finish", tr("Look"))
     value(column, wanted.render, "file", tr("File"))

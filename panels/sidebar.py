@@ -79,7 +79,7 @@ def _section(panel: Any, context: bpy.types.Context, key: str, title: str, gear:
 def _sign(context: bpy.types.Context, module: Any, stages: tuple[str, ...]) -> str:
     """Return the icon of a section: a tick if all its stages are done, else out of date, to do or past a limit."""
     seen = look(context)
-    kinds = {seen.states[stage].kind for stage in stages}
+    kinds = {seen.states[stage].kind for stage in stages if stage in seen.states}
     if states.OLD in kinds:
         return ICONS[states.OLD]
     if states.TODO in kinds or not kinds:

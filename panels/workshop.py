@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge.store import presets
 from ..bridge.view.tab import HABITS
+from ..engine.extras import registry
 from .rows import button, pair, tr, value
 
 # rows of each tab: label, then "section.name" of one or two settings
@@ -82,7 +83,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         for section, named in SOLVER.items():
             for name in named:
                 column.prop(getattr(wanted, section), name)
-    if tab.habits == "CUT":
+    if tab.habits == "CUT" and registry.has("calibrating"):
         row = body.row(align=True)
         button(row, "flexmaps.calibration_sheet", tr("Calibration"), "FILE_NEW")
         button(row, "flexmaps.calibrated", tr("Results"), "DRIVER_DISTANCE")

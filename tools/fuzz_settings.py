@@ -8,7 +8,7 @@ import random
 from dataclasses import fields
 from typing import Any
 
-from flexmaps.command import arguments
+from flexmaps.command import arguments, sources
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SHOWN, ObjectSettings, shown_values, with_values
 
@@ -76,7 +76,7 @@ def play(number: int, whole: bool) -> str:
         with contextlib.redirect_stderr(told), contextlib.redirect_stdout(told):
             args = arguments.parser().parse_args(words)
             if args.command != "settings":
-                with_values(ObjectSettings(), arguments._settings(args))
+                with_values(ObjectSettings(), sources.settings(args))
     except FlexMapsError:
         return f"{outcome}, words refused"
     except SystemExit as end:

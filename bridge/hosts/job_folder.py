@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...engine import files
-from ...engine.extras.assembly_sheet import sheet as assembly_sheet
-from ...engine.extras.together.batch import Batch
+from ...engine.extras import registry
 from ...engine.fabrication.writers import export, parts
 from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings
@@ -24,6 +23,8 @@ from ...engine.runs.page_data import Shown
 
 if TYPE_CHECKING:
     import bpy
+
+    from ...engine.extras.together.batch import Batch
 
 SHEET, GUIDE, MODEL, REPORT = "sheet", "assembly.pdf", "model.blend", "report.json"
 PICTURES = {
@@ -159,7 +160,9 @@ def write_sheets(
     listed = base.with_name(f"{base.name}-parts.csv")
     parts.write(made, [design], figures.material, new(listed))
     written.append(listed)
-    if guide is not None:
+    if guide is not None and registry.has("assembly_sheet"):
+        from ...engine.extras.assembly_sheet import sheet as assembly_sheet
+
         drawing = progress.part(0.7, 1.0)
         drawing(0.0, "drawing the assembly sheet")
         written.append(assembly_sheet.write(design, made, figures, guide, title, new, estimate.assembly, drawing))
@@ -187,7 +190,11 @@ def write_batch(
     written = export.write(made.sheets, base, formats, new, progress.part(0.0, 0.7))
     written.append(base.with_name(f"{base.name}-parts.csv"))
     parts.write(made.sheets, made.designs, made.parts[0].material, new(written[-1]))
-    for number, part in enumerate(made.parts if guides else ()):
+    if not guides or not registry.has("assembly_sheet"):
+        return written
+    from ...engine.extras.assembly_sheet import sheet as assembly_sheet
+
+    for number, part in enumerate(made.parts):
         drawing = progress.part(0.7 + 0.3 * number / len(made.parts), 0.7 + 0.3 * (number + 1) / len(made.parts))
         drawing(0.0, "drawing the assembly sheets")
         letters = made.letters_of(number)

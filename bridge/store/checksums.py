@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
-from ...engine.runs import stages
+from ...engine.runs.stage import section_of
 from . import attributes, handles, pose, seen, settings
 
 MANY = 20_000  # edges up to which a mesh in edit mode is read edge by edge at a redraw; larger slows redraws (some ms here)
@@ -109,7 +109,7 @@ class Checksums:
 
     def _settings(self, name: str) -> bytes:
         own = getattr(self._obj, "flexmaps", None)  # without the extension there are no settings
-        section, but = stages.section_of(name)
+        section, but = section_of(name)
         text = b"" if own is None else settings.changed(getattr(own, section), but).encode()
         return text + self._values(handles.HELD, handles.PULL) if section == "loads" else text
 

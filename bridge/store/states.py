@@ -156,9 +156,9 @@ def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:
     Parameters
     ----------
     obj, scene : the mesh object and its scene
-    stage : block of the notes
+    stage : block of the notes; one of an extra that is missing is never old
     """
-    return stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
+    return stage in PARTS and stage in notes.read(obj.data) and _inputs_changed(obj, scene, stage, PARTS[stage])
 
 
 def is_old_unnoted(obj: bpy.types.Object, scene: bpy.types.Scene, name: str) -> bool:

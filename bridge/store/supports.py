@@ -10,7 +10,7 @@ import numpy as np
 
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
-from ...engine.extras.structure import cases
+from ...engine.extras import registry
 from ...engine.params import LoadParams, StructureParams
 from . import handles, mesh, objects, settings
 
@@ -60,6 +60,10 @@ def named(
     surface : its surface
     params : settings of the load cases
     """
+    if not registry.has("structure"):
+        return {}
+    from ...engine.extras.structure import cases
+
     try:
         wanted = cases.plan(params.cases, params.combinations).groups
     except FlexMapsError:

@@ -33,6 +33,7 @@ class Reported:
     blocks : the notes of the stages that are up to date
     shape : (V, 3) float32, simulated vertices in the object's own frame; None without an up-to-date simulation
     values : (F,) arrays of that simulation, or None, by the names of ``MapValues``
+    more : (F,) arrays of the extras, by the names of ``MapValues.more``
     pose : the hubs' pose of that simulation; None where it is missing
     findings : the notices, each with its cures
     """
@@ -41,6 +42,7 @@ class Reported:
     blocks: dict[str, Any]
     shape: np.ndarray | None = None
     values: dict[str, Any] = field(default_factory=dict)
+    more: dict[str, Any] = field(default_factory=dict)
     pose: Pose | None = None
     findings: list[dict[str, Any]] = field(default_factory=list)
 
@@ -76,12 +78,14 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = states.read_states(obj, bpy.context.scene)
-    blocks = {name: block for name, block in notes.read(obj.data).items() if now[name].kind == states.DONE}
+    blocks = {
+        name: block for name, block in notes.read(obj.data).items() if name in now and now[name].kind == states.DONE
+    }
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
-    scan = attributes.get(obj.data, scans.NAME) if "scan" in blocks else None
+    more = {"scan": attributes.get(obj.data, scans.NAME)} if "scan" in blocks else {}
     findings = guidance.read_guidance(obj, bpy.context.scene, now).findings()
-    content = Reported(taken, blocks, values={"scan": scan}, findings=findings)
+    content = Reported(taken, blocks, more=more, findings=findings)
     if "equilibrium" not in blocks:
         return content
     key = equilibrium.key_of(obj.data)
@@ -91,9 +95,10 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
         key.data.foreach_get("co", shape.ravel())
     if not np.isfinite(shape).all():
         return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
-    names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach", "utilisation": "utilisation"}
+    names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}
     values = {name: attributes.get(obj.data, attributes.PREFIX + kept) for name, kept in names.items()}
-    return replace(content, shape=shape, values=content.values | values, pose=pose.read(obj, taken.surface.to_metres))
+    more["utilisation"] = attributes.get(obj.data, attributes.PREFIX + "utilisation")
+    return replace(content, shape=shape, values=values, more=more, pose=pose.read(obj, taken.surface.to_metres))
 
 
 def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple[dict[str, Any], dict[str, Drawing]]:
@@ -116,7 +121,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}
     described["checks"] = found.blocks.get("checks", described["checks"])
     described["findings"] = found.findings
-    return described, run_plots.drawings(measured, described, taken.settings.layout.distortion_limit)
+    return described, report_page.all_drawings(measured, described, taken.settings.layout.distortion_limit)
 
 
 def shown(result: Result, found: Reported) -> Shown | None:
@@ -133,9 +138,10 @@ def shown(result: Result, found: Reported) -> Shown | None:
 
 
 def _measured_values(result: Result, content: Reported) -> run_plots.MapValues:
-    measured = report_page.measured(result)
+    more = {name: values for name, values in content.more.items() if values is not None}
+    measured = replace(report_page.measured(result), more=more)
     if content.shape is None:
-        return replace(measured, scan=content.values.get("scan"))
+        return measured
     to_metres = content.taken.surface.to_metres
     world = content.shape.astype(float) @ to_metres[:3, :3].T + to_metres[:3, 3]
     used = np.unique(content.taken.surface.polygons.corners)  # the engine knows only vertices of faces

@@ -152,11 +152,13 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
-    if result.scan is not None:
-        scans.write(obj, result.scan, scan_points.show(obj, scene, result.scan))
+    scan: Any = result.value("scan")
+    if scan is not None:
+        scans.write(obj, scan, scan_points.show(obj, scene, scan))
     fields.protect(obj, result.protected)
-    if result.structure is not None:
-        equilibrium.write_utilisation(obj, result.structure.utilisation)
+    examined: Any = result.value("structure")
+    if examined is not None:
+        equilibrium.write_utilisation(obj, examined.utilisation)
     notes.write_all(obj.data, report.blocks(result))
     states.stamp(obj, scene)
 

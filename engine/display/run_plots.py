@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from .. import colours
 from ..arrays import Bool, Float, Int
-from ..extras.scanning.compare import Comparison
-from ..extras.structure.structure import Structure
 from ..figures import format_figure
 from ..optimisation import reach
 from ..optimisation.reach import MatchLimits
@@ -20,12 +18,12 @@ from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..spirals.spiral import anisotropy
 from ..surface.mesh import QuadMesh
-from . import arrange, load_plots, plots
+from . import arrange, plots
 from .drawing import Drawing, hexes
 from .plots import Colouring
 
 NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
-         "slots", "limits", "scan", "loads", "utilisation")  # fmt: skip
+         "slots", "limits")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: smallest end of its scale, so that rounding does not look like a difference
 # mm: smallest end of the scale of slots in the simulated shape, the narrowest slot that a laser cuts
@@ -41,9 +39,8 @@ class MapValues:
     width, anisotropy, twist : mean of the arms in mm; percent, see ``spiral.anisotropy``; degrees
     shape : metres, simulated; distance : mm to the target; strain : share of the material's limit
     slot : mm, narrowest slot beside the arms in that shape
-    utilisation : largest share of the arms' strength used, over all loads
     kind : what limits the match, index into ``reach.NAMES``
-    scan : mm from the scan of the built piece, negative where it does not show the spiral
+    more : values of the extras, by name
     """
 
     mesh: QuadMesh
@@ -59,8 +56,7 @@ class MapValues:
     strain: Float[np.ndarray, " quads"] | None = None
     slot: Float[np.ndarray, " quads"] | None = None
     kind: Int[np.ndarray, " quads"] | None = None
-    scan: Float[np.ndarray, " quads"] | None = None
-    utilisation: Float[np.ndarray, " quads"] | None = None
+    more: Mapping[str, Float[np.ndarray, " quads"]] = field(default_factory=dict)
 
     @classmethod
     def from_results(
@@ -70,15 +66,13 @@ class MapValues:
         design: SpiralDesign | None = None,
         simulation: Simulation | None = None,
         limits: MatchLimits | None = None,
-        scan: Comparison | None = None,
-        structure: Structure | None = None,
     ) -> MapValues:
         """Gather the values from the results of the stages.
 
         Parameters
         ----------
         mesh : target
-        flat, design, simulation, limits, scan, structure : results; None if the stage has not run
+        flat, design, simulation, limits : results; None if the stage has not run
         """
         values: dict[str, Any] = {}
         if flat is not None:
@@ -103,15 +97,11 @@ class MapValues:
             values["slot"] = None if slots is None else 1e3 * slots.of_quads
         if limits is not None:
             values["kind"] = limits.kind
-        if scan is not None:
-            values["scan"] = scan.shown_mm
-        if structure is not None:
-            values["utilisation"] = structure.utilisation
         return cls(mesh, **values)
 
 
 def drawings(measured: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Return all plots for which there are values, by name.
+    """Return the plots of the road's stages for which there are values, by name.
 
     Parameters
     ----------
@@ -121,8 +111,7 @@ def drawings(measured: MapValues, described: Mapping[str, Any], distortion: floa
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
     match = _match(measured, described)
-    loaded = _loads(measured, described)
-    return layout | spirals | _choices(described) | _history(described) | match | _scan(measured, described) | loaded
+    return layout | spirals | _choices(described) | _history(described) | match
 
 
 def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
@@ -223,32 +212,4 @@ def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)
         fills = np.array([colour for colour, _ in looks])[m.kind]
         found["limits"] = plots.flat_map(m.corners, m.sides, Colouring("What limits the match", fills, rows=rows))
-    return found
-
-
-def _scan(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Map of the distance of the built piece's scan, grey where the scan does not show the piece."""
-    if m.scan is None or not (m.scan >= 0).any():
-        return {}
-    block = described.get("scan", {})
-    high = max(float(m.scan.max()), colours.LEAST_DISTANCE)
-    title = "Distance of the scan" + (f", RMS {block['rms_mm']:.3g} mm" if "rms_mm" in block else "")
-    far = Colouring.from_values(title, np.maximum(m.scan, 0.0), "mm", colours.BAD, 0.0, high)
-    far = replace(far, fills=np.where((m.scan < 0)[:, None], colours.UNSEEN, far.fills))
-    shape = m.mesh.vertices if m.shape is None else m.shape
-    return {"scan": plots.shape_map(shape, m.mesh.quads, np.zeros((len(m.mesh.quads), 4), bool), far)}
-
-
-def _loads(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Plots of the loads."""
-    block = described.get("structure")
-    if not block:
-        return {}
-    found = {"loads": load_plots.load_paths(block)}
-    if m.utilisation is not None and m.shape is not None and m.sides is not None:
-        share = 100.0 * m.utilisation
-        high = max(100.0, float(share.max()))
-        title = "Utilisation: the most that arms carry under any load"
-        used = Colouring.from_values(title, share, "% of limit", colours.BAD, 0.0, high)
-        found["utilisation"] = plots.shape_map(m.shape, m.mesh.quads, m.sides, used)
     return found

@@ -27,8 +27,9 @@ from ..threads import one_thread
 from .by_hand import laid_out, with_design
 from .outputs import OUTPUTS, DesignVersion, FinalLayout, MergedLayout, Surface, TracedLayout, UserInput, made_by
 from .result import Result
-from .stages import STAGES, TABLE, TRACED, Stage
-from .steps import STEPS, at_rest, simulated
+from .stage import Stage
+from .stages import STAGES, TABLE, TRACED
+from .steps import at_rest, function_of, simulated
 
 __all__ = [
     "NAMES",
@@ -305,7 +306,7 @@ def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, 
     if not stage.optional:  # optional stages make nothing to cut, so conflicting settings may be tried in them
         refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
     try:
-        made = STEPS[stage.name](result, *inputs, stage.readable(settings), progress)
+        made = function_of(stage)(result, *inputs, stage.readable(settings), progress)
     except FlexMapsError as error:
         if not (lenient and stage.optional):
             raise

@@ -13,9 +13,6 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..choosing.choice import Choice
-from ..extras.scanning.compare import Comparison
-from ..extras.scanning.reading import Scan
-from ..extras.structure.structure import Structure
 from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
@@ -30,7 +27,8 @@ from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh, QuadMesh
-from .stages import STAGES, TRACED, values_of
+from .stage import values_of
+from .stages import STAGES, TRACED
 
 
 @dataclass(frozen=True)
@@ -61,7 +59,7 @@ class UserInput:
     wishes : target positions for some spirals in the optimisation
     groups : quads by name, for loads that act on a part of the piece
     protected : quads whose spirals the optimiser must not change
-    scanned : a scan of the built piece
+    scanned : a scan of the built piece, a ``Scan`` of the extra that compares with it
     rest : pose at equilibrium for the comparison with the scan, if the simulation itself is not kept
     """
 
@@ -70,7 +68,7 @@ class UserInput:
     wishes: Wishes | None = None
     groups: dict[str, Int[np.ndarray, " some"]] = field(default_factory=dict)
     protected: Int[np.ndarray, " kept"] | None = None
-    scanned: Scan | None = None
+    scanned: object = None
     rest: Pose | None = None
 
 
@@ -95,6 +93,10 @@ class StageOutput:
     def differs(self, settings: Settings) -> bool:
         """Return whether some of the settings that it was made with are others now."""
         return values_of(self.settings, settings) != self.settings
+
+    def map_values(self) -> dict[str, np.ndarray]:
+        """Return values of an extra's output for ``MapValues.more``: an array over the quads each."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,22 +162,6 @@ class SimulatedShape(StageOutput):
     name = "simulation"
     simulation: Simulation
     limits: MatchLimits | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class ScanComparison(StageOutput):
-    """Comparison of the scan with the simulated shape, or with the target if there is no simulation."""
-
-    name = "scan"
-    scan: Comparison
-
-
-@dataclass(frozen=True, eq=False)
-class LoadAnalysis(StageOutput):
-    """Response of the piece to its loads."""
-
-    name = "structure"
-    structure: Structure
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,7 @@ from ..arrays import Float
 from ..display import arrange
 from ..display.run_plots import MapValues
 from ..display.skin import Skin
-from ..extras.film.film import Shots, shoot
-from ..extras.film.passage import Hubs, closings
-from ..extras.film.stages import at_once, find_stages
+from ..extras import registry
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
 from ..mechanics.arms.spiral_stiffness import stiffness
@@ -143,14 +141,18 @@ def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
         "seams": _seams(design, steps),
     }
     if pose is None:
-        described |= {"length": 0.0, "tracks": _tracks_on_table(packed, design, table), "notes": []}
+        described |= {"length": 0.0, "tracks": _still(packed, design, _on_table(design, table)), "notes": []}
+    elif not registry.has("film"):
+        described |= {"length": 0.0, "tracks": _still(packed, design, pose), "notes": []}
+        packed.add("closings", np.tile([-1.0, -0.5], (int((~layout.mesh.border).sum()), 1)), 1e-3)
     else:
-        part, resting = progress.part(0.2, 0.8), settings.page.coming == "RESTING"
-        found = find_stages(design, pose, material, settings.simulate, part) if resting else at_once(design, pose)
-        shots = shoot(design, pose, table, found, Hubs(design), progress.part(0.8, 1.0))
-        described |= {"length": shots.length, "tracks": _tracks(packed, design, shots), "notes": _notes(found.skipped)}
+        passage, resting = registry.load("film.passage"), settings.page.coming == "RESTING"
+        hubs, rest = passage.Hubs(design), progress.part(0.2, 1.0)
+        shots = passage.shots(hubs, pose, table, material, settings.simulate, rest, resting=resting)
+        described |= {"length": shots.length, "tracks": _tracks(packed, hubs, shots)}
+        described["notes"] = _notes(shots.stages.skipped)
         # clamp infinite closing times to a time after the film's end
-        packed.add("closings", np.minimum(closings(design, shots), shots.length + 1.0), 1e-3)
+        packed.add("closings", np.minimum(passage.closings(design, shots), shots.length + 1.0), 1e-3)
     mesh = layout.mesh
     packed.add("patch", layout.patch_of)
     packed.add("joints", 4 * mesh.edge_quads[~mesh.border] + mesh.edge_sides[~mesh.border])
@@ -213,23 +215,26 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
     return found
 
 
-def _tracks_on_table(packed: Packed, design: SpiralDesign, table: np.ndarray) -> list[dict[str, Any]]:
-    """Return tracks of panels that lie still on the table, for pieces without a simulation."""
-    hubs, patch = Hubs(design), design.flat.layout.patch_of
-    flat = np.c_[design.arms.centre, np.zeros(len(patch))] + table[patch]
-    still = Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
-    points, _ = hubs.placed(still, *(np.zeros(0),) * 3, 0.0)
-    found = []
+def _still(packed: Packed, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
+    """Return tracks of panels that do not move."""
+    patch, found = design.flat.layout.patch_of, []
     for panel in range(len(design.flat.layout.patches)):
-        own = points.reshape(-1, 9)[patch == panel].reshape(1, -1, 3)
-        _poses(packed, panel, *hubs.poses(own))
+        own = patch == panel
+        _poses(packed, panel, pose.centres[None, own], pose.rotations[None, own])
         found.append(_track(panel, [0.0], [0], [0.0], np.eye(3)[None], np.zeros((1, 3))))
     return found
 
 
-def _tracks(packed: Packed, design: SpiralDesign, shots: Shots) -> list[dict[str, Any]]:
+def _on_table(design: SpiralDesign, table: np.ndarray) -> Pose:
+    """Return the pose of flat panels that lie on the table."""
+    patch = design.flat.layout.patch_of
+    flat = np.c_[design.arms.centre, np.zeros(len(patch))] + table[patch]
+    return Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
+
+
+def _tracks(packed: Packed, hubs: Any, shots: Any) -> list[dict[str, Any]]:
     """Return the tracks of the panels in the order of assembly."""
-    hubs, found = Hubs(design), []
+    found = []
     for one in shots.tracks:
         _poses(packed, one.patch, *hubs.poses(one.shapes))
         times, which = one.shape_times.tolist(), one.which.tolist()

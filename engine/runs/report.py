@@ -25,7 +25,7 @@ from ..spirals.design_report import design_report
 from ..surface.mesh import QuadMesh
 from .outputs import SheetPlan
 from .result import Result
-from .stages import BLOCKS
+from .stages import BLOCKS, TABLE
 
 SCHEMA = 1  # version of the report's keys
 
@@ -117,11 +117,10 @@ _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "optimise": _own("optimisation"),
     "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),
     "reach": _own("limits"),
-    "scan": _own("scan"),
-    "structure": _own("structure"),
     "sheets": ("sheets", _sheets),
     "assembly": _own("assembly"),
 }
+_BLOCKS |= {block: _own(stage.makes[0]) for stage in TABLE if stage.code for block in stage.blocks}
 
 
 def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,14 @@ from ..display import run_plots
 from ..display.drawing import Drawing, svg
 from ..display.plots import bars
 from ..display.run_plots import MapValues
+from ..extras import registry
 from ..files import NewFile
 from ..params import SHOWN, ObjectSettings
 from ..progress import SILENT, Progress
 from . import share_page
 from .result import Result
+from .stage import Stage
+from .stages import TABLE
 
 PAGE, PLOTS = "report.html", "plots"
 
@@ -38,14 +41,26 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
     -------
     drawings by name
     """
-    return run_plots.drawings(measured(result), described, distortion)
+    return all_drawings(measured(result), described, distortion)
+
+
+def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
+    """Draw the plots of the road's stages and of the extras; parameters as of ``run_plots.drawings``."""
+    found = run_plots.drawings(shown, described, distortion)
+    for stage in _of_extras():
+        found |= registry.load(stage.code).drawings(shown, described)
+    return found
+
+
+def _of_extras() -> list[Stage]:
+    return [stage for stage in TABLE if stage.code]
 
 
 def measured(result: Result) -> MapValues:
     """Collect the values per quad that the plots of a run show."""
-    return MapValues.from_results(
-        result.mesh, result.flat, result.design, result.simulation, result.limits, result.scan, result.structure
-    )
+    found = MapValues.from_results(result.mesh, result.flat, result.design, result.simulation, result.limits)
+    more = [output.map_values() for output in result.outputs.values()]
+    return replace(found, more={name: values for each in more for name, values in each.items()})
 
 
 def write(
@@ -86,7 +101,8 @@ def write(
 
 def stale(out: Path) -> list[Path]:
     """Return the files that an earlier call of ``write`` may have left in a folder."""
-    return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in run_plots.NAMES)]
+    names = [*run_plots.NAMES, *(name for stage in _of_extras() for name in registry.load(stage.code).PLOTS)]
+    return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in names)]
 
 
 def page(

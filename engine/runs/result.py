@@ -14,8 +14,6 @@ import numpy as np
 from ..arrays import Float, Int
 from ..choosing.choice import Choice
 from ..errors import FlexMapsError
-from ..extras.scanning.compare import Comparison
-from ..extras.structure.structure import Structure
 from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
@@ -34,10 +32,8 @@ from .outputs import (
     DesignVersion,
     FinalLayout,
     LayoutChoice,
-    LoadAnalysis,
     MakingEstimate,
     OptimisationRecord,
-    ScanComparison,
     SheetPlan,
     SimulatedShape,
     StageOutput,
@@ -48,6 +44,7 @@ from .outputs import (
 from .stages import MISSING, STAGES, TABLE, made_from
 
 O = TypeVar("O", bound=StageOutput)
+OF_EXTRAS = {member for stage in TABLE if stage.code for member in stage.makes}
 
 
 @dataclass(frozen=True)
@@ -164,6 +161,12 @@ class Result:
                 return self.without(name)
         return self
 
+    def __getattr__(self, name: str) -> Any:
+        """Return the value that a stage of an extra makes; None where it has not run."""
+        if name in OF_EXTRAS:
+            return self.value(name)
+        raise AttributeError(f"A result has no '{name}'")
+
     # -- the values, None where there are none -------------------------------------------------------------------------
 
     @property
@@ -219,14 +222,6 @@ class Result:
     @property
     def limits(self) -> MatchLimits | None:
         return None if (found := self.get(SimulatedShape)) is None else found.limits
-
-    @property
-    def scan(self) -> Comparison | None:
-        return None if (found := self.get(ScanComparison)) is None else found.scan
-
-    @property
-    def structure(self) -> Structure | None:
-        return None if (found := self.get(LoadAnalysis)) is None else found.structure
 
     @property
     def sheets(self) -> CutSheets | None:

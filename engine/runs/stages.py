@@ -1,110 +1,19 @@
 """The table of the stages: the inputs, the outputs and the settings of each.
 
 The main job, the scripts' functions, the command line, Blender's operators, the sidebar's states and the notes in a .blend
-file are all derived from it. The functions of the stages are in ``steps``, the classes of the outputs in ``result``; this
-module imports nothing heavy, so that the sidebar can be drawn without the numerics.
+file are all derived from it. The functions of the road's stages are in ``steps``, the classes of their outputs in ``outputs``; those
+of an extra's stages in its folder. This module imports nothing heavy, so that the sidebar can be drawn without the numerics.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
-from typing import Any
 
-from ..params import Settings
+from ..extras import registry
+from .stage import PHYSICS, Stage
 
 # how an output came about; ``STORED`` where it was read from a .blend file that does not tell
 TRACED, BY_HAND, CHOSEN, OPTIMISED, CURVED, STORED = "traced", "by hand", "chosen", "optimised", "curvature", "stored"
-
-
-@dataclass(frozen=True)
-class Stage:
-    """One step of the main job. Inputs and outputs are named as the properties of ``Result``.
-
-    name : as in the progress, the command line and ``Result.seconds``
-    share : of the progress bar; 0 for quick stages
-    needs : required inputs
-    makes : outputs that it alone makes
-    replaces : outputs of earlier stages in whose place it may put better ones of its own, with which later stages go on
-    settings : what makes its outputs out of date: sections of the settings, "spiral!thickness!grain" for a section without two
-        of its settings
-    reads : further sections that it reads; its outputs stay valid when they change
-    blocks : blocks that it writes in report.json and in the notes of a .blend file
-    may_use : optional inputs
-    asked : whether it runs only on request
-    optional : whether sheets can be cut without it, so that a job goes on if it fails
-    quick : whether it takes so little time that it runs as soon as its inputs exist, without a request
-    done : state of the piece after it, for the message "Not optimised: ..." when an optional stage fails
-    """
-
-    name: str
-    share: float
-    needs: tuple[str, ...] = ("mesh",)
-    makes: tuple[str, ...] = ()
-    replaces: tuple[str, ...] = ()
-    settings: tuple[str, ...] = ()
-    reads: tuple[str, ...] = ()
-    blocks: tuple[str, ...] = ()
-    may_use: tuple[str, ...] = ()
-    asked: bool = False
-    optional: bool = False
-    quick: bool = False
-    done: str = ""
-
-    @property
-    def sections(self) -> set[str]:
-        """Sections of which a change makes its outputs out of date, wholly or but for some settings."""
-        return {section_of(entry)[0] for entry in self.settings}
-
-    def readable(self, settings: Settings) -> Settings:
-        """Return the settings with only those sections that its row lists; reading another one is an error of the program.
-
-        Parameters
-        ----------
-        settings : all of them
-        """
-        listed = {*self.sections, *self.reads}
-        closed: dict[str, Any] = {
-            f.name: _Unlisted(self.name, f.name) for f in fields(settings) if f.name not in listed
-        }
-        return replace(settings, **closed)
-
-
-class _Unlisted:
-    """Stands for a section of the settings that a stage's row does not list."""
-
-    stage = section = ""
-
-    def __init__(self, stage: str, section: str):
-        self.stage, self.section = stage, section
-
-    def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"The stage '{self.stage}' reads {self.section}.{name}, which its row does not list")
-
-
-def section_of(entry: str) -> tuple[str, tuple[str, ...]]:
-    """Split an entry of ``Stage.settings`` into the name of the section and the settings excluded from it."""
-    section, *but = entry.split("!")
-    return section, tuple(but)
-
-
-def values_of(entries: Iterable[str], settings: Settings) -> dict[str, object]:
-    """Return the values of entries of ``Stage.settings``, to be compared with later ones.
-
-    Parameters
-    ----------
-    entries : the names
-    settings : where the values are taken; a section that they do not have counts as None
-    """
-    found: dict[str, object] = {}
-    for entry in entries:
-        section, but = section_of(entry)
-        block: Any = getattr(settings, section, None)
-        if but:
-            found[entry] = {f.name: getattr(block, f.name) for f in fields(block) if f.name not in but}
-        else:
-            found[entry] = block
-    return found
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------
@@ -115,8 +24,8 @@ def values_of(entries: Iterable[str], settings: Settings) -> dict[str, object]:
 # only decide between layouts that the limits allow.
 # Arms are straight under feet and wide at eyelets. The sizes of feet and eyelets don't affect the spirals.
 KIND_OF_BASE = "base!eyelet!base_height!foot_width!base_edge"
-PHYSICS = ("spiral", "material", "simulate", "loads")
 SEARCH = ("choose", "optimise")
+_EXTRA = registry.stages()
 TABLE = (
     Stage("regularise", 0.15, replaces=("mesh",), settings=("regularise",)),
     Stage("trace", 0.05, makes=("layout",), settings=("layout",), blocks=("layout",)),
@@ -133,10 +42,8 @@ TABLE = (
           done="optimised"),
     Stage("simulate", 0.1, ("design",), makes=("simulation",), may_use=("optimisation",),
           settings=PHYSICS, blocks=("equilibrium", "reach"), optional=True, done="simulated"),
-    Stage("compare", 0.1, makes=("scan",), may_use=("simulation",), blocks=("scan",), asked=True, optional=True,
-          done="compared with its scan"),
-    Stage("structure", 0.3, ("simulation",), makes=("structure",), settings=(*PHYSICS, "structure", "connect", "cut"),
-          reads=("sheet",), blocks=("structure",), asked=True, optional=True, done="examined under its loads"),
+    *_EXTRA["scanning"],
+    *_EXTRA["structure"],
     Stage("sheets", 0.15, ("design",), makes=("sheets",), settings=("spiral", "sheet", "connect", "cut", "base"),
           reads=("layout", "material", "simulate"), may_use=("simulation",), blocks=("sheets",)),
     Stage("estimate", 0.0, ("sheets",), makes=("estimates",), may_use=("simulation",),
@@ -152,10 +59,11 @@ MISSING = {
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",
     "simulation": "There is no simulated shape yet; press Simulate first",
-    "structure": "Nothing was examined under loads yet; press Check structure first",
     "sheets": "There are no sheets yet; press Export sheets first",
     "estimates": "There are no sheets yet; press Export sheets first",
 }
+for _folder in _EXTRA:
+    MISSING |= getattr(registry.load(_folder), "MISSING", {}) if registry.has(_folder) else {}
 
 
 # -- derived from the table --------------------------------------------------------------------------------------------

@@ -11,11 +11,9 @@ from ..choosing import choose, tighten
 from ..choosing.choice import Choice
 from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
-from ..extras.scanning import compare
-from ..extras.structure import cases, structure
+from ..extras import registry
 from ..fabrication import assembly_check as assembly_check
 from ..fabrication import estimates, sheets
-from ..fabrication.connectors.connect import Connections, connect
 from ..fabrication.standing.base import Base, make_base, refuse_rim
 from ..fabrication.standing.early import check_hold
 from ..fabrication.standing.eyelets import make_eyelets, overloaded
@@ -43,18 +41,17 @@ from .outputs import (
     DesignVersion,
     FinalLayout,
     LayoutChoice,
-    LoadAnalysis,
     MakingEstimate,
     MergedLayout,
     OptimisationRecord,
-    ScanComparison,
     SheetPlan,
     SimulatedShape,
     TracedLayout,
     made_by,
 )
 from .result import Result
-from .stages import CHOSEN, CURVED, OPTIMISED, STAGES, values_of
+from .stage import Stage, values_of
+from .stages import CHOSEN, CURVED, OPTIMISED, STAGES
 
 MERGED = 0.4  # share of the stage's progress for merging; tightening then takes as long again or no time (by eye)
 
@@ -226,43 +223,6 @@ def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -
         return simulation
 
 
-def _compare(result: Result, settings: Settings, progress: Progress) -> Result:
-    scanned, rest, mesh = result.user.scanned, result.user.rest, result.mesh
-    if scanned is None:
-        raise FlexMapsError("There is no scan to compare with; give its file to 'compare'")
-    shape = None
-    if result.simulation is not None:
-        shape = result.simulation.vertices
-    elif rest is not None and result.design is not None:
-        shape = simulate.move_vertices(result.design, rest, mesh)
-    found = compare.compare(mesh if shape is None else mesh.moved(shape), scanned, shape is not None, progress)
-    made = made_by("compare", settings, result.inputs("mesh", "simulation"))
-    return result.with_outputs(ScanComparison(found, **made))
-
-
-def _structure(result: Result, shape: SimulatedShape, settings: Settings, progress: Progress) -> Result:
-    wanted = settings.structure
-    plan = cases.plan(wanted.cases, wanted.combinations)
-    found = structure.analyse(
-        shape.simulation,
-        plan,
-        wanted,
-        settings.simulate,
-        connections=_connected(shape.simulation.design, settings, progress.part(0.0, 0.2)),
-        groups=result.user.groups,
-        progress=progress.part(0.2, 1.0),
-    )
-    return result.with_outputs(LoadAnalysis(found, **made_by("structure", settings, result.inputs("simulation"))))
-
-
-def _connected(made: design.SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
-    """Return the connectors of a design; None if they cannot be cut."""
-    try:
-        return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
-    except FlexMapsError:
-        return None
-
-
 def _sheets(result: Result, version: DesignVersion, settings: Settings, progress: Progress) -> Result:
     split.check_size(version.design.flat, settings.layout, settings.sheet)
     base = None if settings.base.base == "none" else _base(result, version.design, settings)
@@ -333,8 +293,11 @@ STEPS: dict[str, Callable[..., Result]] = {
     "spirals": _spirals,
     "optimise": _optimise,
     "simulate": _simulate,
-    "compare": _compare,
-    "structure": _structure,
     "sheets": _sheets,
     "estimate": _estimate,
 }
+
+
+def function_of(stage: Stage) -> Callable[..., Result]:
+    """Return the function of a stage of the road or of an extra."""
+    return registry.load(stage.code).run if stage.code else STEPS[stage.name]

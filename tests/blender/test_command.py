@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 import pytest
-from flexmaps.command import arguments
+from flexmaps.command import arguments, sources
 from flexmaps.command import main as command
 from flexmaps.engine.extras.exploring.candidate import Candidate
 from flexmaps.engine.extras.exploring.folder import Folder
@@ -187,6 +187,6 @@ def test_every_setting_is_listed_and_can_be_set(capsys: pytest.CaptureFixture[st
     args = arguments.parser().parse_args(["check", "shape:strip", *words])
     from flexmaps import api
 
-    assert api.load("shape:strip", settings=arguments._settings(args)).settings == ObjectSettings()
+    assert api.load("shape:strip", settings=sources.settings(args)).settings == ObjectSettings()
     assert run("settings") == 0
     assert "spiral.thickness" in capsys.readouterr().out

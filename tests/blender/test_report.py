@@ -26,8 +26,8 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link", "input"}
-# these need layouts to choose from, a scan and loads, see test_choose, test_compare, test_structure
-DRAWN = set(run_plots.NAMES) - {"choices", "scan", "loads", "utilisation"}
+# without those of the extras; the other one needs layouts to choose from, see test_choose
+DRAWN = set(run_plots.NAMES) - {"choices"}
 FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 

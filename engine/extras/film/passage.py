@@ -8,9 +8,13 @@ from itertools import groupby
 import numpy as np
 
 from ...arrays import Float, Int
+from ...materials import Material
 from ...mechanics.assembly import Pose, nearest_rotation
+from ...params import SimulateParams
+from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from .film import CLOSING, Shots
+from .film import CLOSING, Shots, shoot
+from .stages import at_once, find_stages
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,36 @@ class Hubs:
         x, y = (points[:, :, k] - points[:, :, 0] for k in (1, 2))
         axes = np.stack([x, y, np.cross(x, y) / self.reach], axis=-1)
         return points[:, :, 0], nearest_rotation(np.swapaxes(axes, -1, -2))
+
+
+def shots(
+    hubs: Hubs,
+    pose: Pose,
+    table: Float[np.ndarray, "patches 3"],
+    material: Material,
+    params: SimulateParams,
+    progress: Progress = SILENT,
+    *,
+    resting: bool,
+) -> Shots:
+    """Return the film of hubs.
+
+    Parameters
+    ----------
+    hubs : actors
+    pose : their final pose
+    table : positions of the panels at the beginning, metres
+    material, params : for unfinished pieces at rest
+    progress : reports and cancels
+    resting : whether unfinished pieces are brought to rest; otherwise every panel has its final shape on arrival
+
+    Raises
+    ------
+    FlexMapsError : a spiral is outside the elastic model's range
+    """
+    design, part = hubs.design, progress.part(0.0, 0.75)
+    found = find_stages(design, pose, material, params, part) if resting else at_once(design, pose)
+    return shoot(design, pose, table, found, hubs, progress.part(0.75, 1.0))
 
 
 def closings(design: SpiralDesign, shots: Shots) -> Float[np.ndarray, "joints 2"]:

@@ -1,1 +1,9 @@
 """Comparison of the built, scanned piece with its predicted shape."""
+
+from ...runs.stage import Stage
+
+STAGES = (
+    Stage("compare", 0.1, makes=("scan",), may_use=("simulation",), blocks=("scan",), asked=True, optional=True,
+          done="compared with its scan", code="scanning.scan_stage"),
+)  # fmt: skip
+MISSING = {"scan": "Nothing was compared with a scan yet; press Compare with a scan first"}

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 from flexmaps.engine.params import ObjectSettings, Settings, with_values
-from flexmaps.engine.runs import job, stages
+from flexmaps.engine.runs import job
+from flexmaps.engine.runs.stage import section_of
 from flexmaps.engine.runs.stages import STAGES, TABLE
-from flexmaps.engine.runs.steps import STEPS
+from flexmaps.engine.runs.steps import function_of
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -39,7 +40,7 @@ class Recorder:
     """Records what the running stage reads of the settings, as "section.name", also where an input holds a section."""
 
     def __init__(self) -> None:
-        self.read: dict[str, set[str]] = {name: set() for name in STEPS}
+        self.read: dict[str, set[str]] = {name: set() for name in STAGES}
         self.running = ""
 
     def step(self, name: str, step: Any) -> Any:
@@ -77,21 +78,19 @@ class Recorder:
 @pytest.fixture(scope="module")
 def read() -> dict[str, set[str]]:
     """What every stage has read on the pieces."""
-    recorder, steps = Recorder(), dict(STEPS)
-    STEPS.update({name: recorder.step(name, step) for name, step in steps.items()})
-    try:
+    recorder = Recorder()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(job, "function_of", lambda stage: recorder.step(stage.name, function_of(stage)))
         for mesh, supports, values in PIECES.values():
             settings, held = with_values(ObjectSettings(), COMMON | values), supports is not None
             polygons = PolygonMesh.from_quads(mesh)
             made = job.run(polygons, settings, edge=0.02, optimised=not held, structured=held, supports=supports)
             assert made.undone == {}
-    finally:
-        STEPS.update(steps)
     return recorder.read
 
 
 def _covers(entry: str, setting: str) -> bool:
-    section, but = stages.section_of(entry)
+    section, but = section_of(entry)
     name, _, one = setting.partition(".")
     return section == name and one not in but
 

@@ -10,7 +10,7 @@ from flexmaps.engine.fabrication.standing import corners
 from flexmaps.engine.fabrication.standing.frame import shortest_round
 from flexmaps.engine.fabrication.writers import parts
 from flexmaps.engine.params import Settings, with_values
-from flexmaps.engine.runs import job, report, steps
+from flexmaps.engine.runs import job, report
 from flexmaps.engine.runs.outputs import SimulatedShape
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -230,8 +230,7 @@ def test_what_cannot_stand_is_refused_before_anything_is_made(polygons, supports
     def never(*_):
         raise AssertionError("a stage ran")
 
-    for name in steps.STEPS:
-        monkeypatch.setitem(steps.STEPS, name, never)
+    monkeypatch.setattr(job, "function_of", lambda stage: never)
     settings = with_values(Settings(), {"base.base": "feet"} | more)
     with pytest.raises(FlexMapsError, match=words):
         job.run(polygons, settings, supports=supports, optimised=True)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import colours
-from .drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
-from .plots import ACCENT, CURVE, Axes
+from ... import colours
+from ...display.drawing import INK, Dots, Drawing, Line, Text, hexes, ticks
+from ...display.plots import ACCENT, CURVE, Axes
 
 WIDTH, HEIGHT = 520, 340  # of the plot, pixels
 ROOM = 1.06  # length of an axis over its largest value; by eye

@@ -1,0 +1,88 @@
+"""Arguments that all commands on a mesh have, and what ``api.load`` gets of them."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from ..engine.errors import FlexMapsError
+from ..engine.fabrication.nesting.remnants import SEPARATOR
+from ..engine.params import RemeshParams, wish
+from ..engine.surface import shapes
+from ..engine.surface.files.meshio import SHAPE
+from .guarding import guarded
+
+KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped
+
+
+def number(text: str) -> float:
+    """Return a finite number written in ASCII digits; otherwise raise ``ValueError``, which argparse reports."""
+    value = float(text)
+    if not text.isascii() or "_" in text or not math.isfinite(value):
+        raise ValueError
+    return value
+
+
+def command(commands: Any, name: str, run: Any, tell: Any, help: str) -> argparse.ArgumentParser:
+    """Add a command that reads a mesh, with the arguments that all such commands have."""
+    made = commands.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
+    made.set_defaults(run=partial(guarded, run), tell=tell, keeps=name in KEEP)
+    made.add_argument(
+        "mesh", help=f"an .obj, .ply, .stl, .off or .blend file, or {SHAPE}NAME ({', '.join(shapes.NAMES)})"
+    )
+    size = made.add_mutually_exclusive_group()
+    size.add_argument("--edge", type=number, metavar="MM", help="scale the mesh to this median quad edge")
+    size.add_argument("--height", type=number, metavar="MM", help="scale the mesh to this extent along z")
+    made.add_argument(
+        "--up", choices="xyz", help="axis of the file that points up (default: y for .obj, else z, as in Blender)"
+    )
+    made.add_argument("--remesh", type=number, metavar="QUADS",
+                      help="first make about so many quads of any mesh, as the sidebar's Quad remesh does")  # fmt: skip
+    made.add_argument("--supports", metavar="QUADS",
+                      help="what holds it: 'lowest', numbers of quads from 0 on (1,2,3), or a vertex group of the .blend")  # fmt: skip
+    made.add_argument("--set", action="append", default=[], metavar="SECTION.NAME=VALUE", dest="settings",
+                      help="another value for a setting, in mm or degrees; 'flexmaps settings' lists them")  # fmt: skip
+    made.add_argument("--remnant", action="append", default=[], metavar="FILE", dest="remnants_given",
+                      help="a DXF or SVG drawing of an odd piece of sheet to fill first; may be given several times")  # fmt: skip
+    made.add_argument("--overwrite", action="store_true",
+                      help="also replace files that FlexMaps did not write, or that were changed since")  # fmt: skip
+    made.add_argument("--json", action="store_true", help="print the report as JSON instead of a summary")
+    return made
+
+
+def assigned(texts: Sequence[str]) -> dict[str, str]:
+    """Return the assignments of --set, as the api takes them."""
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise FlexMapsError(f"--set {text}: give it as section.name=value")
+        values[name.strip()] = value.strip()
+    return values
+
+
+def settings(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings given by flags and --set, as the api takes them."""
+    values = {name: value for name, value in vars(args).items() if "." in name and value is not None}
+    values |= assigned(args.settings)
+    if args.remnants_given:
+        values["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
+    wished = {name: values.get(f"choose.{name}") for name in ("goal", "panels", "match")}
+    return values | wish(**wished)
+
+
+def source(args: argparse.Namespace) -> dict[str, Any]:
+    edge = args.edge
+    if edge is None and args.height is None and args.mesh.startswith(SHAPE):
+        edge = 1e3 * RemeshParams.edge
+    return {
+        "edge": edge,
+        "height": args.height,
+        "up": args.up,
+        "quads": args.remesh,
+        "settings": settings(args),
+        "supports": args.supports,
+    }

@@ -1,0 +1,95 @@
+"""The stage that checks loads: its function, its output and its plots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ... import colours
+from ...display import plots
+from ...display.drawing import Drawing
+from ...display.plots import Colouring
+from ...display.run_plots import MapValues
+from ...errors import FlexMapsError
+from ...fabrication.connectors.connect import Connections, connect
+from ...params import Settings
+from ...progress import Progress
+from ...runs.outputs import SimulatedShape, StageOutput, made_by
+from ...runs.result import Result
+from ...spirals.design import SpiralDesign
+from . import cases, load_plots, structure
+from .structure import Structure
+
+PLOTS = ("loads", "utilisation")
+
+
+@dataclass(frozen=True, eq=False)
+class LoadAnalysis(StageOutput):
+    """Response of the piece to its loads."""
+
+    name = "structure"
+    structure: Structure
+
+    def map_values(self) -> dict[str, np.ndarray]:
+        """Return the largest share of the arms' strength used, over all loads."""
+        used = self.structure.utilisation
+        return {} if used is None else {"utilisation": used}
+
+
+def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Progress) -> Result:
+    """Examine the simulated shape under the load cases.
+
+    Parameters
+    ----------
+    result : the piece; its ``user.groups`` are the quads that loads act on, by name
+    shape : the simulated shape
+    settings : of all stages
+    progress : reports and cancels
+
+    Raises
+    ------
+    FlexMapsError : a load case cannot be read
+    """
+    wanted = settings.structure
+    plan = cases.plan(wanted.cases, wanted.combinations)
+    found = structure.analyse(
+        shape.simulation,
+        plan,
+        wanted,
+        settings.simulate,
+        connections=_connected(shape.simulation.design, settings, progress.part(0.0, 0.2)),
+        groups=result.user.groups,
+        progress=progress.part(0.2, 1.0),
+    )
+    return result.with_outputs(LoadAnalysis(found, **made_by("structure", settings, result.inputs("simulation"))))
+
+
+def _connected(made: SpiralDesign, settings: Settings, progress: Progress) -> Connections | None:
+    """Return the connectors of a design; None if they cannot be cut."""
+    try:
+        return connect(made, settings.connect, settings.sheet.tolerance, progress, settings.cut.mill)
+    except FlexMapsError:
+        return None
+
+
+def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
+    """Return the plots of the loads.
+
+    Parameters
+    ----------
+    shown : values per quad
+    described : the report
+    """
+    block, used = described.get("structure"), shown.more.get("utilisation")
+    if not block:
+        return {}
+    found = {"loads": load_plots.load_paths(block)}
+    if used is not None and shown.shape is not None and shown.sides is not None:
+        high = max(100.0, 100.0 * float(used.max()))
+        title = "Utilisation: the most that arms carry under any load"
+        fills = Colouring.from_values(title, 100.0 * used, "% of limit", colours.BAD, 0.0, high)
+        found["utilisation"] = plots.shape_map(shown.shape, shown.mesh.quads, shown.sides, fills)
+    return found

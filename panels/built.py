@@ -1,0 +1,32 @@
+"""The built piece in the section *Check*: its scan beside the predicted shape."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..engine.figures import format_figure
+from .rows import button, figures, sentence, tr
+from .stages import block_of
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    button(body, "flexmaps.compare_file", tr("Compare with a scan"), "POINTCLOUD_DATA")
+    stored = block_of(body, context, "scan")
+    if stored is None:
+        return
+    layout, block = stored
+    for text in block["remarks"]:
+        sentence(layout, context, tr(text))
+    size = "{} %, {} mm"
+    figures(
+        layout,
+        (tr("Distance, mean"), size.format(*(format_figure(block[name]) for name in ("rms_percent", "rms_mm")))),
+        (tr("Distance, largest"), size.format(*(format_figure(block[name]) for name in ("max_percent", "max_mm")))),
+        (tr("Spirals seen"), f"{100 * block['covered']:.0f} %"),
+        (tr("Points beside it"), f"{100 * block['points_beside']:.0f} %"),
+    )
+
+
+CLASSES = ()

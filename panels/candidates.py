@@ -1,0 +1,54 @@
+"""Candidates in the section *Check*: other sizes, sheets and materials beside each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.store import explored
+from ..engine.figures import format_figure
+from ..engine.materials import STRAINED
+from .rows import button, sentence, tr, value
+
+CANDIDATES = 6  # rows shown at most, so that the section stays short; by eye
+VARIED = (
+    ("vary_size", "Size"), ("vary_thickness", "Thickness"), ("vary_widths", "Width"), ("vary_twist", "Twist"),
+    ("vary_material", "Material"), ("vary_arms", "Arms"), ("vary_panels", "Panels"),
+)  # fmt: skip
+A_ROW = 3  # toggles in a row; more would cut their words
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    obj = context.object
+    wanted = obj.flexmaps.explore
+    column = body.column(align=True)
+    for first in range(0, len(VARIED), A_ROW):
+        row = column.row(align=True)
+        for name, label in VARIED[first : first + A_ROW]:
+            row.prop(wanted, name, text=tr(label), toggle=True, translate=False)
+    column = body.column(align=True)
+    for name, label in (
+        ("candidates", "Tries"),
+        ("ratio", "Up to times"),
+        ("largest", "Distance (%)"),
+        ("sheets", "Sheets"),
+    ):
+        value(column, wanted, name, tr(label))
+    button(body, "flexmaps.explore", tr("Explore"), "VIEWZOOM")
+    kept = explored.read(obj)
+    if kept is None:
+        return
+    sentence(body, context, tr(kept["note"]), most=3)
+    column = body.box().column(align=True)
+    for number, row in enumerate(kept["rows"][:CANDIDATES]):
+        line = column.split(factor=0.62, align=True)
+        text = ", ".join(explored.said(*one) for one in row["values"].items())
+        button(line, "flexmaps.use_candidate", text).number = number
+        measures = row["measures"]
+        share = measures.get("strain_share", 0.0)
+        line.alert = share > STRAINED
+        line.label(text=f"{format_figure(measures.get('rms_percent', 0.0))} %, {100 * share:.0f} %", translate=False)
+
+
+CLASSES = ()

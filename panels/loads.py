@@ -1,0 +1,61 @@
+"""Loads in the section *Check*: load cases, and what the piece bears."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..engine.extras.structure import cases
+from ..engine.materials import OVERLOADED, STRAINED
+from .rows import button, figures, popover, sentence, tr, value
+from .stages import block_of
+
+OUTCOMES = 4  # rows shown at most, so that the section stays short; by eye
+EXAMPLE = "Sums of load cases with factors, such as: all = 1.35 weight + 1.5 snow"
+
+
+def draw(body: Any, context: bpy.types.Context) -> None:
+    wanted = context.object.flexmaps.structure
+    row = body.row()
+    column = row.box().column(align=True)
+    for number, text in enumerate(cases.lines(wanted.cases)):
+        one = column.row(align=True)
+        one.label(text=text, translate=False)
+        one.operator("flexmaps.remove_load", text="", icon="X", emboss=False).number = number
+    column = row.column(align=True)
+    column.operator("flexmaps.add_load", text="", icon="ADD")
+    column.popover("FLEXMAPS_PT_loads", text="", icon="DOWNARROW_HLT")
+    value(body.column(align=True), wanted, "factor_max", tr("Up to times"))
+    button(body, "flexmaps.structure", tr("Check the loads"), "MOD_PHYSICS")
+    stored = block_of(body, context, "structure")
+    if stored is None:
+        return
+    layout, block = stored
+    rows: list[Any] = []
+    for outcome in block["outcomes"][:OUTCOMES]:
+        rows += _outcome(outcome)
+    figures(layout, *rows)
+
+
+def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
+    """Return the rows of one load case: how far the piece bends, utilisation, and how far the load may rise."""
+    name = tr(row["name"]) if row["kind"] == row["name"] else row["name"]
+    critical = row["critical"]
+    times = f"> {row['followed_to']:.3g}" if critical is None else f"{critical:.3g}"
+    made = [(tr("{}: gives way at", name), tr("{} times", times), not row["reached"])]
+    if row["reached"]:
+        made.append((tr("Bends by"), f"{row['deflection_max_mm']:.3g} mm", False))
+    for key, label, most in (("arms", "Arms", STRAINED), ("joints", "Joints", OVERLOADED)):
+        if key in row:
+            made.append((tr(label), tr("{} % of limit", f"{100 * row[key]:.0f}"), row[key] > most))
+    return made
+
+
+def _text(layout: Any, wanted: Any) -> None:
+    sentence(layout, bpy.context, tr(EXAMPLE), units=15)
+    layout.prop(wanted.structure, "combinations")
+    layout.prop(wanted.structure, "cases")
+
+
+CLASSES = (popover("loads", "Load cases", _text),)
