@@ -16,7 +16,7 @@ from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import FAR
-from . import cures, equilibrium, failures, flat_target, notes, objects, origin, states
+from . import cures, equilibrium, failures, flat_target, objects, origin, states
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
 from .i18n import interface, quads, translate
@@ -90,7 +90,7 @@ class Notice:
 
 def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str, states.StageState]) -> list[Notice]:
     """Return all notices of an object, worst first; ``known``: its ``states``."""
-    blocks = {name: block for name, block in notes.read(obj.data).items() if known[name].kind == states.DONE}
+    blocks = states.current_blocks(obj, known)
     result = [
         *_from_failures(obj, failures.read(obj, scene)),
         *_checks(obj, scene, blocks.get("checks", ())),

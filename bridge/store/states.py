@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 
@@ -148,6 +149,18 @@ def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, Stag
         else:
             states[stage] = StageState(DONE if all(state.kind == DONE for state in earlier) else OLD)
     return states
+
+
+def current_blocks(obj: bpy.types.Object, known: dict[str, StageState]) -> dict[str, Any]:
+    """Return the stored blocks that are up to date; those of an extra that is missing are left out.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    known : from ``read_states``
+    """
+    blocks = notes.read(obj.data)
+    return {name: block for name, block in blocks.items() if name in known and known[name].kind == DONE}
 
 
 def is_old(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str) -> bool:

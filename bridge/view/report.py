@@ -73,14 +73,12 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     """Read what ``drawn`` needs besides the snapshot, on Blender's main thread, within milliseconds."""
     import bpy
 
-    from ..store import attributes, equilibrium, guidance, notes, pose, scans, states
+    from ..store import attributes, equilibrium, guidance, pose, scans, states
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
     now = states.read_states(obj, bpy.context.scene)
-    blocks = {
-        name: block for name, block in notes.read(obj.data).items() if name in now and now[name].kind == states.DONE
-    }
+    blocks = states.current_blocks(obj, now)
     if not scans.current(obj, bpy.context.scene):
         blocks.pop("scan", None)
     more = {"scan": attributes.get(obj.data, scans.NAME)} if "scan" in blocks else {}
