@@ -104,7 +104,8 @@ class LayoutSearch:
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(foreseen, self.piece, self.start)
-        paced = creeping(progress, self.each * np.ceil(len(fresh) / cores()))
+        ahead = min(1.0, cores() / max(len(fresh), 1))
+        paced = creeping(progress, self.each / ahead, ahead)
         found = self.together(way, fresh, paced, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
@@ -146,22 +147,27 @@ def _proved(tried: tuple[LayoutProblem, Laid]) -> JudgedLayout | None:
     return judge(*tried, LONG)
 
 
-def creeping(progress: Progress, seconds: float) -> Progress:
+def creeping(progress: Progress, seconds: float, ahead: float | None = None) -> Progress:
     """Return a progress that advances with the clock, for work that reports nothing near its end.
 
     Parameters
     ----------
     progress : to report to
     seconds : expected duration of the work
+    ahead : share of the work by which the clock may run ahead of what is reported; None where reports tell nothing
     """
     report, began, whole = progress.report, time.monotonic(), progress.hi - progress.lo
     if report is None or seconds <= 0.0:
         return progress
 
-    def tell(_: float, text: str) -> None:
+    def tell(fraction: float, text: str) -> None:
         share = (time.monotonic() - began) / seconds
         late = max(share - PUNCTUAL, 0.0) / (1.0 - PUNCTUAL)
-        report(progress.lo + whole * (min(share, PUNCTUAL) + (1.0 - PUNCTUAL) * late / (1.0 + late)), text)
+        share = min(share, PUNCTUAL) + (1.0 - PUNCTUAL) * late / (1.0 + late)
+        if ahead is not None:
+            done = (fraction - progress.lo) / whole
+            share = min(max(share, done), done + ahead)
+        report(progress.lo + whole * share, text)
 
     return replace(progress, report=tell)
 

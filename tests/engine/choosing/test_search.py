@@ -193,11 +193,15 @@ def test_progress_goes_on_while_layouts_are_judged(
     now, seen = [100.0], list[float]()
     monkeypatch.setattr(searching.time, "monotonic", lambda: now[0])
 
+    monkeypatch.setattr(searching, "cores", lambda: 1)
+
     def together(_: Any, things: Any, progress: Progress, text: str) -> list[None]:
-        for now[0] in (100.0, 103.0, 106.0):
-            progress(0.0, text)  # no layout is finished yet
+        for now[0], done in ((100.0, 0.0), (103.0, 0.0), (112.0, 0.0), (130.0, 0.0), (131.0, 0.9)):
+            progress(done, text)
         return [None for _ in things]
 
     search = LayoutSearch(piece, ChooseParams(), together, each=10.0)
-    search.judge(made[:1], Progress(lambda fraction, _: seen.append(fraction)))
-    assert seen == pytest.approx([0.0, 0.3, 0.6])
+    search.judge(made, Progress(lambda fraction, _: seen.append(fraction)))
+    assert seen == pytest.approx([0.0, 0.1, 1 / 3, 1 / 3, 0.9]), (
+        "no more than one of three ahead, nor behind what is done"
+    )
