@@ -126,10 +126,10 @@ def change(
 
             held, force = groups.loads_of(piece.uid, wanted.loads)
             made = made.with_user(supports=held, force=force)
-        if wanted.structure != piece.settings.structure and piece.uid is not None:
+        if wanted != piece.settings and piece.uid is not None:
             from ..bridge.store import supports as groups
 
-            made = made.with_user(groups=groups.named_of(piece.uid, wanted.structure))
+            made = made.with_user(groups=groups.named_of(piece.uid, wanted))
         if supports is not None:
             made = made.with_user(supports=standing(made.mesh, supports))
         made = job.completed(made, wanted)

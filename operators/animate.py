@@ -39,10 +39,11 @@ class Animate(ContinuedStage, bpy.types.Operator):
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
             from ..engine.extras.film import film as assembly_film
+            from ..engine.extras.film.film_params import FilmParams
             from ..engine.runs.outputs import DesignVersion
 
             design = result.needed(DesignVersion).design
-            detail = DETAILS[settings.film.film_detail]
+            detail = DETAILS[settings.section(FilmParams).film_detail]
             table = arrange.on_table(design, stored)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))
             rest = progress.part(0.2 if tips else 0.0, 1.0)
@@ -54,6 +55,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
         from ..bridge.view import animation, collection, preview
+        from ..engine.extras.film.film_params import FilmParams
 
         film, stored, settings = result
         colour, scene = settings.preview.colour, context.scene
@@ -61,7 +63,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
         place = preview.shift(obj, scene, stored.centres.min(axis=0), stored.centres.max(axis=0))
         collection.clear(obj, (preview.KIND, preview.BASE))
         place *= settings.preview.place == "BESIDE"
-        _, last = animation.show(obj, scene, film, settings.film.seconds, rgb, place)
+        _, last = animation.show(obj, scene, film, settings.section(FilmParams).seconds, rgb, place)
         scene.frame_end = max(scene.frame_end, last)
         frames, skipped = last - scene.frame_start + 1, film.stages.skipped
         text = translate("{} panels in {} frames; play them with the space bar", len(film.tracks), frames)

@@ -28,13 +28,14 @@ class Explore(ContinuedStage, bpy.types.Operator):
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
         def go_on(result: Result, progress: Progress) -> Any:
+            from ..engine.extras.exploring.explore_params import ExploreParams
             from ..engine.extras.exploring.run import explore_piece
             from ..engine.extras.exploring.space import usual
 
             settings = snapshot.settings
-            question = usual(settings.explore, settings, 1e3 * result.mesh.median_edge)
-            count = settings.explore.candidates
-            return explore_piece({0: result}, settings, question, candidates=count, progress=progress)
+            wanted = settings.section(ExploreParams)
+            question = usual(wanted, settings, 1e3 * result.mesh.median_edge)
+            return explore_piece({0: result}, settings, question, candidates=wanted.candidates, progress=progress)
 
         return go_on
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.arrays import Bool, Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.extras import registry
-from ...engine.params import LoadParams, StructureParams
+from ...engine.params import LoadParams, Settings
 from . import handles, mesh, objects, settings
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ def loads_of(
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
 
-def named(
-    obj: bpy.types.Object, surface: ObjectSurface, params: StructureParams
-) -> dict[str, Int[np.ndarray, " some"]]:
+def named(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
     """Return the quads of the vertex groups that load cases use.
 
     Groups that hold no quad are left out; cases that cannot be read yield {}.
@@ -58,12 +56,14 @@ def named(
     ----------
     obj : the mesh object
     surface : its surface
-    params : settings of the load cases
+    used : all settings
     """
     if not registry.has("structure"):
         return {}
     from ...engine.extras.structure import cases
+    from ...engine.extras.structure.structure_params import StructureParams
 
+    params = used.section(StructureParams)
     try:
         wanted = cases.plan(params.cases, params.combinations).groups
     except FlexMapsError:
@@ -76,10 +76,10 @@ def named(
     return quads
 
 
-def named_of(uid: int, params: StructureParams) -> dict[str, Int[np.ndarray, " some"]]:
+def named_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
     """Return the quads by group, as ``named`` does, of an object that was read earlier."""
     obj = objects.find(uid)
-    return named(obj, mesh.read_surface(obj, bpy.context.scene), params)
+    return named(obj, mesh.read_surface(obj, bpy.context.scene), used)
 
 
 def is_group(uid: int, name: str) -> bool:

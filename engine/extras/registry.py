@@ -22,24 +22,27 @@ class Extra:
 
     folder : its folder, below this one
     label : its subject, for the message where the folder is missing
+    job, kept : its sections of ``Settings`` and of ``ObjectSettings``; each is the class in its module NAME_params
     operators, panels : modules of the folders ``operators`` and ``panels``, which are not registered where it is missing
     """
 
     folder: str
     label: str
+    job: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
     operators: tuple[str, ...] = ()
     panels: tuple[str, ...] = ()
 
 
 REGISTRY = (
-    Extra("scanning", "Comparing with a scan", ("compare",), ("built",)),
-    Extra("structure", "Checking loads", ("structure",), ("loads",)),
-    Extra("exploring", "Exploring", ("explore",), ("candidates",)),
-    Extra("live", "Live mode", ("live",)),
-    Extra("film", "The film of the assembly", ("animate",)),
+    Extra("scanning", "Comparing with a scan", operators=("compare",), panels=("built",)),
+    Extra("structure", "Checking loads", job=("structure",), operators=("structure",), panels=("loads",)),
+    Extra("exploring", "Exploring", kept=("explore",), operators=("explore",), panels=("candidates",)),
+    Extra("live", "Live mode", operators=("live",)),
+    Extra("film", "The film of the assembly", kept=("film",), operators=("animate",)),
     Extra("assembly_sheet", "The assembly sheet"),
-    Extra("together", "Cutting several pieces together", ("together",)),
-    Extra("calibrating", "Calibrating", ("calibrate",)),
+    Extra("together", "Cutting several pieces together", operators=("together",)),
+    Extra("calibrating", "Calibrating", operators=("calibrate",)),
 )
 
 
@@ -69,6 +72,18 @@ def missing_modules(kind: str) -> set[str]:
     kind : "operators" or "panels"
     """
     return {name for extra in REGISTRY if not has(extra.folder) for name in getattr(extra, kind)}
+
+
+def sections(settings: str) -> dict[str, type]:
+    """Return the classes of the extras' sections by name.
+
+    Parameters
+    ----------
+    settings : "Settings" or "ObjectSettings"
+    """
+    kind = {"Settings": "job", "ObjectSettings": "kept"}[settings]
+    present = [(extra.folder, name) for extra in REGISTRY if has(extra.folder) for name in getattr(extra, kind)]
+    return {name: getattr(load(f"{folder}.{name}_params"), f"{name.title()}Params") for folder, name in present}
 
 
 def stages() -> dict[str, tuple[Any, ...]]:

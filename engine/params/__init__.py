@@ -1,12 +1,12 @@
 """All settings of the program, each declared once; the sidebar and the command line are generated from them."""
 
 from .fields import SHOWN, Params, setting, shown
-from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
-from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
+from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams
+from .pictures import PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
 from .settings import BOUNDS, ObjectSettings, Settings, refuse_crossed, shown_values, wish, with_values
 from .spirals import ConnectorParams, SpiralParams
-from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams
+from .surface import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
 
 __all__ = [
     "BOUNDS",
@@ -16,9 +16,7 @@ __all__ = [
     "ConnectorParams",
     "CostParams",
     "CutParams",
-    "ExploreParams",
     "ExportParams",
-    "FilmParams",
     "LayoutParams",
     "LoadParams",
     "MaterialParams",
@@ -34,7 +32,6 @@ __all__ = [
     "SheetParams",
     "SimulateParams",
     "SpiralParams",
-    "StructureParams",
     "refuse_crossed",
     "setting",
     "shown",

@@ -223,21 +223,3 @@ class LoadParams(Params):
     def force(self) -> tuple[float, float, float]:
         """Force along the world's x, y and z, newtons."""
         return self.force_x, self.force_y, self.force_z
-
-
-@dataclass(frozen=True)
-class StructureParams(Params):
-    """Load cases that the piece must bear; ``engine/extras/structure/cases.py`` explains their syntax."""
-
-    cases: str = setting(
-        "weight: weight",
-        "Load cases",
-        "NAME: KIND VALUE AXIS on GROUP times FACTOR, with semicolons between them; kinds: weight, point, line, pressure, wind, snow, move; "
-        "N, N/m, N/m2, mm",
-    )
-    combinations: str = setting(
-        "", "Combinations", "Sums of cases with factors, with semicolons between them: NAME = 1.35 weight + 1.5 snow"
-    )
-    factor_max: float = setting(
-        10.0, "Largest factor", "How many times a load may rise before it counts as safe", low=1.0, high=1000.0
-    )

@@ -9,17 +9,29 @@ from os import PathLike
 from typing import Any, TypeVar
 
 from ..errors import FlexMapsError
+from ..extras import registry
 from .fields import SHOWN, Params, is_number, quoted, refuse_above, wanted
-from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams, StructureParams
-from .pictures import FilmParams, PageParams, PreviewParams, RenderParams
+from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams
+from .pictures import PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
 from .spirals import ConnectorParams, SpiralParams
-from .surface import ChooseParams, ExploreParams, LayoutParams, RegulariseParams, RemeshParams
+from .surface import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
+
+P = TypeVar("P", bound=Params)
+
+
+def _with_extras(cls: type) -> type:
+    """Add the sections of the extras to the class of the settings of this name, before it becomes a dataclass."""
+    for name, kind in registry.sections(cls.__name__).items():
+        cls.__annotations__[name] = kind
+        setattr(cls, name, field(default_factory=kind))
+    return cls
 
 
 @dataclass(frozen=True)
+@_with_extras
 class Settings:
-    """All settings of the main job, by section."""
+    """All settings of the main job, by section; those of the extras come from their folders."""
 
     regularise: RegulariseParams = field(default_factory=RegulariseParams)
     layout: LayoutParams = field(default_factory=LayoutParams)
@@ -33,7 +45,10 @@ class Settings:
     material: MaterialParams = field(default_factory=MaterialParams)
     simulate: SimulateParams = field(default_factory=SimulateParams)
     optimise: OptimiseParams = field(default_factory=OptimiseParams)
-    structure: StructureParams = field(default_factory=StructureParams)
+
+    def section(self, kind: type[P]) -> P:
+        """Return the section of a class, which a type checker does not know as an attribute where an extra brings it."""
+        return next(block for f in fields(self) if isinstance(block := getattr(self, f.name), kind))
 
 
 # pairs of settings from different sections, the first must not be above the second, and the remedy for the message
@@ -61,15 +76,14 @@ def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> N
 
 
 @dataclass(frozen=True)
+@_with_extras
 class ObjectSettings(Settings):
     """All settings that are stored with an object in Blender."""
 
     loads: LoadParams = field(default_factory=LoadParams)
     remesh: RemeshParams = field(default_factory=RemeshParams)
-    explore: ExploreParams = field(default_factory=ExploreParams)
     export: ExportParams = field(default_factory=ExportParams)
     preview: PreviewParams = field(default_factory=PreviewParams)
-    film: FilmParams = field(default_factory=FilmParams)
     render: RenderParams = field(default_factory=RenderParams)
     page: PageParams = field(default_factory=PageParams)
 

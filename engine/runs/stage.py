@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..params import Settings
+if TYPE_CHECKING:  # the settings take the extras' sections, and the rows of their stages lie beside these
+    from ..params import Settings
 
 # sections of the settings that the shape at rest depends on
 PHYSICS = ("spiral", "material", "simulate", "loads")

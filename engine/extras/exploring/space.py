@@ -13,7 +13,8 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from ...materials import STRAINED
-from ...params import SHOWN, ExploreParams, Settings, shown_values, with_values
+from ...params import SHOWN, Settings, shown_values, with_values
+from .explore_params import ExploreParams
 
 Values = dict[str, Any]
 SIZES = ("edge", "height", "quads")  # variables that are not settings: millimetres, millimetres, a number

@@ -6,4 +6,3 @@ STAGES = (
     Stage("compare", 0.1, makes=("scan",), may_use=("simulation",), blocks=("scan",), asked=True, optional=True,
           done="compared with its scan", code="scanning.scan_stage"),
 )  # fmt: skip
-MISSING = {"scan": "Nothing was compared with a scan yet; press Compare with a scan first"}

@@ -22,6 +22,7 @@ from ...runs.result import Result
 from ...spirals.design import SpiralDesign
 from . import cases, load_plots, structure
 from .structure import Structure
+from .structure_params import StructureParams
 
 PLOTS = ("loads", "utilisation")
 
@@ -53,7 +54,7 @@ def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Pro
     ------
     FlexMapsError : a load case cannot be read
     """
-    wanted = settings.structure
+    wanted = settings.section(StructureParams)
     plan = cases.plan(wanted.cases, wanted.combinations)
     found = structure.analyse(
         shape.simulation,

@@ -23,7 +23,7 @@ from ...mechanics.assembly import Pose
 from ...mechanics.equilibrium import Equilibrium, solve
 from ...mechanics.loads import Loads, standing
 from ...mechanics.newton_system import NewtonSystem
-from ...params import SimulateParams, StructureParams
+from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation, move_vertices
 from ...surface.checking.check import Finding
@@ -33,6 +33,7 @@ from .actions import Action, Ground, actions, lasting
 from .buckling import linear_buckling
 from .cases import LoadPlan
 from .path import Path, PathFollower, follow
+from .structure_params import StructureParams
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads
 POINTS = 60  # maximum points of a curve in the report

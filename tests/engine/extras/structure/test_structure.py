@@ -9,6 +9,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.structure.cases import plan
 from flexmaps.engine.extras.structure.structure import YEAR, Structure, analyse
+from flexmaps.engine.extras.structure.structure_params import StructureParams
 from flexmaps.engine.fabrication import joints
 from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import MATERIALS
@@ -19,7 +20,6 @@ from flexmaps.engine.params import (
     ObjectSettings,
     SimulateParams,
     SpiralParams,
-    StructureParams,
     with_values,
 )
 from flexmaps.engine.patches.flattening.flatten import flatten
