@@ -13,12 +13,11 @@ import numpy as np
 from scipy.sparse import csr_array, dia_array, diags_array, hstack
 
 from ..arrays import Bool, Float, Int
-from ..mechanics.arms.bar_loads import LOADS
-from ..mechanics.arms.model import ArmModel
+from ..mechanics.arms.rest_geometry import RestChanges
 from ..mechanics.arms.strain_changes import by_shapes
-from ..mechanics.arms.tip_motion import tip_motions
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.stance import Stance
+from ..mechanics.vectors import times
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
@@ -244,31 +243,12 @@ class FlatPoint(DesignPoint):
         return self.x[self.own :].reshape(-1, 2)
 
     @cached_property
-    def _by_geometry(self) -> Float[np.ndarray, "joints r 6"]:
-        """Derivatives (m, r, 6), by the rest geometry, of the quantities of every joint, ties to a rim included.
-
-        In this order: the joint's gradient (12); the loads of both arms (2 ``LOADS``), where strains count; the joint's share of every
-        soft eigenvalue, where some are low; the motions of both tips (12), where slots close.
-        """
-        strained, pairs, arms = self.strains is not None, self._joint_pairs, self.arms
-        assert arms is not None
-
-        def measure(model: ArmModel, pose: Pose) -> np.ndarray:
-            self.progress(0.0)
-            state = model.start(pose)
-            found = [model.joint_gradients(state)]
-            if strained:
-                found.append(model.arm_loads(state).reshape(-1, 2 * LOADS))
-            if self._modes is not None:
-                found.append(self._modes.variations(model, pose, pairs))
-            if self._closing is not None:
-                tips = tip_motions(model.assembly, model.compliance.values, model.at_joint, pose)
-                found.append(tips.reshape(-1, 12))
-            return np.concatenate(found, axis=1)
-
+    def _rest_changes(self) -> RestChanges:
+        """Derivatives of all joints by the rest geometry of their sides."""
+        assert self.arms is not None and self._changes is not None
+        self.progress(0.0)
         self.problem.work.add(GEOMETRY, self.assembly.size)
-        found = joint_derivatives(arms, self.equilibrium.pose, measure)
-        return found.reshape(*found.shape[:2], 6)
+        return RestChanges(self.arms, self._state, self._changes)
 
     @property
     def _opening(self) -> SlotRequirement | None:
@@ -277,7 +257,7 @@ class FlatPoint(DesignPoint):
 
     def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
         by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
-        by_points = closing.by_flat(self._by_geometry[:, -12:], self._by_points)
+        by_points = closing.by_flat(np.swapaxes(self._rest_changes.tips, 1, 2), self._by_points)
         return csr_array(hstack([by_spirals, by_points @ self._per_coordinate]))
 
     @cached_property
@@ -304,10 +284,10 @@ class FlatPoint(DesignPoint):
     @cached_property
     def _forces(self) -> csr_array:
         pairs = self._joint_pairs
-        joints = np.arange(len(pairs))
+        joints, values = np.arange(len(pairs)), np.swapaxes(self._rest_changes.gradient[: len(pairs)], 1, 2)
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
-        entries = tuple(part.ravel() for part in np.broadcast_arrays(self._by_geometry[:, :12], row, column))
+        entries = tuple(part.ravel() for part in np.broadcast_arrays(values, row, column))
         by_geometry = csr_array((entries[0], entries[1:]), shape=(6 * self.assembly.whole.size, 6 * len(pairs)))
         by_flats = by_geometry @ self._by_flats
         if self._support_motion is not None:
@@ -339,10 +319,9 @@ class FlatPoint(DesignPoint):
         assert self.strains is not None
         e, found = arms // 2, self.strains.slopes(arms)
         rows = self._rows_of_spirals(e, found)
-        rims = e >= len(self._by_geometry)  # strips
+        rims = e >= len(self._joint_pairs)  # strips
         e = np.where(rims, 0, e)
-        loads = 12 + LOADS * (arms % 2)[:, None] + np.arange(LOADS)
-        by = (found.arms.by_loads[:, None] @ self._by_geometry[e[:, None], loads])[:, 0]
+        by = times(self._rest_changes.loads[e, :, arms % 2], found.arms.by_loads)
         by = by + by_shapes(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
         column = 6 * e[:, None] + np.arange(6)
         start = np.arange(0, column.size + 1, 6)
@@ -354,7 +333,10 @@ class FlatPoint(DesignPoint):
     def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
         hubs, own = super()._by_modes()
         self.problem.work.add(VARIED, self.assembly.size)
-        end = self._by_geometry.shape[1] - (0 if self._closing is None else 12)
-        by_geometry = self._by_geometry[:, end - len(own) : end]
-        by_flats = by_geometry.transpose(1, 0, 2).reshape(len(own), -1) @ self._by_flats
+        modes, pairs, arms = self._modes, self._joint_pairs, self.arms
+        assert modes is not None and arms is not None
+        known = joint_derivatives(
+            arms, self.equilibrium.pose, lambda model, there: modes.variations(model, there, pairs)
+        )
+        by_flats = np.moveaxis(known, 1, 0).reshape(len(own), -1) @ self._by_flats
         return hubs, np.concatenate([own, by_flats], axis=1)

@@ -38,7 +38,7 @@ _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of t
 # parameters of ``blends`` in the columns of ``slope_by``: first the design's, then the shape's
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
 _BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape
-_GRAIN = 3  # column of the grain angle in ``shapes``
+SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance
 _NONZERO = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
@@ -158,7 +158,9 @@ def by_shapes(
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
-        lines: list[tuple[float, list[int], _Line]] = [(-1.0, [0, 1, *rows[1 + _GRAIN :]], _root_line(some, False))]
+        lines: list[tuple[float, list[int], _Line]] = [
+            (-1.0, [0, 1, *rows[1 + SHAPE_GRAIN :]], _root_line(some, False))
+        ]
         if _any_blend(some):
             lines += zip((1.0, -1.0), (rows, rows), _blend_lines(some, _BY_SHAPE), strict=True)
         found = _sum_lines(some, lines, 1 + count, assembly.thickness, material)
@@ -218,7 +220,7 @@ def _sum_lines(
         if material.orthotropy is None:
             out[:, rows] += sign * _line_compliance(place, pace, width, weight, thickness, material)
             continue
-        turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + _GRAIN and count == 2 + _GRAIN}
+        turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + SHAPE_GRAIN and count == 2 + SHAPE_GRAIN}
         grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.evaluate, material.orthotropy)
         out[:, rows] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
     return out

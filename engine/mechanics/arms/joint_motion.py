@@ -86,7 +86,7 @@ class SpatialMotion:
         # (angle / 2) / sin(angle / 2)
         across = 1.0 / np.sinc(angle / (2.0 * np.pi))
         first, second = joints_last(motion.first), joints_last(motion.second)
-        return cls(gap, turn, first, second, angle, _tan_quarter(angle) * turn, across)
+        return cls(gap, turn, first, second, angle, tan_quarter(angle) * turn, across)
 
 
 def first_order(at: SpatialMotion) -> Float[np.ndarray, "joints 6 12"]:
@@ -136,7 +136,7 @@ def second_order(
     # second order of the turn's logarithm: alpha |e_across|^2 n + beta (n.e) e_across
     alpha, beta = _turn_coefficients(at.angle)
     share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
-    way = (0.125 * _tan_quarter(at.angle)) * product(quarter, torque) - share * (alpha + beta) * turn + beta * moment
+    way = (0.125 * tan_quarter(at.angle)) * product(quarter, torque) - share * (alpha + beta) * turn + beta * moment
     own = outer(turn, way) + (share * alpha * at.angle**2) * EYE
     out[3:6, 3:6] += own - mixed
     out[9:, 9:] += own + mixed
@@ -146,7 +146,7 @@ def second_order(
     return joints_first(out + np.swapaxes(out, 0, 1))
 
 
-def _tan_quarter(angle: np.ndarray) -> np.ndarray:
+def tan_quarter(angle: np.ndarray) -> np.ndarray:
     """tan(angle/4) / angle."""
     small = angle < 1e-4
     safe = np.where(small, 1.0, angle)

@@ -97,7 +97,7 @@ class ArmModel:
         The strains' second-order term is kept at the joints.
         """
         change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
-        compliance = self.compliance.varied(change, self._cut_by_shapes) if change.any() else self.compliance
+        compliance = self.compliance.varied(change, self.cut_by_shapes) if change.any() else self.compliance
         found = self._assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
@@ -106,7 +106,7 @@ class ArmModel:
         return made.with_curving(self.curving_at_joint)  # which takes longest
 
     @cached_property
-    def _cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
+    def cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
         """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.by_shapes``."""
         table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.ties
         found = by_shapes(self.assembly, table, self.material)

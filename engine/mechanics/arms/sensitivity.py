@@ -48,6 +48,8 @@ class JointChanges:
     turn : (m, 3) radians, of the second hub relative to the first
     turned : (m, 2, 3) contribution of the moving bend points to the derivative by the twist of the gradient by the
         turn, per side
+    inner : K times the joint's motion with its second-order term; across : (m, 6, 6) S'K; tangent : (m, 6, 6) derivative
+        of the wrench by the joint's motion
     """
 
     sides: Int[np.ndarray, "joints 2"]
@@ -60,6 +62,9 @@ class JointChanges:
     linear_by_design: Float[np.ndarray, "joints 2 parameters 6"]
     turn: Float[np.ndarray, "joints 3"]
     turned: Float[np.ndarray, "joints 2 3"]
+    inner: Float[np.ndarray, "joints 6"]
+    across: Float[np.ndarray, "joints 6 6"]
+    tangent: Float[np.ndarray, "joints 6 6"]
 
     @classmethod
     def from_assembly(
@@ -87,16 +92,16 @@ class JointChanges:
         slope, tangent, linear = np.eye(6)[None], at_joint, times(at_joint, strains)
         if curving is not None:
             strains, slope = curved(strains, curving)
-        inner, across = times(at_joint, strains), np.swapaxes(slope, 1, 2)
+        inner, across = times(at_joint, strains), np.swapaxes(slope, 1, 2) @ at_joint
         if curving is not None:
-            tangent = across @ at_joint @ slope + 2.0 * weighted(inner, curving)
-        wrench = times(across, inner)
+            tangent = across @ slope + 2.0 * weighted(inner, curving)
+        wrench = times(across, strains)
         spread = np.zeros((len(base), 6, 6))
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.from_joints(motion))
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
         turned = np.zeros((len(turn), 2, 3))
-        changes = -softened(assembly, by, inner) @ np.swapaxes(across @ at_joint, 1, 2)[:, None]
+        changes = -softened(assembly, by, inner) @ np.swapaxes(across, 1, 2)[:, None]
         first = changes if curving is None else -softened(assembly, by, linear) @ at_joint[:, None]
         for side in (0, 1):
             sign = 1.0 if side == 0 else -1.0
@@ -106,7 +111,7 @@ class JointChanges:
                 first[:, side, TWIST] += sign * times(at_joint[..., :3], moved)
             turned[:, side] = -found
         known = (assembly.sides, wrench, by_pose, changes, tangent @ by_pose)
-        return cls(*known, at_joint, linear, first, turn, turned)
+        return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
         """(m, 2, 5): contract ``gradient_by_design`` with a motion ``way`` (m, 12) of both hubs."""

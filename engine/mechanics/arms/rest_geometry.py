@@ -1,0 +1,236 @@
+"""Derivatives of the arm model's joints by their rest geometry, at a fixed pose.
+
+The rest geometry has three numbers on each side of a joint: x and y of the lever from the hub's centre to the joint, and the
+direction of the edge there. They determine radius and lean of the arms, which determine the compliances, and the points
+between which the joint's motion is measured. A turn of the edge about the sheet's normal equals a turn of the hub about its
+normal, after which the lever is turned back. So its derivatives are those by the hub's increments plus those by the lever.
+Twists and widths stay, and the strains' second-order term counts as constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Float
+from ..assembly import Assembly
+from ..vectors import exponential, times
+from .bar_loads import LOADS
+from .cut import SHAPE_GRAIN, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_RADIUS
+from .joint_motion import SpatialMotion, second_order, tan_quarter
+from .model import ArmModel, ArmState
+from .sensitivity import SENSES, JointChanges, arm_loads
+
+# signs of the changes of the gap by the bend points of both sides, broadcast over the numbers of a side and the components
+_GAP = -SENSES[:, None, None]
+
+
+@dataclass(frozen=True, eq=False)
+class RestChanges:
+    """Changes of m joints by the numbers of either side: x and y of the lever (per metre), direction of the edge (per radian).
+
+    state : of the joints; changes : by pose and design, in the same state
+    """
+
+    model: ArmModel
+    state: ArmState
+    changes: JointChanges
+
+    @property
+    def _assembly(self) -> Assembly:
+        return self.model.assembly
+
+    @cached_property
+    def _frames(self) -> Float[np.ndarray, "joints 2 3 3"]:
+        """Rotations from the joint's axes on either side to the half-way axes."""
+        return exponential(-0.5 * SENSES[:, None] * self.changes.turn[:, None])
+
+    @cached_property
+    def _normals(self) -> Float[np.ndarray, "joints 2 3"]:
+        """Normals of both hubs, in space."""
+        return self.state.pose.whole.rotations[self._assembly.pairs][..., 2]
+
+    @cached_property
+    def _levers(self) -> tuple[Float[np.ndarray, "joints 2 3 3"], Float[np.ndarray, "joints 2 3 3"]]:
+        """Changes of the lever and of the vector from the hub to the bend point, in the joint's axes; side, number, component."""
+        known = self._assembly
+        back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
+        lever, bend = (times(back, v) for v in (known.lever, self.model.lever))
+        own = known.axes[:, :, :2]  # rows are the x and y axes of the patch in the joint's axes
+        along, aside = np.moveaxis(known.bend[0], 2, 0)[..., None, None]
+        by_bend = along * own + winding * aside * _about_normal(own)
+        return (
+            np.concatenate([own, -_about_normal(lever)[:, :, None]], axis=2),
+            np.concatenate([by_bend, -_about_normal(bend)[:, :, None]], axis=2),
+        )
+
+    @cached_property
+    def _shapes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(m, 2, 3) changes of the radius, of its angle to the edge's direction, and of its angle in the patch; side, number."""
+        lever = self._assembly.lever[..., :2]
+        radius = self._assembly.radius[..., None]
+        by_radius, angle = np.zeros((*radius.shape[:2], 3)), np.zeros((*radius.shape[:2], 3))
+        by_radius[..., :2] = lever / radius
+        angle[..., :2] = np.stack([-lever[..., 1], lever[..., 0]], axis=2) / radius**2
+        return by_radius, angle - np.array([0.0, 0.0, 1.0]), angle
+
+    @cached_property
+    def _gap(self) -> Float[np.ndarray, "joints 3"]:
+        """Motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
+        lever = np.swapaxes(self._assembly.axes, 2, 3)
+        beyond = times(self._frames, times(lever, self._assembly.lever - self.model.lever))
+        return self.state.motion.gap + beyond[:, 1] - beyond[:, 0]
+
+    @property
+    def _by_shapes(self) -> Float[np.ndarray, "joints 2 _ 6 6"]:
+        """Derivatives of the compliances of both arms by their shapes, see ``cut.shapes``."""
+        known = self.model.compliance
+        by = self.model.cut_by_shapes.reshape(*known.values.shape[:2], -1, 6, 6).copy()
+        by[:, :, SHAPE_RADIUS] += 2.0 * known.table_by_scale
+        if by.shape[2] > SHAPE_GRAIN:
+            by[:, :, SHAPE_GRAIN] += known.table_by_grain
+        return by
+
+    @cached_property
+    def _compliances(self) -> Float[np.ndarray, "joints 2 6 6"]:
+        """Compliances of both arms in the joint's axes."""
+        axes = self._assembly.arm_axes
+        return axes @ self.model.compliance.values @ np.swapaxes(axes, 2, 3)
+
+    @cached_property
+    def _tip_wrenches(self) -> Float[np.ndarray, "joints 6"]:
+        """Wrenches that move the tips, see ``tip_motion``."""
+        return times(self.changes.at_joint, np.concatenate([self._gap, self.changes.turn], axis=1))
+
+    @cached_property
+    def _softened(self) -> Float[np.ndarray, "joints 2 2 3 3 6"]:
+        """Changes of the motions of the tips of both arms under constant wrenches: arm, side, number, wrench, motion.
+
+        The wrenches are ``inner`` and ``linear`` of ``JointChanges``, and those that move the tips.
+        """
+        known, by = self._assembly, self._by_shapes
+        axes, sense = known.arm_axes, -1.0 if known.clockwise else 1.0
+        wrenches = np.stack([self.changes.inner, self.changes.linear, self._tip_wrenches], axis=1)[:, None]
+        yields = (
+            (wrenches @ axes)[:, :, None] @ by @ np.swapaxes(axes, 2, 3)[:, :, None]
+        )  # axes: joint, arm, shape, wrench, motion
+        turned = _about_normal(wrenches @ self._compliances) - _about_normal(wrenches) @ self._compliances
+        turned += sense * yields[:, :, SHAPE_LEAN]
+        mates = sense * yields[:, :, SHAPE_MATE_LEAN]
+        if known.nodes:  # the mate of an arm at a rim is its mirror image
+            turned[known.ties, 0] -= mates[known.ties, 0]
+            mates[known.ties] = 0.0
+        by_radius, by_angle, by_direction = (x[..., None, None] for x in self._shapes)
+        out = np.empty((len(turned), 2, 2, 3, 3, 6))
+        for side in (0, 1):
+            out[:, side, side] = (
+                by_radius[:, side] * yields[:, side, SHAPE_RADIUS, None] + by_angle[:, side] * turned[:, side, None]
+            )
+            if by.shape[2] > SHAPE_GRAIN:
+                out[:, side, side] -= sense * by_direction[:, side] * yields[:, side, SHAPE_GRAIN, None]
+            out[:, side, 1 - side] = by_angle[:, 1 - side] * mates[:, side, None]
+        return out
+
+    @cached_property
+    def _strains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Changes (m, 2, 3, 6) of the joint's motion, and of the gap between the bend points (m, 2, 3, 3), in the half-way axes.
+
+        The changes of the gap leave out the turns of the hubs.
+        """
+        lever, bend = self._levers
+        turn, beyond = self.changes.turn[:, None, None], lever - bend
+        gap = _GAP * (bend @ np.swapaxes(self._frames, 2, 3))
+        out = np.zeros((*gap.shape[:3], 6))
+        out[..., :3] = gap + _GAP * beyond - 0.5 * np.cross(beyond, turn)
+        for side in (0, 1):
+            out[:, side, 2] += times(self.changes.by_pose[:, :, _rotation(side)], self._normals[:, side])
+        return out, gap
+
+    @cached_property
+    def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
+        """Changes (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointChanges``."""
+        known, strains = self.changes, self._strains[0]
+        softened = self._softened.sum(axis=1)
+        wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
+        return wrench, (strains - softened[..., 1, :]) @ known.at_joint[:, None]
+
+    @property
+    def gradient(self) -> Float[np.ndarray, "joints 6 12"]:
+        """Changes of the joints' contributions to the gradient of the energy."""
+        known, motion = self.changes, self.state.motion
+        (lever, bend), gap = self._levers, self._strains[1]
+        force, by_turn = known.wrench[:, None, None, :3], known.by_pose[:, 3:, 9:]
+        quarter = _quarter(known.turn)
+        out = self._wrenches[0] @ known.by_pose[:, None]
+        torque = np.cross(gap, force)
+        torque = (
+            0.5 * (_GAP * torque - np.cross(quarter[:, None, None], torque)) @ np.swapaxes(motion.middle, 1, 2)[:, None]
+        )
+        torque += 0.5 * np.cross(lever - bend, force) @ by_turn[:, None]
+        out[..., 3:6] -= torque
+        out[..., 9:] += torque
+        moment = known.wrench[:, 3:] - np.cross(self.model.offset, known.wrench[:, :3])
+        weights = times(motion.middle, known.wrench[:, :3]), times(motion.middle, moment)
+        curvature = second_order(SpatialMotion.from_joints(motion), *weights)
+        gradient = times(np.swapaxes(known.by_pose, 1, 2), known.wrench)
+        for side in (0, 1):
+            part, normal = _rotation(side), self._normals[:, side]
+            out[:, side, 2] += times(curvature[:, :, part], normal)
+            # rotations do not commute
+            out[:, side, 2, part] += 0.5 * np.cross(normal, gradient[:, part])
+        return out.reshape(len(out), 6, 12)
+
+    @cached_property
+    def loads(self) -> Float[np.ndarray, "joints 6 2 15"]:
+        """Changes of the loads of both arms, see ``bar_loads``."""
+        known, wrenches, turn = self.changes, self._wrenches, self._strains[0][..., 3:]
+        out = np.empty((len(turn), 2, 3, 2, LOADS))
+        for side in (0, 1):
+            for k in range(3):
+                now = (*(part[:, side, k] for part in wrenches), turn[:, side, k])
+                out[:, side, k] = arm_loads(self._assembly, *now)
+        # the axes of the arms turn
+        turned = arm_loads(self._assembly, *(_about_normal(v) for v in (known.wrench, known.linear, known.turn)))
+        for side in (0, 1):
+            out[:, side, :, side] -= self._shapes[1][:, side, :, None] * turned[:, side, None]
+        return out.reshape(len(turn), 6, 2, LOADS)
+
+    @property
+    def tips(self) -> Float[np.ndarray, "joints 6 12"]:
+        """Changes of the motions of both tips, see ``tip_motion``."""
+        known, axes, frames, gap = self.changes, self._assembly.axes, self._frames, self._gap
+        change = np.concatenate(
+            [_GAP * (self._levers[0] @ np.swapaxes(frames, 2, 3)), self._strains[0][..., 3:]], axis=3
+        )
+        normal, quarter = frames[..., 2], _quarter(known.turn)[:, None]
+        middle = 0.5 * (normal + SENSES[:, None] * np.cross(quarter, normal))  # turn of the half-way frame with an edge
+        change[:, :, 2, :3] = -np.cross(middle, gap[:, None])
+        wrench, softened = self._tip_wrenches[:, None, None], self._softened[..., 2, :]
+        change = ((change - softened.sum(axis=1)) @ known.at_joint[:, None])[:, None] @ self._compliances[:, :, None]
+        change = SENSES[:, None, None, None] * (change + softened)
+        moved = SENSES[:, None] * (wrench @ self._compliances)[:, :, 0]
+        change[:, :, :, 2, :3] += np.cross(middle[:, None], moved[:, :, None, :3])
+        change[..., :3] = change[..., :3] @ frames[:, :, None]
+        for side in (0, 1):
+            change[:, side, side, 2, 3:] += _about_normal(moved[:, side, 3:])
+        out = change.reshape(*change.shape[:4], 2, 3) @ np.swapaxes(axes, 2, 3)[:, :, None, None]
+        return out.transpose(0, 2, 3, 1, 4, 5).reshape(len(out), 6, 12)
+
+
+def _quarter(turn: Float[np.ndarray, "joints 3"]) -> Float[np.ndarray, "joints 3"]:
+    """Vectors along the turns, with the tangents of a quarter of their angles as length."""
+    return tan_quarter(np.linalg.norm(turn, axis=1))[:, None] * turn
+
+
+def _rotation(side: int) -> slice:
+    """Slice of the rotation of the hub on a side in the increments of both hubs."""
+    return slice(3 + 6 * side, 6 + 6 * side)
+
+
+def _about_normal(v: np.ndarray) -> np.ndarray:
+    """Cross product of the normal, the third axis, with vectors (..., 3), or with both vectors of pairs (..., 6)."""
+    out = np.zeros_like(v)
+    out[..., ::3], out[..., 1::3] = -v[..., 1::3], v[..., ::3]
+    return out
