@@ -130,7 +130,13 @@ class FlatBarriers:
         return self._pad(self.cost.gradient)
 
     def product(self, change: np.ndarray) -> np.ndarray:
-        return self._pad(self.cost.product(self.range.shift(change[self.own :].reshape(-1, 2))))
+        return np.concatenate([np.zeros(self.own), self._hessian @ change[self.own :]])
+
+    @cached_property
+    def _hessian(self) -> csr_array:
+        """Weighted Hessian by the coordinates of the flat vertices."""
+        scale = diags_array(np.repeat(2.0 * self.range.span, 2))
+        return csr_array(self.range.weight * (scale @ self.cost.hessian @ scale))
 
     def _pad(self, by_points: np.ndarray) -> np.ndarray:
         """Return derivatives by the points (P, 2) as weighted derivatives by all coordinates."""

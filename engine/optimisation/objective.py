@@ -176,6 +176,20 @@ class Mismatch:
         kept = self._project_out_rotations(change) if project else change
         return self.target.back @ self.target.centred(kept @ self.rotation)
 
+    def product(self, shift: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals 3"]:
+        """Return ``backward`` of ``forward``: the product of the Gauss-Newton matrix by the centres."""
+        found = self.target.back @ (self.target.operator @ shift)
+        return found - (self._undone @ (self._undone.T @ shift.ravel())).reshape(-1, 3)
+
+    @cached_property
+    def _undone(self) -> Float[np.ndarray, "_ some"]:
+        """Derivatives (3 n, k) by the centres of the components that centring and ``_project_out_rotations`` take away."""
+        turned = (self._rotation_basis.reshape(*self.own.shape, -1).swapaxes(1, 2) @ self.rotation).swapaxes(1, 2)
+        place = np.ones((len(self.own), 1)) - self.target.centred(np.ones((len(self.own), 1)))
+        shifted = (place / max(float(np.linalg.norm(place)), 1.0))[:, :, None] * np.eye(3)
+        both = np.concatenate([shifted, turned], axis=2)
+        return (self.target.back @ both.reshape(len(both), -1)).reshape(3 * self.target.back.shape[0], -1)
+
     def _project_out_rotations(self, change: np.ndarray) -> np.ndarray:
         """Subtract from a change of the residual the component that a small rotation of the piece undoes."""
         flat = change.ravel()

@@ -110,7 +110,7 @@ class MismatchTerm(Term):
         return ScalarChange(_at_centres(self.mismatch.gradient + further), 0.0)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return ScalarChange(_at_centres(self.mismatch.backward(self._forward(moves))), 0.0)
+        return ScalarChange(_at_centres(self.mismatch.product(moves[: len(self.mismatch.target.points), :3])), 0.0)
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> MismatchTerm:
         return MismatchTerm(self.mismatch, self._forward(moves))
@@ -276,6 +276,8 @@ def _huber(push: Float[np.ndarray, " k"]) -> float:
 
 def turning(weight: float, moves: np.ndarray) -> ScalarChange:
     """Return the Hessian product of the damping: ``weight`` times half the squared rotations of the hubs, radians."""
+    if not weight:
+        return ScalarChange(0.0, 0.0)
     return ScalarChange(np.concatenate([np.zeros_like(moves[:, :3]), weight * moves[:, 3:]], axis=1), 0.0)
 
 
