@@ -123,30 +123,38 @@ class ArmCurves:
         -------
         (N, NUMBERS) derivatives by the arms' parameters without their centres, and (N, M) derivatives by t
         """
-        end, rest, i = self.end, 1.0 - t, np.arange(len(t))[:, None]
+        end, rest, radius, wind = self.end, 1.0 - t, self.radius[:, None], self.wind[:, None]
+        # in a frame that turns with the spiral, derivatives along the spoke (real part) and across it (imaginary part)
+        back = np.exp(-1j * (self.angle[:, None] + wind * t))
+        own, pace = back * point, back * velocity
+        (along, aside), (along1, aside1) = ((np.ascontiguousarray(x) for x in (y.real, y.imag)) for y in (own, pace))
+        level = wind * rest
+        radial = along * rest + aside1 * level - along1
+        across = radius * (aside * rest - along1 * level - aside1)
+        by_t = radius * (level * (aside - wind * along1) - along - 2.0 * wind * aside1)
+        out = np.zeros((len(t), NUMBERS))
+        out[:, RADIUS], out[:, ANGLE] = radial.sum(1), across.sum(1)
+        out[:, OWN_WIND] = (t * across + radius * aside1 * rest).sum(1)
+        out[:, OWN_WIDTH] = 0.5 * half.sum(1)
+        # blends end before most places
+        some = np.flatnonzero((t < end.share[:, None]).any(axis=0))
         share, slope = end.share[:, None], end.slope[:, None]
-        _, d1, d2, _, half1, _ = self.at(i, t)
-        u = np.minimum(t / share, 1.0)
+        point, velocity, half = point[:, some], velocity[:, some], half[:, some]
+        u = np.minimum(t[:, some] / share, 1.0)
         uu = u * u
         value, change = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u))), 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
-        again, joint = u * (-36.0 + u * (96.0 - 60.0 * u)) * u, 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
-        # in a frame that turns with the spiral, the derivatives are along and across the spoke
-        back = np.exp(-1j * (self.angle[:, None] + self.wind[:, None] * t))
-        own, pace = back * point, back * velocity
-        speed = 1j * self.wind[:, None] * rest - 1.0
-        radial = _dot(own, rest) + _dot(pace, speed)
-        across = self.radius[:, None] * (_dot(own, 1j * rest) + _dot(pace, 1j * speed))
+        again, joint = u * (-36.0 + u * (96.0 - 60.0 * u)), 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
+        by_point, by_velocity = _dot(point, slope), _dot(velocity, slope)
+        narrowing = half * (-15.0 * (end.width - self.width)[:, None] / share) * (u * (1.0 - u)) ** 2
+        further = by_velocity * (again / share) + narrowing
+        by_t[:, some] += by_point * change + further
         by_slope = (point * (share * value) + velocity * change).sum(1)
-        by_share = (
-            _dot(point, slope) * (value - u * change) - _dot(velocity, slope) * (again / share) - half * half1 * u
-        )
-        out = by_slope.real[:, None] * end.slope_by.real + by_slope.imag[:, None] * end.slope_by.imag
-        out += by_share.sum(1)[:, None] * end.share_by + 0.5 * (half * joint).sum(1)[:, None] * end.width_by
-        out[:, OWN_WIDTH] += 0.5 * (half * (1.0 - joint)).sum(1)
-        out[:, RADIUS] += radial.sum(1)
-        out[:, ANGLE] += across.sum(1)
-        out[:, OWN_WIND] += (t * across + self.radius[:, None] * _dot(pace, 1j * rest)).sum(1)
-        return out, _dot(point, d1) + _dot(velocity, d2) + half * half1
+        by_share = (by_point * (value - u * change) - further * u).sum(1)
+        widened = 0.5 * (half * joint).sum(1)
+        out += by_slope.real[:, None] * end.slope_by.real + by_slope.imag[:, None] * end.slope_by.imag
+        out += by_share[:, None] * end.share_by + widened[:, None] * end.width_by
+        out[:, OWN_WIDTH] -= widened
+        return out, by_t
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
