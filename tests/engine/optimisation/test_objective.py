@@ -102,3 +102,19 @@ def test_a_spiral_comes_nearer_to_where_it_is_wished() -> None:
         optimise.optimise(
             design, mesh, VERO, params, SimulateParams(), wishes=Wishes(np.array([999]), np.zeros((1, 3)))
         )
+
+
+@pytest.mark.parametrize("free", [True, False])
+@pytest.mark.parametrize("lies", [0.0, 0.5])
+@pytest.mark.parametrize("wished", [False, True])
+def test_product_is_backward_of_forward(free: bool, lies: float, wished: bool) -> None:
+    _, mesh = made()
+    rng = np.random.default_rng(1)
+    offsets = np.zeros((len(mesh.quads), 3))
+    offsets[::5] = rng.normal(0.0, 0.01, offsets[::5].shape)
+    wishes = Wishes.from_offsets(mesh, offsets) if wished else None
+    target = Target(mesh.edge_quads[~mesh.border], mesh.centroids, lies, free, wishes)
+    away, shift = rng.normal(0.0, 0.005, (2, *mesh.centroids.shape))
+    found = target.compare(mesh.centroids + away)
+    wanted = found.backward(found.forward(shift))
+    assert found.product(shift) == pytest.approx(wanted, abs=1e-12 * np.abs(wanted).max())
