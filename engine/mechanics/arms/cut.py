@@ -158,16 +158,14 @@ def by_shapes(
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
-        lines: list[tuple[float, list[int], _Line]] = [
-            (-1.0, [0, 1, *rows[1 + SHAPE_GRAIN :]], _root_line(some, False))
-        ]
+        root = [0, 1, *rows[1 + SHAPE_GRAIN :]]
+        lines: list[tuple[float, list[int], _Line]] = [(-1.0, root, _root_line(some, False))]
         if _any_blend(some):
             lines += zip((1.0, -1.0), (rows, rows), _blend_lines(some, _BY_SHAPE), strict=True)
         found = _sum_lines(some, lines, 1 + count, assembly.thickness, material)
         fade, _, fade_by = _fade_factor(some)
         found[:, 1] = found[:, 1] * fade + found[:, 0] * fade_by
-        found[:, 2:] *= fade
-        found[:, 0] *= fade
+        found[:, [0, *rows[2:]]] *= fade
         for (i, j), entry in zip(_NONZERO, found, strict=True):
             value[part, i, j] = value[part, j, i] = entry[0]
             by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
