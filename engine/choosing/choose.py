@@ -64,9 +64,9 @@ BEGUN = 0.05  # share of the progress for the given layout; not measured
 # Shares of the rest by which layouts are laid flat, judged, changed, and filled in; the rest are long searches. Seconds on 512 and 986 quads
 # with as many long searches as there may be, so that the time left hardly rises
 SHARES_OF_TIME = 0.22, 0.3, 0.38, 0.42
-# The same where the given layout was optimised, so that layouts are laid flat without a long search beside. Over nine surfaces of 240 to 800 quads
-# the time left rises 1.4 times at most; with those above, up to six times
-SHARES_IF_OPTIMISED = 0.08, 0.5, 0.62, 0.65
+# The same where the given layout was optimised, so that layouts are laid flat without a long search beside. Replayed with the
+# seconds of 12 surfaces of 240 to 800 quads the time left rises 1.5 times at most; with those above, up to six times. Smaller shares tell longer times, which rise less
+SHARES_IF_OPTIMISED = 0.1, 0.4, 0.55, 0.58
 FILLED = 2  # layouts between two proposals that are looked for
 
 
@@ -165,8 +165,9 @@ def _begin(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     if reached is not None:
         search.known[key(first)] = search.known.get(key(first)) or reached
         search.learn(reached)
-    search.each = time.monotonic() - began
-    search.pace = SLOWER * search.each / search.one * LONG * (Work.for_spirals(len(piece.mesh.quads), 1.0).limit or 0.0)
+    search.first = time.monotonic() - began
+    counted = LONG * (Work.for_spirals(len(piece.mesh.quads), 1.0).limit or 0.0)
+    search.pace = SLOWER * counted * search.first / search.one
     if search.known[key(first)] is not None:
         progress(1.0, search.said)
 

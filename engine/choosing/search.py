@@ -23,6 +23,8 @@ Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[A
 # Seconds of processor for all predictions together, and what one takes: a part of a second, and so much a quad
 BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
 PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
+# Seconds that a layout takes to judge for one of the given one, by the clock: 1.6 to 2.8 on six surfaces, with two at once
+HARDER = 2.0
 FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
 NEARER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
@@ -42,7 +44,7 @@ class LayoutSearch:
     reference: float = np.inf  # of the given layout after a long search
     expected: float = EXPECTED  # what a long search leaves of what is predicted, or what a short one ends with
     pace: float = 0.0  # seconds that the last long search took
-    each: float = 0.0  # seconds that one layout took to judge, by the clock
+    first: float = 0.0  # seconds that the given layout took to judge, by the clock
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
     proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
     waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
@@ -105,7 +107,7 @@ class LayoutSearch:
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(foreseen, self.piece, self.start)
         ahead = min(1.0, cores() / max(len(fresh), 1))
-        paced = creeping(progress, self.each / ahead, ahead)
+        paced = creeping(progress, HARDER * self.first / ahead, ahead)
         found = self.together(way, fresh, paced, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
