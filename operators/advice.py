@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..engine.runs.result import Result
 
 
-class Advised(ContinuedStage):
+class Advised(ContinuedStage["Made"]):
     """Base of the remedies: change the piece as advised, then rerun the stages up to the one that gave the advice.
 
     remedy : its name in the advice
@@ -48,7 +48,7 @@ class Advised(ContinuedStage):
         """Return the settings after the remedy."""
         return snapshot.settings
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
         from ..bridge.store import states
         from ..bridge.view import advised, designing, live_shape
         from ..bridge.view.flat_panels import PanelDrawing
@@ -80,7 +80,7 @@ class Advised(ContinuedStage):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
         return result.panels.show(obj, context.scene)
 
     def written(
@@ -124,7 +124,7 @@ class MakeLarger(Advised, bpy.types.Operator):
             return made  # optimised or hand-made spirals are a better start than those from the curvature
         return job.go_on(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import mesh, states
         from ..bridge.view.advised import alike
 
@@ -164,7 +164,7 @@ class MakeThinner(Advised, bpy.types.Operator):
         self._was = snapshot.settings.spiral.thickness * MILLIMETRES
         return result.updated(self.settings(snapshot))
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import states
         from ..engine.runs import stages
 
@@ -206,7 +206,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return made.with_surface(findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.hosts import remesh
         from ..bridge.store import mesh, states
         from ..bridge.view import overlay, replacing
@@ -231,7 +231,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         self._made = made.session_uid
         return text
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
         return super().after(context, find(self._made), result)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,10 +13,17 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.extras.film.film import Film
+    from ..engine.mechanics.assembly import Pose
+    from ..engine.params import ObjectSettings
     from ..engine.runs.result import Result
 
+    # the film, the pose that it ends in, and the settings
+    MadeFilm = tuple[Film, Pose, ObjectSettings]
 
-class Animate(ContinuedStage, bpy.types.Operator):
+
+class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
     """Animate the assembly: the panels fly from the table to their places and are joined seam by seam, and what is joined rests in its simulated shape. Play it with the space bar"""
 
     bl_idname = "flexmaps.animate"
@@ -24,7 +31,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
     needs = "simulation"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MadeFilm]:
         from ..bridge.store import pose
         from ..bridge.view import preview
         from ..engine.runs import stages
@@ -35,7 +42,7 @@ class Animate(ContinuedStage, bpy.types.Operator):
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> MadeFilm:
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
             from ..engine.extras.film import film as assembly_film
@@ -53,7 +60,9 @@ class Animate(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: MadeFilm
+    ) -> str:
         from ..bridge.view import animation, collection, preview
         from ..engine.extras.film.film_params import FilmParams
 

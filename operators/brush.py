@@ -41,17 +41,17 @@ class BrushTool(bpy.types.WorkSpaceTool):
     )
 
     @staticmethod
-    def draw_settings(context: Any, layout: Any, tool: Any) -> None:
+    def draw_settings(context: bpy.types.Context, layout: bpy.types.UILayout, tool: bpy.types.WorkSpaceTool) -> None:
         draw_settings(layout, context)
 
     @staticmethod
-    def draw_cursor(context: Any, tool: Any, xy: tuple[float, float]) -> None:
+    def draw_cursor(context: bpy.types.Context, tool: bpy.types.WorkSpaceTool, xy: tuple[float, float]) -> None:
         from gpu_extras.presets import draw_circle_2d
 
         draw_circle_2d(xy, (1.0, 1.0, 1.0, 0.8), context.window_manager.flexmaps_brush.size, segments=48)
 
 
-def draw_settings(layout: Any, context: bpy.types.Context) -> None:
+def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the brush's settings in the view's header, as Blender's own brushes do."""
     brush = context.window_manager.flexmaps_brush
     layout.prop(brush, "brush", text="")

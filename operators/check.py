@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,15 +13,19 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import AtOnce, OnObject, StageOperator, Work
 
+if TYPE_CHECKING:
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.surface.checking.check import Finding
 
-class Check(StageOperator, bpy.types.Operator):
+
+class Check(StageOperator["list[Finding]"], bpy.types.Operator):
     """Look for everything that would stop the job or spoil the piece"""
 
     bl_idname = "flexmaps.check"
     bl_label = "Check"
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
-        def work(progress: Progress) -> Any:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[list[Finding]]:
+        def work(progress: Progress) -> list[Finding]:
             from ..engine.surface.checking import check
 
             progress(0.0, "Looking at every face")
@@ -29,7 +33,9 @@ class Check(StageOperator, bpy.types.Operator):
 
         return work
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: list[Finding]
+    ) -> str:
         notes.write_checks(obj.data, result)
         errors = [finding for finding in result if finding.is_error]
         if errors:

@@ -15,6 +15,7 @@ from .layout import LayoutStage, reported
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.mechanics.assembly import Pose
     from ..engine.runs.result import Result
 
@@ -49,7 +50,7 @@ class ChooseStage(LayoutStage):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         from ..bridge.store import choices as stored
         from ..bridge.store import mesh
         from ..bridge.view import choices
@@ -115,16 +116,16 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
     sure: bpy.props.BoolProperty(options={"SKIP_SAVE", "HIDDEN"})  # type: ignore[valid-type]
 
     @classmethod
-    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         return ". ".join(filter(None, (translate(cls.__doc__ or ""), properties.tip)))
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Asks first where a piece that was searched or written would be lost."""
         if self.sure or not {"optimise", "sheets"} & notes.read(context.object.data).keys():
             return super().invoke(context, event)
         number = self.number
 
-        def ask(menu: Any, context: bpy.types.Context) -> None:
+        def ask(menu: bpy.types.UIPopupMenu, context: bpy.types.Context) -> None:
             menu.layout.operator_context = "INVOKE_DEFAULT"
             said = translate("Take it: spirals, shape and sheets go")
             taking = menu.layout.operator(self.bl_idname, text=said, translate=False)
@@ -153,7 +154,7 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         flat, block = result
         said = super().finish(context, obj, surface, flat)
         notes.write(obj.data, "choose", block)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -15,6 +15,7 @@ from .writes import FromDialog
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
 
@@ -46,14 +47,14 @@ class Asked:
     )
 
 
-class Compare(Asked, ContinuedStage, bpy.types.Operator):
+class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
     """Lay a scan of the built piece over the simulated shape and show how far it is from it"""
 
     bl_idname = "flexmaps.compare"
     bl_label = "Compare with a scan"
     loaded = True
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.store import equilibrium
         from ..engine.extras.scanning import reading
 
@@ -61,7 +62,7 @@ class Compare(Asked, ContinuedStage, bpy.types.Operator):
         unit, anywhere = "" if self.unit == "GUESS" else self.unit, self.anywhere
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Result:
             from ..engine.runs import job
 
             progress(0.0, "Reading the scan")
@@ -70,7 +71,7 @@ class Compare(Asked, ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Result) -> str:
         from ..bridge.store import scans
         from ..bridge.view import scan_points
         from ..engine.runs import report

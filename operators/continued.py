@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ..bridge.store import notes
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
-from .stage import StageOperator, Work
+from .stage import Made, StageOperator, Work
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
-Continuation = Callable[["Result", Progress], Any]
+Continuation = Callable[["Result", Progress], Made]
 
 
-class ContinuedStage(StageOperator):
+class ContinuedStage(StageOperator[Made]):
     """Base of operators that implement ``continuation`` instead of ``prepare``.
 
     needs : member of the result that must exist, see ``stages.TABLE``; "" if any mesh of quads will do
@@ -34,11 +34,11 @@ class ContinuedStage(StageOperator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, cls.needs) if cls.needs else None
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Made]:
         """Return the work that continues from the result; read Blender's data here, which the work must not touch."""
         raise NotImplementedError
 
-    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[Made]:
         from ..bridge.store import snapshot as snapshots
         from ..bridge.store.objects import find
 
@@ -48,7 +48,7 @@ class ContinuedStage(StageOperator):
         snapshot = snapshots.take(obj, surface, settings, loaded=loaded)
         go_on = self.continuation(obj, snapshot)
 
-        def work(progress: Progress) -> Any:
+        def work(progress: Progress) -> Made:
             from ..engine.runs.outputs import OUTPUTS
 
             progress(0.0, "Reading the object")

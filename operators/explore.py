@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -14,10 +14,12 @@ from .stage import AnyMesh, AtOnce
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.extras.exploring.explore import Exploration
     from ..engine.runs.result import Result
 
 
-class Explore(ContinuedStage, bpy.types.Operator):
+class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
     """Try many candidates in other sizes or with other settings, on all cores, and list the best. Nothing of the object changes"""
 
     bl_idname = "flexmaps.explore"
@@ -26,8 +28,8 @@ class Explore(ContinuedStage, bpy.types.Operator):
     needs = "flat"
     loaded = True
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        def go_on(result: Result, progress: Progress) -> Any:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Exploration]:
+        def go_on(result: Result, progress: Progress) -> Exploration:
             from ..engine.extras.exploring.explore_params import ExploreParams
             from ..engine.extras.exploring.run import explore_piece
             from ..engine.extras.exploring.space import usual
@@ -39,7 +41,9 @@ class Explore(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Exploration
+    ) -> str:
         from ..bridge.store import explored
 
         explored.write(obj, result.report())

@@ -17,11 +17,18 @@ from .continued import Continuation, ContinuedStage
 from .writes import IntoFolder
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
 
+    # notes of the stages, the folder, panels to draw anew, and warnings
+    SheetFiles = tuple[dict[str, dict[str, Any]], Path, PanelDrawing | None, tuple[str, ...]]
 
-class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
+
+class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
     """Place the panels on sheets and write them for the cutter or the printer, in true millimetres, with an assembly sheet"""
 
     bl_idname = "flexmaps.export"
@@ -30,7 +37,7 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
     needs = "design"
     loaded = True
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SheetFiles]:
         from ..bridge.store import equilibrium
         from ..bridge.view import flat_panels
         from ..engine.fabrication.writers import export
@@ -47,7 +54,7 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
         asked = settings.export.guide or settings.base.base != "none"
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface) if asked else None
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> SheetFiles:
             from ..bridge.hosts import job_folder
             from ..engine.runs import job, report
             from ..engine.runs.outputs import DesignVersion, MakingEstimate, SheetPlan
@@ -71,10 +78,12 @@ class Export(IntoFolder, ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: SheetFiles) -> Iterator[None]:
         return iter(()) if result[2] is None else result[2].show(obj, context.scene)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: SheetFiles
+    ) -> str:
         blocks, folder, _, warnings = result
         notes.write_all(obj.data, blocks)
         text = translate("{} files in {}", len(blocks["sheets"]["files"]), folder)

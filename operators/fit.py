@@ -15,6 +15,7 @@ from .spirals import Spirals
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
 
@@ -41,7 +42,7 @@ class Fit(SearchStage, bpy.types.Operator):
             return super().begun(result, snapshot, progress)
         return job.go_on(result, snapshot.settings, ("spirals",), progress)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         if not self._flat:
             return super().finish(context, obj, surface, result)
         made = Spirals.finish(self, context, obj, surface, result)  # type: ignore[arg-type]

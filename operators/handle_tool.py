@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from ..bridge.hosts import live
@@ -36,7 +34,7 @@ class _HandleTool:
     bl_widget = HandleGizmos.bl_idname
 
     @staticmethod
-    def draw_settings(context: Any, layout: Any, tool: Any) -> None:
+    def draw_settings(context: bpy.types.Context, layout: bpy.types.UILayout, tool: bpy.types.WorkSpaceTool) -> None:
         layout.label(text=translate("Click: hold. Drag: pull. Ctrl drag: drag target"), translate=False)
 
     bl_keymap = (

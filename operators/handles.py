@@ -25,7 +25,7 @@ class _OnSpiral(OnObject):
     quad: int
     report: Any
 
-    def _pick(self, context: bpy.types.Context, event: Any) -> bool:
+    def _pick(self, context: bpy.types.Context, event: bpy.types.Event) -> bool:
         """Find the spiral under the mouse, and return whether there is one."""
         from bpy_extras import view3d_utils
 
@@ -69,7 +69,7 @@ class HoldSpiral(_OnSpiral, bpy.types.Operator):
 
     quad: bpy.props.IntProperty(name="Quad", default=ALONE, min=ALONE, options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return self.execute(context) if self._pick(context, event) else {"PASS_THROUGH"}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -118,7 +118,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         self._put(context, quads)
         return {"FINISHED"}
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         import numpy as np
 
         from ..bridge.store import handles
@@ -142,7 +142,7 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         from ..bridge.store import handles
 
         if event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS":
@@ -169,14 +169,14 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
             context.workspace.status_text_set(None)
         redraw(context)
 
-    def _mouse(self, context: bpy.types.Context, event: Any, depth: Any) -> Any:
+    def _mouse(self, context: bpy.types.Context, event: bpy.types.Event, depth: Any) -> Any:
         from bpy_extras import view3d_utils
         from mathutils import Vector
 
         mouse = event.mouse_region_x, event.mouse_region_y
         return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
 
-    def _dragged_value(self, context: bpy.types.Context, event: Any) -> Any:
+    def _dragged_value(self, context: bpy.types.Context, event: bpy.types.Event) -> Any:
         """Return the handle's value: that at the start plus the mouse's displacement."""
         import numpy as np
 

@@ -15,6 +15,7 @@ from .stage import Work
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
 
@@ -31,7 +32,7 @@ class LayoutStage(ContinuedStage):
         decided.settle_border(context.object)
         return super()._read(context)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         from ..bridge.store import mesh
         from ..bridge.view import flat_panels
         from ..engine.display import arrange

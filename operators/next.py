@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -30,7 +30,7 @@ class Next(AnyMesh, bpy.types.Operator):
     _seen = ("", 0.0)  # the last label, and when it first appeared
 
     @classmethod
-    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         act = None if context.object is None else guidance.read_guidance(context.object, context.scene).act
         return translate(cls.__doc__ or "") if act is None else act.tooltip
 
@@ -40,7 +40,7 @@ class Next(AnyMesh, bpy.types.Operator):
         if label != cls._seen[0]:
             cls._seen = label, time.monotonic()
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if time.monotonic() - self._seen[1] < CALM:
             return {"CANCELLED"}
         return self._press(context, "INVOKE_DEFAULT")
@@ -96,7 +96,7 @@ class ShowNotice(AtOnce, OnObject, bpy.types.Operator):
     key: bpy.props.StringProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     @classmethod
-    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         with suppress(FlexMapsError, AttributeError):  # AttributeError where no object is active
             return _find_notice(context, properties.key).sentence
         return translate(cls.__doc__ or "")

@@ -17,13 +17,19 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
+
+    # the panels, the result, and the notes of search, spirals and a layout that they moved
+    SearchedSpirals = tuple[PanelDrawing, Result, dict[str, Any], dict[str, Any], dict[str, Any] | None]
+
 
 FIRST = 0.05  # share of the progress bar for the initial spirals, about their share of the time; not measured
 SEARCHED, DRAWN = 0.8, 0.85  # of the progress bar: the search ends, the outlines are drawn; then remedies are tried
 
 
-class SearchStage(ContinuedStage):
+class SearchStage(ContinuedStage["SearchedSpirals"]):
     """Base of optimisations, which start from the spirals that ``begun`` returns."""
 
     on_stop = "the best so far is kept"
@@ -34,14 +40,14 @@ class SearchStage(ContinuedStage):
         """Return the result with initial spirals; not on Blender's main thread."""
         return snapshot.start(result)
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[SearchedSpirals]:
         from ..bridge.view import designing
         from ..bridge.view.flat_panels import PanelDrawing
 
         once = replace(snapshot.settings, simulate=replace(snapshot.settings.simulate, restarts=0))
         search = designing.searching(snapshot.settings)
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> SearchedSpirals:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
             from ..engine.runs.outputs import DesignVersion, OptimisationRecord
@@ -63,14 +69,17 @@ class SearchStage(ContinuedStage):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: SearchedSpirals) -> Iterator[None]:
         return result[0].show(obj, context.scene)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: SearchedSpirals
+    ) -> str:
         from ..bridge.store import equilibrium
+        from ..engine.runs.outputs import OptimisationRecord
 
         panels, made, report, block, layout = result
-        simulation = made.optimisation.after
+        simulation = made.needed(OptimisationRecord).optimisation.after
         panels.write(obj, surface, block, layout)
         equilibrium.write(obj, context.scene, surface, simulation, made.limits)
         shape = simulation.report()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from ..bridge.store.i18n import button_name, translate
@@ -30,7 +28,7 @@ class Overlay(AtOnce, OnObject, bpy.types.Operator):
         name="Kind", items=colouring.ITEMS, default="ENERGY"
     )
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if self.kind == context.window_manager.flexmaps_overlay:  # press again to switch off
             self.kind = "NONE"
         return self.execute(context)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
@@ -54,7 +52,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
     inverted: BoolProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
     smooth: BoolProperty(options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         preload.wait()
         from ..bridge.view import brush_path, dabs, easel
 
@@ -76,7 +74,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
         self._move(context, event)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         taken_back = event.type in {"ESC", "RIGHTMOUSE"} and event.value == "PRESS"
         try:
             if taken_back:
@@ -100,12 +98,12 @@ class PaintStroke(_Painter, bpy.types.Operator):
             return {"CANCELLED"}
         return {"RUNNING_MODAL"}
 
-    def _move(self, context: bpy.types.Context, event: Any) -> None:
+    def _move(self, context: bpy.types.Context, event: bpy.types.Event) -> None:
         made = self._path.move(context, event)
         if made is not None:
             self._dabs.add(*made)
 
-    def _finish_stroke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def _finish_stroke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Write the stroke into the object; pass an event that began something else on."""
         from ..bridge.view import easel
 
@@ -131,7 +129,7 @@ class PaintStroke(_Painter, bpy.types.Operator):
         redraw(context)
 
 
-def _is_press(event: Any) -> bool:
+def _is_press(event: bpy.types.Event) -> bool:
     """Return whether a key or a button went down."""
     return event.value == "PRESS" and event.type not in {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "TIMER"}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -12,10 +12,16 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..bridge.view.preview import Built
+    from ..engine.params import PreviewParams
     from ..engine.runs.result import Result
 
+    # the piece, how to show it, and whether it is simulated
+    BuiltPreview = tuple[Built, PreviewParams, bool]
 
-class Preview(ContinuedStage, bpy.types.Operator):
+
+class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
     """Show the assembled piece with every spiral in its true shape, bent as the last simulation found"""
 
     bl_idname = "flexmaps.preview"
@@ -23,7 +29,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
 
     needs = "design"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[BuiltPreview]:
         from ..bridge.store import pose
         from ..bridge.view import preview
 
@@ -31,7 +37,7 @@ class Preview(ContinuedStage, bpy.types.Operator):
         if settings.preview.colour != "MATERIAL":
             preview.quad_colours(obj, settings.preview.colour)  # fail before the work, not after it
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> BuiltPreview:
             from ..engine.mechanics.assembly import target_pose
             from ..engine.runs.outputs import DesignVersion
 
@@ -46,7 +52,9 @@ class Preview(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: BuiltPreview
+    ) -> str:
         from ..bridge.store import equilibrium, states
         from ..bridge.view import animation, preview
 

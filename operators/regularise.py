@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,10 +13,16 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
+    from ..engine.surface.checking.check import Finding
+    from ..engine.surface.mesh import QuadMesh
+
+    # the quads before and after, and the findings about them
+    MovedQuads = tuple[QuadMesh, QuadMesh, list[Finding]]
 
 
-class Regularise(ContinuedStage, bpy.types.Operator):
+class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
     """Move the vertices along the surface so that the quads become squarer; flat panels made before are dropped"""
 
     bl_idname = "flexmaps.regularise"
@@ -28,8 +34,8 @@ class Regularise(ContinuedStage, bpy.types.Operator):
 
         return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        def go_on(result: Result, progress: Progress) -> Any:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MovedQuads]:
+        def go_on(result: Result, progress: Progress) -> MovedQuads:
             from ..engine.runs import job
             from ..engine.surface.checking import check
             from ..engine.surface.mesh import PolygonMesh
@@ -39,7 +45,9 @@ class Regularise(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: MovedQuads
+    ) -> str:
         import numpy as np
 
         from ..bridge.store import mesh, states

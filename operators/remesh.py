@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -17,8 +17,13 @@ from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .stage import AnyMesh, StageOperator, Work, redraw
 
+if TYPE_CHECKING:
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.surface.checking.check import Finding
+    from ..engine.surface.remeshing.requad import Requadded
 
-class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
+
+class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
     """Make a new object of quads in the shape of this one, and hide this one. Modifiers are applied on the way"""
 
     bl_idname = "flexmaps.quad_remesh"
@@ -39,7 +44,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
     def uid(self) -> int:
         return self._source
 
-    def _read(self, context: bpy.types.Context) -> Work:
+    def _read(self, context: bpy.types.Context) -> Work[Requadded]:
         """Read the mesh with its modifiers applied; the quads become a new object."""
         preload.wait()
         from ..bridge.hosts import remesh
@@ -50,7 +55,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         polygons, count = remesh.seen(context.object, context), self.quads or wanted.remesh.quads
         return lambda progress: remesh.quads_of(polygons, count, wanted, progress)
 
-    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+    def _write(self, context: bpy.types.Context, result: Requadded) -> Iterator[None]:
         from ..bridge.hosts import remesh
         from ..bridge.store import mesh, origin, states
         from ..engine.surface.checking import check
@@ -74,7 +79,7 @@ class QuadRemesh(AnyMesh, StageOperator, bpy.types.Operator):
         yield
 
 
-class SetSize(StageOperator, bpy.types.Operator):
+class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Operator):
     """Scale the object so that the median edge of its quads has the length that is set. Seams stay; flat panels go"""
 
     bl_idname = "flexmaps.set_size"
@@ -89,10 +94,10 @@ class SetSize(StageOperator, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return "The object's scale is locked; unlock it first" if any(obj.lock_scale) else None
 
-    def prepare(self, surface: Any, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[tuple[float, float, list[Finding]]]:
         times = self.times
 
-        def work(progress: Progress) -> Any:
+        def work(progress: Progress) -> tuple[float, float, list[Finding]]:
             from ..engine.surface.checking import check
 
             progress(0.0, "Measuring edges")
@@ -104,7 +109,13 @@ class SetSize(StageOperator, bpy.types.Operator):
 
         return work
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self,
+        context: bpy.types.Context,
+        obj: bpy.types.Object,
+        surface: ObjectSurface,
+        result: tuple[float, float, list[Finding]],
+    ) -> str:
         factor, edge, findings = result
         if self.times:
             obj.flexmaps.remesh.edge = edge * 1e3

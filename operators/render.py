@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
 
 
-class Render(Writes, StageOperator, bpy.types.Operator):
+class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
     """Take a picture of the target, the assembled piece and its flat panels, with light and materials of its own; your scene is left alone"""
 
     bl_idname = "flexmaps.render"
@@ -36,7 +36,7 @@ class Render(Writes, StageOperator, bpy.types.Operator):
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
         return notes.missing(obj.data, "design")
 
-    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[list[Path]]:
         """Build the scene here, which is quick; a second Blender renders it, or this one would hang for minutes."""
         from ..bridge.hosts import second_render
         from ..bridge.store.objects import find
@@ -58,7 +58,7 @@ class Render(Writes, StageOperator, bpy.types.Operator):
             raise
         return lambda progress: second_render.render(pack, made, frames, progress)
 
-    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+    def _write(self, context: bpy.types.Context, result: list[Path]) -> Iterator[None]:
         from ..engine import files
 
         for one in result:

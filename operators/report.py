@@ -17,11 +17,19 @@ from .continued import Continuation, ContinuedStage
 from .writes import IntoFolder
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
     from ..engine.runs.result import Result
 
+    # name of the piece, pixels by plot, and the folder with the page
+    Plots = tuple[str, dict[str, np.ndarray], Path | None]
 
-class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
+
+class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
     """Draw plots and maps of everything done so far as pictures for the image editor, and write a page with all figures into the export folder"""
 
     bl_idname = "flexmaps.report"
@@ -39,7 +47,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
     needs = "flat"
     loaded = True
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Plots]:
         from ..bridge.hosts import pages
         from ..bridge.view import report as held
         from ..engine.runs import report_page
@@ -51,7 +59,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
             folder = folder_of(export_folder) / f"{file_name(snapshot.name)}-report"
             guard = self.guard(snapshot.settings, report_page.stale(folder), folder)
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Plots:
             from ..engine import files
             from ..engine.display import raster
 
@@ -77,7 +85,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
 
         self._letters.set_result(images.glyphs())
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Plots) -> str:
         from ..engine.runs import report_page as pages
 
         _, shown, folder = result
@@ -89,7 +97,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
             bpy.ops.wm.url_open(url=page.as_uri())
         return translate("{} pictures for the image editor; {}", len(shown), page)
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Plots) -> Iterator[None]:
         from ..bridge.view import images
 
         name, shown, _ = result
@@ -102,7 +110,7 @@ class Report(IntoFolder, ContinuedStage, bpy.types.Operator):
             yield
 
 
-class Share(IntoFolder, ContinuedStage, bpy.types.Operator):
+class Share(IntoFolder, ContinuedStage["tuple[Path, bool]"], bpy.types.Operator):
     """Write one page that holds the piece in 3D, to send to somebody who has only a browser: from flat panels to the shape, and how to join them step by step"""
 
     bl_idname = "flexmaps.share"
@@ -114,7 +122,7 @@ class Share(IntoFolder, ContinuedStage, bpy.types.Operator):
 
     needs = "design"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[tuple[Path, bool]]:
         from ..bridge.hosts import pages
         from ..bridge.view import report as held
 
@@ -122,13 +130,15 @@ class Share(IntoFolder, ContinuedStage, bpy.types.Operator):
         path = folder_of(snapshot.settings.export.folder) / f"{file_name(snapshot.name)}-share.html"
         guard = self.guard(snapshot.settings, [path])
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> tuple[Path, bool]:
             page = pages.of_object(result, content, progress.part(0.0, 0.2))
             return pages.save(page, path, guard, progress.part(0.2, 1.0)), content.pose is not None
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: tuple[Path, bool]
+    ) -> str:
         path, simulated = result
         if self.browse and not bpy.app.background:
             bpy.ops.wm.url_open(url=path.as_uri())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -11,9 +11,11 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.runs.result import Result
 
 
-class Simulate(ContinuedStage, bpy.types.Operator):
+class Simulate(ContinuedStage["Result"], bpy.types.Operator):
     """Find the shape that the assembled panels take. The mesh gets it as a shape key, to slide to from the target"""
 
     bl_idname = "flexmaps.simulate"
@@ -22,16 +24,18 @@ class Simulate(ContinuedStage, bpy.types.Operator):
     needs = "design"
     loaded = True
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Result]:
         from ..bridge.view import live_shape
 
         return lambda result, progress: live_shape.settled(result, snapshot.settings, progress)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Result) -> str:
         from ..bridge.store import equilibrium
         from ..engine.runs import report
+        from ..engine.runs.outputs import SimulatedShape
 
-        equilibrium.write(obj, context.scene, surface, result.simulation, result.limits)
+        shape = result.needed(SimulatedShape)
+        equilibrium.write(obj, context.scene, surface, shape.simulation, shape.limits)
         blocks = report.blocks(result, ("equilibrium", "reach"))
         notes.write_all(obj.data, blocks)
         text, warning = equilibrium.sentences(blocks["equilibrium"])

@@ -13,22 +13,27 @@ from .continued import Continuation, ContinuedStage
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..bridge.view.flat_panels import PanelDrawing
     from ..engine.runs.result import Result
 
+    # the panels, the note of the spirals, and that of a layout that they moved
+    DrawnSpirals = tuple[PanelDrawing, dict[str, Any], dict[str, Any] | None]
 
-class Spirals(ContinuedStage, bpy.types.Operator):
+
+class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
     """Give every quad its spiral: the more the surface bends there, the softer. Draws the true panels beside the model"""
 
     bl_idname = "flexmaps.spirals"
     bl_label = "Spirals"
     needs = "flat"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[DrawnSpirals]:
         from ..bridge.view.flat_panels import PanelDrawing
 
         settings = snapshot.settings
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> DrawnSpirals:
             from ..engine.patches.flattening.report import layout_report
             from ..engine.runs import job
             from ..engine.runs.outputs import DesignVersion
@@ -42,10 +47,12 @@ class Spirals(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: DrawnSpirals) -> Iterator[None]:
         return result[0].show(obj, context.scene)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: DrawnSpirals
+    ) -> str:
         drawing, block, layout = result
         drawing.write(obj, surface, block, layout)
         low, _, high = block["twist_deg"]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import bpy
 
@@ -25,7 +25,8 @@ from ..engine.progress import Progress
 if TYPE_CHECKING:
     from ..bridge.store.surface import ObjectSurface
 
-Work = Callable[[Progress], Any]
+Made = TypeVar("Made")  # what the work of a stage hands to its ``finish``
+Work = Callable[[Progress], Made]
 
 TICK = 0.02  # seconds between two looks at the job; smaller reacts sooner and takes more of the window's time
 
@@ -103,7 +104,18 @@ class NewObject(Polled):
         return None if context.mode == "OBJECT" else "Go to Object Mode: a new object is made"
 
 
-class StageOperator(Polled):
+if TYPE_CHECKING:
+    from typing import Generic as HandsOver
+else:
+
+    class HandsOver:
+        """Stands for ``Generic``, whose caches keep Blender's classes past its end: the process would then never end."""
+
+        def __class_getitem__(cls, kind: object) -> type:
+            return cls
+
+
+class StageOperator(Polled, HandsOver[Made]):
     """Base of the operators of one stage each; list ``bpy.types.Operator`` last where they are registered.
 
     A stage implements ``prepare``, which returns the engine work as a function of ``Progress``, and ``finish``, which writes
@@ -138,18 +150,18 @@ class StageOperator(Polled):
         """Return why this stage cannot run on a usable object, as a sentence; it must be quick enough for every redraw."""
         return None
 
-    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work:
+    def prepare(self, surface: ObjectSurface, settings: ObjectSettings) -> Work[Made]:
         """Return the engine work, a function that must not touch Blender's data."""
         raise NotImplementedError
 
     def meanwhile(self) -> None:
         """Make on the main thread something that the work waits for; called once, after the progress was drawn."""
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
+    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         """Write the result on the main thread; everything that can fail must come before the first write."""
         raise NotImplementedError
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Made) -> Iterator[None]:
         """Draw the objects beside the model after the result was written; the window is redrawn between the steps."""
         return iter(())
 
@@ -171,7 +183,7 @@ class StageOperator(Polled):
         except FlexMapsError as error:
             return self._refused(context, error)
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background:
             return self.execute(context)
         try:
@@ -190,7 +202,7 @@ class StageOperator(Polled):
         progress.show(context, self._job)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         assert self._job is not None
         if event.type == "ESC" and event.value == "PRESS" and self._writing is None:
             self._job.stop()
@@ -235,7 +247,7 @@ class StageOperator(Polled):
 
     # -- steps -----------------------------------------------------------------------------------------------------------
 
-    def _read(self, context: bpy.types.Context) -> Work:
+    def _read(self, context: bpy.types.Context) -> Work[Made]:
         preload.wait()
         from ..bridge.store import mesh, settings, states
 
@@ -247,7 +259,7 @@ class StageOperator(Polled):
         self._made_from = states.settings_now(obj, context.scene)
         return self.prepare(self._surface, settings.read(obj.flexmaps, ObjectSettings))
 
-    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+    def _write(self, context: bpy.types.Context, result: Made) -> Iterator[None]:
         from ..bridge.store import failures, mesh, states
         from ..bridge.store.objects import find
         from ..bridge.view import overlay
@@ -310,7 +322,7 @@ class StageOperator(Polled):
         failures.write(obj, context.scene, idname_of(self), error)
 
 
-def idname_of(operator: Any) -> str:
+def idname_of(operator: bpy.types.Operator) -> str:
     """Return an operator's name as scripts call it: "flexmaps.check"."""
     group, _, name = operator.bl_idname.partition("_OT_")
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -15,10 +15,12 @@ from .stage import AtOnce, OnObject
 
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
+    from ..bridge.store.surface import ObjectSurface
+    from ..engine.extras.structure.structure import Structure
     from ..engine.runs.result import Result
 
 
-class CheckStructure(ContinuedStage, bpy.types.Operator):
+class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
     """Follow every load case until the piece snaps, and tell how far it gives way, and what its arms and joints carry. The shape itself stays"""
 
     bl_idname = "flexmaps.structure"
@@ -27,7 +29,7 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
     loaded = True
     shows = "UTILISATION"
 
-    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
+    def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[Structure]:
         from ..bridge.store import equilibrium
 
         rest = equilibrium.resting(obj, bpy.context.scene, snapshot.surface)
@@ -35,7 +37,7 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
             raise FlexMapsError("The simulated shape is no equilibrium, or out of date; press Simulate first")
         settings = snapshot.settings
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> Structure:
             from ..engine.extras.structure.load_stage import LoadAnalysis
             from ..engine.runs import job
 
@@ -45,7 +47,9 @@ class CheckStructure(ContinuedStage, bpy.types.Operator):
 
         return go_on
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: Any, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Structure
+    ) -> str:
         from ..bridge.store import equilibrium
 
         equilibrium.write_utilisation(obj, result.utilisation)
@@ -86,7 +90,7 @@ class AddLoad(AtOnce, OnObject, bpy.types.Operator):
     factor: bpy.props.FloatProperty(name="Factor", default=1.0)  # type: ignore[valid-type]
     lasting: bpy.props.BoolProperty(name="Lasts for years", description="It counts after a year too")  # type: ignore[valid-type]
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_props_dialog(self)
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -17,17 +17,23 @@ from ..engine.progress import Progress
 from .stage import AnyMesh, StageOperator, Work
 from .writes import IntoFolder
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    # the files, the numbers of sheets and pieces, and the folder
+    BatchFiles = tuple[list[Path], int, int, Path]
+
 ENDING = "together"  # end of the files' name, after the active object's
 
 
-class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
+class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types.Operator):
     """Lay the panels of all selected objects with spirals on common sheets, each object as often as its copies say, and write the files"""
 
     bl_idname = "flexmaps.export_together"
     bl_label = "Export selected together"
     bl_options = {"REGISTER"}
 
-    def _read(self, context: bpy.types.Context) -> Work:
+    def _read(self, context: bpy.types.Context) -> Work[BatchFiles]:
         preload.wait()
         from ..bridge.hosts import job_folder, letters
         from ..bridge.store import snapshot
@@ -51,7 +57,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
         base = folder_of(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
         guard = self.guard(first, export.present(base, formats), base.parent)
 
-        def work(progress: Progress) -> Any:
+        def work(progress: Progress) -> BatchFiles:
             results = [one.result for one in stored if one.result is not None]
             made = together(names, results, settings, progress.part(0.0, 0.85))
             with files.replacing_many(export.stale(base, made.sheets.count), base.parent, guard) as new:
@@ -61,7 +67,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator, bpy.types.Operator):
 
         return work
 
-    def _write(self, context: bpy.types.Context, result: Any) -> Iterator[None]:
+    def _write(self, context: bpy.types.Context, result: BatchFiles) -> Iterator[None]:
         written, sheets, pieces, folder = result
         text = translate("{} pieces on {}: {} files in {}", pieces, counted_sheets(sheets), len(written), folder)
         self.report({"INFO"}, text)

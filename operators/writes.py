@@ -54,7 +54,7 @@ class Writes:
 class IntoFolder(Writes):
     """Base of operators that write into the object's folder; they ask for one while the .blend file is unsaved."""
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if bpy.app.background or not unsaved(context.object.flexmaps.export.folder):
             return super().invoke(context, event)  # type: ignore[misc]
         bpy.ops.flexmaps.choose_folder("INVOKE_DEFAULT", stage=self.bl_idname)  # type: ignore[attr-defined]
@@ -64,7 +64,7 @@ class IntoFolder(Writes):
 class FromDialog:
     """Base of operators that first ask for a file or folder."""
 
-    def invoke(self, context: bpy.types.Context, event: Any) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         context.window_manager.fileselect_add(self)  # type: ignore[arg-type]
         return {"RUNNING_MODAL"}
 

@@ -100,7 +100,7 @@ class Job:
         self.fraction, self.text = fraction, text
         self._remaining.report(time.monotonic() - self._began, fraction)
 
-    def _show(self, value: Any) -> None:
+    def _show(self, value: object) -> None:
         self.shown = value
 
 

@@ -58,7 +58,7 @@ def stop(*_: object) -> None:
 
 
 @bpy.app.handlers.persistent
-def changed(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Note that Blender reports a change."""
     if _running and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)

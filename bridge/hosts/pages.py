@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...engine import files
 from ...engine.display.drawing import Drawing
@@ -18,6 +18,9 @@ from ...engine.runs.page_data import Shown
 from ...engine.runs.piece import Piece
 from ...engine.runs.result import Result
 from ..view import report as held
+
+if TYPE_CHECKING:
+    import bpy
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,14 +40,14 @@ class Told:
         return page_data.text(self.shown, self.settings, report_page.title_of(self.described), progress)
 
 
-def described(piece: Any) -> dict[str, Any]:
+def described(piece: Piece | bpy.types.Object) -> dict[str, Any]:
     """Return the report of a piece or an object."""
     if isinstance(piece, Piece):
         return report.build(piece.result, source=piece.name, settings=piece.settings)
     return _content_of(piece).described
 
 
-def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
+def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Progress = SILENT) -> dict[str, Any]:
     """Write the page of a piece or an object with plots and report.json into a folder, and return the report.
 
     Parameters
@@ -63,7 +66,7 @@ def write(piece: Any, out: Path, guard: Guard, progress: Progress = SILENT) -> d
     return content.described
 
 
-def share(piece: Any, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
+def share(piece: Piece | bpy.types.Object, path: Path, guard: Guard, progress: Progress = SILENT) -> Path:
     """Write the page to share of a piece or an object, and return its path; raise ``FlexMapsError`` without spirals.
 
     Parameters
@@ -96,7 +99,7 @@ def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -
     return path
 
 
-def _content_of(piece: Any) -> Told:
+def _content_of(piece: Piece | bpy.types.Object) -> Told:
     if isinstance(piece, Piece):
         figures = described(piece)
         drawn = report_page.drawings(piece.result, figures, piece.settings.layout.distortion_limit)

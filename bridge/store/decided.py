@@ -23,7 +23,7 @@ BORDERS = SpiralParams.__dataclass_fields__["border"].metadata["choices"]
 LEVEL = 0.25  # edge lengths above the lowest vertex within which vertices are held at first; larger holds more; by eye
 
 
-def _size(obj: Any) -> tuple[float, float, float]:
+def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
     """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
     unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, obj.dimensions
     if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
@@ -33,7 +33,7 @@ def _size(obj: Any) -> tuple[float, float, float]:
     return tuple(unit * float(length) for length in lengths)
 
 
-def _set_size(obj: Any, wanted: Any) -> None:
+def _set_size(obj: bpy.types.Object, wanted: Any) -> None:
     """Scale the object by the length that was changed most, and the wanted quad edge too, so that remeshing keeps the size."""
     factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)
@@ -77,22 +77,22 @@ def settle_border(obj: bpy.types.Object) -> None:
             other.flexmaps.spiral.border = border_of(other)
 
 
-def _border(obj: Any) -> int:
+def _border(obj: bpy.types.Object) -> int:
     return [name for name, *_ in BORDERS].index(border_of(obj))
 
 
-def _set_border(obj: Any, number: int) -> None:
+def _set_border(obj: bpy.types.Object, number: int) -> None:
     obj.flexmaps.spiral.border = BORDERS[number][0]
 
 
-def _rests(obj: Any) -> int:
+def _rests(obj: bpy.types.Object) -> int:
     wanted = obj.flexmaps
     if wanted.base.base == "eyelets":
         return 2
     return int(wanted.base.base != "none" or bool(wanted.loads.supports))
 
 
-def _set_rests(obj: Any, number: int) -> None:
+def _set_rests(obj: bpy.types.Object, number: int) -> None:
     loads, base = obj.flexmaps.loads, obj.flexmaps.base
     if number == 0:
         loads.supports, base.base = "", "none"

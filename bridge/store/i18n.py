@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 # context of our own translations, so that Blender's translation of the same word for something else does not apply
 CONTEXT = "FlexMaps"
 
 
-def translate(text: str, *values: Any) -> str:
+def translate(text: str, *values: object) -> str:
     """Translate a line in the language for reports, and insert the values at ``{}``.
 
     Parameters
@@ -38,7 +36,7 @@ def span(low: str, high: str, unit: str = "") -> str:
     return f"{high if low == high else interface('{} to {}', low, high)}{unit}"
 
 
-def interface(text: str, *values: Any) -> str:
+def interface(text: str, *values: object) -> str:
     """Translate words of the sidebar in the language of the interface, and insert the values at ``{}``.
 
     Parameters

@@ -131,7 +131,7 @@ def made_with(mesh: bpy.types.Mesh) -> str:
     )
 
 
-def write(mesh: bpy.types.Mesh, stage: str, block: Any) -> None:
+def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
     """Store the block of a stage, and drop the blocks of later stages, which are now out of date.
 
     Parameters

@@ -83,7 +83,7 @@ def _exact(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def read(properties: Any, cls: type[T]) -> T:
+def read(properties: bpy.types.PropertyGroup, cls: type[T]) -> T:
     """Return the engine's settings from a property group made by ``group(cls)``; raise ``FlexMapsError`` out of bounds.
 
     Parameters
@@ -107,7 +107,7 @@ def read(properties: Any, cls: type[T]) -> T:
     return cls(**values)
 
 
-def write(properties: Any, settings: Any) -> None:
+def write(properties: bpy.types.PropertyGroup, settings: Any) -> None:
     """Store the engine's settings in a property group made by ``group(type(settings))``.
 
     Parameters
@@ -125,7 +125,7 @@ def write(properties: Any, settings: Any) -> None:
             setattr(properties, f.name, value)
 
 
-def changed(properties: Any, but: tuple[str, ...] = ()) -> str:
+def changed(properties: bpy.types.PropertyGroup, but: tuple[str, ...] = ()) -> str:
     """Return the settings of a group that differ from their defaults, as a text to compare; quick enough for a panel.
 
     Parameters

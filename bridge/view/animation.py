@@ -172,14 +172,14 @@ def _animate_motion(made: bpy.types.Object, track: Track, frame: Any) -> None:
     _set_linear(made)
 
 
-def _set_linear(holder: Any) -> None:
+def _set_linear(holder: bpy.types.ID) -> None:
     """Interpolate linearly between keyframes, which are dense enough."""
     for curve in _curves(holder.animation_data):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
 
 
-def _curves(data: Any) -> list[Any]:
+def _curves(data: bpy.types.ID) -> list[Any]:
     """Return the animation's curves, which Blender 4.4 and later keep in slots and layers."""
     action = data.action
     if hasattr(action, "layers") and len(action.layers):

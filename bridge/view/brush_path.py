@@ -21,7 +21,7 @@ class BrushPath:
     """The path of one stroke over the object on an easel."""
 
     def __init__(self, obj: bpy.types.Object, easel: Easel):
-        self._object: Any = obj
+        self._object: bpy.types.Object = obj
         self._easel = easel
         self._last: np.ndarray | None = None  # the pointer's last position, in pixels of the region
         self._place: np.ndarray | None = None  # the last dab's position, in the object's frame
@@ -38,7 +38,7 @@ class BrushPath:
             return None
         return place, normal if normal.dot(way) < 0.0 else -normal
 
-    def move(self, context: bpy.types.Context, event: Any) -> tuple[list[np.ndarray], np.ndarray] | None:
+    def move(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[list[np.ndarray], np.ndarray] | None:
         """Return the dabs' weights since the last event, and the displacement in world axes; None without dabs."""
         brush = context.window_manager.flexmaps_brush
         pressure = event.pressure if event.is_tablet else 1.0

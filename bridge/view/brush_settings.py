@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
@@ -21,7 +19,7 @@ PAINTS = (
 FROM = (("stiffness", "Stiffness", "As stiff as the numbers say: 0 the softest, 1 the stiffest"), *PAINTS)
 
 
-def sources(self: Any, context: bpy.types.Context, text: str) -> list[str]:
+def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
     """List vertex groups, colours and other attributes of the active object, for the field *From*."""
     from ..store import fields
 

@@ -152,7 +152,7 @@ def _rgba(srgb: tuple[float, float, float]) -> tuple[float, ...]:
     return (*map(float, colours.linear(np.array(srgb))), 1.0)
 
 
-def _node(tree: Any, kind: str, place: tuple[float, float], **inputs: Any) -> Any:
+def _node(tree: bpy.types.NodeTree, kind: str, place: tuple[float, float], **inputs: Any) -> bpy.types.Node:
     node = tree.nodes.new(kind)
     node.location = place
     for name, value in inputs.items():
@@ -160,7 +160,9 @@ def _node(tree: Any, kind: str, place: tuple[float, float], **inputs: Any) -> An
     return node
 
 
-def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[float, float]) -> Any:
+def _millimetres(
+    tree: bpy.types.NodeTree, scale: tuple[float, float, float], place: tuple[float, float]
+) -> bpy.types.Node:
     """Add nodes for the flat panel's coordinates, scaled."""
     source = _node(tree, "ShaderNodeUVMap", (place[0] - 400, place[1]))
     source.uv_map = UV
@@ -169,7 +171,7 @@ def _millimetres(tree: Any, scale: tuple[float, float, float], place: tuple[floa
     return mapping.outputs["Vector"]
 
 
-def _grain(tree: Any, shader: Any, look: SheetAppearance) -> None:
+def _grain(tree: bpy.types.NodeTree, shader: bpy.types.Node, look: SheetAppearance) -> None:
     """Add nodes for long fibres along x, in uneven bands."""
     assert look.grain is not None
     fibres = _node(tree, "ShaderNodeTexNoise", (-700, 200), Scale=1.0, Detail=6.0, Roughness=0.65, Distortion=0.3)
@@ -181,7 +183,7 @@ def _grain(tree: Any, shader: Any, look: SheetAppearance) -> None:
     tree.links.new(ramp.outputs["Color"], shader.inputs["Base Color"])
 
 
-def _strands(tree: Any, shader: Any, apart: float) -> None:
+def _strands(tree: bpy.types.NodeTree, shader: bpy.types.Node, apart: float) -> None:
     """Add nodes for fine ridges, like a printer's strands."""
     wave = _node(tree, "ShaderNodeTexWave", (-700, -200), Scale=1.0, Distortion=0.0)
     wave.bands_direction = "DIAGONAL"

@@ -131,7 +131,7 @@ def _redraw(manager: bpy.types.WindowManager, context: bpy.types.Context | None 
 
 
 @bpy.app.handlers.persistent
-def _on_change(scene: Any, depsgraph: bpy.types.Depsgraph) -> None:
+def _on_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if _cache and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key) for update in depsgraph.updates
     ):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -325,7 +324,7 @@ def _eevee(scene: bpy.types.Scene, samples: int) -> None:
     """Set EEVEE by the name that this Blender uses."""
     known = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items_static_ui}
     scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in known else "BLENDER_EEVEE"
-    eevee: Any = scene.eevee
+    eevee: bpy.types.SceneEEVEE = scene.eevee
     eevee.taa_render_samples = max(samples, 32)
     eevee.use_shadows = True
     eevee.use_raytracing = True

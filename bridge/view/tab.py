@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, PointerProperty
@@ -19,8 +19,8 @@ HABITS = (("CUT", "Cut", "What the machine takes away"), ("JOINTS", "Joints", "C
 _folding: list[bool] = []  # not empty while the program itself opens and folds sections
 
 
-def _on_open(key: str) -> Any:
-    def update(self: Any, context: bpy.types.Context) -> None:
+def _on_open(key: str) -> Callable[[bpy.types.PropertyGroup, bpy.types.Context], None]:
+    def update(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
         if not _folding:
             self.by_hand = True
             if getattr(self, f"open_{key}"):
@@ -39,7 +39,7 @@ class Tab(bpy.types.PropertyGroup):
     }
 
 
-def _show_only(tab: Any, key: str) -> None:
+def _show_only(tab: bpy.types.PropertyGroup, key: str) -> None:
     _folding.append(True)
     try:
         for other in SECTIONS:
