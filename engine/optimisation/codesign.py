@@ -21,15 +21,13 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, make_fabricable
 from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord
+from .optimisers import INNER_ITERATIONS, Accepted, SearchRecord
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 MAX_SEAM_MISMATCH = (
     0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
 )
 MOVING = "Flat shapes"  # shown with the progress
-# Largest number of rounds with renewed weights and multipliers, and the share of the mismatch that a round must bring for another one
-MAX_RENEWALS, MIN_FALL = 4, 0.05
 
 
 def refine_flat_shapes(
@@ -68,18 +66,9 @@ def refine_flat_shapes(
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
     here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    for k in range(MAX_RENEWALS):
-        steps = len(trace.rows)
-        found = method(
-            here.problem, here, params, trace, accepted, progress.part(k / MAX_RENEWALS, (k + 1) / MAX_RENEWALS)
-        )
-        assert isinstance(found, FlatPoint)
-        if len(trace.rows) == steps or problem.work.over:
-            return found
-        fall, here = here.mismatch.value - found.mismatch.value, found.renewed()
-        if fall < MIN_FALL * here.mismatch.value or here.mismatch.value < EXACT_MISMATCH:
-            break
-    return here
+    found = method(whole, here, params, trace, accepted, progress)
+    assert isinstance(found, FlatPoint)
+    return found
 
 
 def between(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:

@@ -153,7 +153,7 @@ def _ease_strains(
     point = replace(given, space=space).at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
-    work.share = SEARCH_SHARE + (work.done / work.limit if work.limit else 0.0)
+    work.begin(SEARCH_SHARE + (work.done / work.limit if work.limit else 0.0))
     start = StageResult(design, _with_measured_slots(point, slots).pressed(), found.farthest)
     held = search.polished(start, progress)
     if held.point is start.point:

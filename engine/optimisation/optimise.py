@@ -26,7 +26,6 @@ from . import codesign
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import STOPPED, SearchRecord
-from .remedies import WANTED
 from .search import FARTHER, NEAR, Search, StageResult, Task
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
@@ -36,7 +35,7 @@ ENDS = {
     "converged": "Converged: further steps would improve it by next to nothing.",
     "iterations": "Stopped at the largest number of steps. Press Optimise again to improve it further.",
     "time": "Stopped at the time limit. Press Optimise again to improve it further.",
-    "near": "Near its target when the time was over. Press Optimise again to bring it nearer.",
+    "slow": "Stopped because further steps would improve it only slowly. Press Optimise again to go on.",
     "stopped": "Cancelled; the best design so far is kept.",
     "nothing": "No better design was found; the design is unchanged.",
     "snapping": "The piece is about to snap, and no step that keeps its shape brings it nearer. Hold the spirals that move with supports.",
@@ -108,8 +107,7 @@ class Optimisation:
         stuck = self.ended in ("converged", "nothing") and self.after.equilibrium.converged
         if stuck and len(snapping_spirals(self.after.equilibrium, self.after.softest)[0]):
             return ENDS["snapping"]
-        near = self.ended == "time" and self.after.match["rms_percent"] <= WANTED
-        return ENDS["near" if near else self.ended]
+        return ENDS[self.ended]
 
     @property
     def design(self) -> SpiralDesign:

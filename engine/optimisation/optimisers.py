@@ -105,7 +105,7 @@ class _GaussNewtonProblem:
     """The objective as a function of points, for ``newton.minimise`` (a ``newton.InverseProblem``).
 
     note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
-    step_number : number of accepted steps
+    step_number : number of accepted steps; value : objective where the present step begins
     """
 
     params: OptimiseParams
@@ -115,6 +115,7 @@ class _GaussNewtonProblem:
     best: DesignPoint
     bending: CurvatureEstimate
     step_number: int = 0
+    value: float = np.inf
 
     @property
     def over(self) -> bool:
@@ -133,6 +134,7 @@ class _GaussNewtonProblem:
         point.prepare(within)
         within(0.0)
         self.bending.refine(point.gauss_newton)
+        self.value = point.value
         return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
     def energy(self, point: DesignPoint) -> float:
@@ -166,6 +168,7 @@ class _GaussNewtonProblem:
 
     def accepted(self, point: DesignPoint) -> None:
         self.step_number += 1
+        point.problem.work.note(float(np.log(self.value / max(point.value, 1e-300))))
         if point.value < self.best.value:
             self.best = point
             self.trace.note(point)

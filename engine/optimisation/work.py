@@ -22,12 +22,13 @@ VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``G
 OPENING = 4.5e-5  # the widths of the slots in space, with half of their derivatives
 ROOMS = 1.5e-4  # clearances of a step, and restoring them
 # Time limit of a search, seconds, by the number of spirals; proportional beyond the last. The work before and after a search takes up to a
-# fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. Searches take a quarter more where
-# strains are still too large, and up to six tenths more where closed slots are opened
+# fifth more, so that the whole stage stays within 25 s for 1,500 spirals and 90 s for 6,000. Searches take up to six tenths more
+# where closed slots are opened
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
-# Time limit, by the same numbers of spirals, of a search near its target whose strains are not far beyond their limit. 150 spirals reach 0.16 mm after 3 s and
-# 0.14 mm after 13 s, 986 reach 0.17 mm and 1296 0.020 mm, where 0.21, 0.18 and 0.022 mm are wanted
-ENOUGH = (1.0, 20.0, 70.0)
+# Rate at which a search ends, per second: the decrease of the logarithm of its objective over the last steps, divided by their work.
+# Larger rates end sooner and farther from the target. With fewer steps a search ends where a single step brings little
+END_RATE, RATED_STEPS = 0.2, 4
+SLOW = "slow"  # ``SearchRecord.ended`` of a search that ended at this rate
 # Largest ratio of this thread's processor time to the limit, beyond which the clock ends a search. Two cores that do other work beside
 # took 2.3 to 2.9 times as long; with ratios near that, equal searches ended at different steps
 MAX_SLOWDOWN = 8.0
@@ -35,17 +36,19 @@ MAX_SLOWDOWN = 8.0
 
 @dataclass(eq=False)
 class Work:
-    """Work counter with a time limit.
+    """Work counter with a time limit, which also ends a search whose steps bring too little for their work.
 
-    limit : seconds, None for none; enough : share of the limit for a search near its target without far excess of strain
+    limit : seconds, None for none; rate : at which a search ends, see ``END_RATE``
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
+    steps : total work after every step of the present stage, and the decrease of the objective's logarithm by the step
     """
 
     limit: float | None = None
-    enough: float = 1.0
+    rate: float = 0.0
     share: float = 1.0
     done: float = 0.0
     began: float = field(default_factory=time.thread_time)
+    steps: list[tuple[float, float]] = field(default_factory=list)
 
     @classmethod
     def for_spirals(cls, size: int, patience: float) -> Work:
@@ -54,38 +57,58 @@ class Work:
         Parameters
         ----------
         size : number of spirals
-        patience : factor on the usual limit; 0 for no limit. Above 1 it also raises the share ``enough``: who asks for more time
-            wants a piece that is near its target to come nearer
+        patience : factor on the usual limit, and on the time that an improvement may take; 0 for no limit
         """
-        usual, enough = (float(np.interp(size, SPIRALS, seconds)) for seconds in (LIMITS, ENOUGH))
-        limit = patience * usual * max(1.0, size / SPIRALS[-1]) if patience else None
-        return cls(limit, min(1.0, max(1.0, patience) * enough / usual))
+        if not patience:
+            return cls()
+        usual = float(np.interp(size, SPIRALS, LIMITS)) * max(1.0, size / SPIRALS[-1])
+        return cls(patience * usual, END_RATE / patience)
 
     def add(self, seconds: float, size: int) -> None:
         """Add work of some seconds a spiral on ``size`` spirals."""
         self.done += seconds * size
 
+    def begin(self, share: float) -> None:
+        """Begin a stage that may reach this share of the limit."""
+        self.share = share
+        self.steps.clear()
+
+    def note(self, decrease: float) -> None:
+        """Record a step that has lowered the logarithm of the objective."""
+        self.steps.append((self.done, decrease))
+
     def paced(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown.
 
-        A search ends at the share ``enough`` of its limit or at all of it; which one, it does not know before. At ``enough`` the
-        progress shows the square root of that share, which is wrong by the same factor in both cases.
+        Most searches end well before their limit; when is not known before. The square root is too small early and too large late.
         """
         report, limit = progress.report, self.limit
         if limit is None or report is None:
             return progress
-        root = self.enough**0.5
 
         def report_work(_: float, text: str) -> None:
-            share = float(np.interp(self.done / limit, (0.0, self.enough, 1.0), (0.0, root, 1.0)))
+            share = min(1.0, self.done / limit) ** 0.5
             report(progress.lo + (progress.hi - progress.lo) * share, text)
 
         return replace(progress, report=report_work)
 
     @property
-    def over(self) -> bool:
+    def late(self) -> bool:
         """Whether the present share of the limit is used up, or the clock ends the search."""
         if self.limit is None:
             return False
         late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit
         return self.done > self.share * self.limit or late
+
+    @property
+    def slow(self) -> bool:
+        """Whether the last ``RATED_STEPS`` steps of the present stage, and what was tried since, were slower than ``rate``."""
+        if len(self.steps) <= RATED_STEPS:
+            return False
+        before, last = self.steps[-1 - RATED_STEPS][0], self.steps[-RATED_STEPS:]
+        return sum(decrease for _, decrease in last) < self.rate * (self.done - before)
+
+    @property
+    def over(self) -> bool:
+        """Whether the present stage must end."""
+        return self.late or self.slow
