@@ -23,9 +23,9 @@ from .terms import LOOSE
 # and .1 %. Reductions before the last steps of the search left strained arms that these had no time to relieve
 TWIST_FACTOR, MAX_UNWINDINGS, MAX_GROWTH = 0.8, 8, 1.1
 MAX_IDLE = 2  # reductions in a row that may open no slot
-# Largest number of further searches, and the share of the time limit for each. In five runs of Suzanne's search that differ by rounding, 4
+# Largest number of further searches, and the share of the work before that each may add. In five runs of Suzanne's search that differ by rounding, 4
 # to 10 slots closed, and 0 to 5 stayed closed with less twist alone. With further searches all open in four runs, and one stays closed in
-# the fifth, at up to 1.08 times the RMSE. A search takes .1 to .15 of the time before it
+# the fifth, at up to 1.08 times the RMSE
 MAX_SEARCHES, SEARCH_SHARE = 4, 0.15
 MIN_TWIST = 0.1  # radians, twist below which a spiral becomes straight
 
@@ -153,9 +153,11 @@ def _ease_strains(
     point = replace(given, space=space).at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
-    work.begin(SEARCH_SHARE + (work.done / work.limit if work.limit else 0.0))
+    work.extend(SEARCH_SHARE)
     start = StageResult(design, _with_measured_slots(point, slots).pressed(), found.farthest)
+    ended = search.trace.ended
     held = search.polished(start, progress)
+    search.trace.ended = ended
     if held.point is start.point:
         return None
     try:

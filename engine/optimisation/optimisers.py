@@ -105,7 +105,7 @@ class _GaussNewtonProblem:
     """The objective as a function of points, for ``newton.minimise`` (a ``newton.InverseProblem``).
 
     note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
-    step_number : number of accepted steps; value : objective where the present step begins
+    step_number : number of accepted steps; before : ``_depending_on_shape`` where the present step begins
     """
 
     params: OptimiseParams
@@ -115,7 +115,7 @@ class _GaussNewtonProblem:
     best: DesignPoint
     bending: CurvatureEstimate
     step_number: int = 0
-    value: float = np.inf
+    before: float = np.inf
 
     @property
     def over(self) -> bool:
@@ -134,7 +134,7 @@ class _GaussNewtonProblem:
         point.prepare(within)
         within(0.0)
         self.bending.refine(point.gauss_newton)
-        self.value = point.value
+        self.before = _depending_on_shape(point)
         return Local(point.value, point.gradient, float(np.linalg.norm(point.gradient)), own=point)
 
     def energy(self, point: DesignPoint) -> float:
@@ -168,11 +168,16 @@ class _GaussNewtonProblem:
 
     def accepted(self, point: DesignPoint) -> None:
         self.step_number += 1
-        point.problem.work.note(float(np.log(self.value / max(point.value, 1e-300))))
+        point.problem.work.note(float(np.log(self.before / max(_depending_on_shape(point), 1e-300))))
         if point.value < self.best.value:
             self.best = point
             self.trace.note(point)
             self.note(point)
+
+
+def _depending_on_shape(point: DesignPoint) -> float:
+    """Return the part of the objective that depends on the equilibrium: barriers of flat shapes are weighed anew at every step."""
+    return sum(term.value for term in point.terms)
 
 
 def _take_step(

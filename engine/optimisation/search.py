@@ -57,6 +57,7 @@ BACKTRACK_SHARES = 0.5, 0.2
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
 MAX_UNSTABLE = 3  # number of steps refused as unstable beyond which the stability barrier is stronger; not measured
 TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the first stage, and the cycles, must end
+OVERTIME = 0.25  # share of the work before that steps of the spirals alone may add where arms are visibly overstrained
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
 NEAR, FARTHER = 0.2, 1.1
@@ -183,6 +184,14 @@ class StageResult:
         """Return this result with updated multipliers of the strain limits."""
         return replace(self, point=self.point.pressed())
 
+    def strict(self) -> StageResult:
+        """Return this result with a weight of excess strain by which one arm counts as much as in ``merit(STRICT)``."""
+        problem, strains = self.point.problem, self.point.strains
+        if problem.bearing is None or strains is None:
+            return self
+        bearing = problem.bearing.weighed(STRICT * self.point.mismatch.value * strains.values.size)
+        return replace(self, point=replace(self.point, problem=replace(problem, bearing=bearing)))
+
     def firmed(self, *, strong: bool) -> StageResult:
         """Return this result at the start of a stage; strong : the stage keeps a greater distance from snapping."""
         return replace(self, point=self.point.firmed(strong=strong))
@@ -244,9 +253,12 @@ class Search:
             work.begin(TIME_WITH_FLATS)
             here = self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
         slow = work.slow
-        if here.strained or not codesigned:
+        if not codesigned:
             work.begin(1.0)
-            self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 1.0))
+            here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
+        if here.strained:
+            work.extend(OVERTIME)
+            self._repeat(self.polished, here.strict(), MAX_POLISHES, 1.0, progress.part(0.95, 1.0))
         late = "time" if work.late else "converged" if ended == "time" else ended
         self.trace.ended = SLOW if slow or work.slow else late
         return chosen

@@ -150,6 +150,11 @@ class StrainLimit:
         pushes = np.clip(known + PENALTY * excess, 0.0, MAX_MULTIPLIER) / stiffer
         return replace(self, weight=stiffer * self.weight, pushes=pushes, worst=worst)
 
+    def weighed(self, weight: float) -> StrainLimit:
+        """Return a copy with at least this weight, whose multipliers push as hard as before."""
+        more = max(1.0, weight / self.weight)
+        return replace(self, weight=more * self.weight, pushes=None if self.pushes is None else self.pushes / more)
+
     def merit(self, value: float, largest: float, strictness: float) -> float:
         """Return an objective times a penalty on the largest strain beyond the limit; strictness : ``LOOSE`` to ``STRICT``."""
         return value * float(np.exp(strictness * np.clip(largest / self.limit - 1.0, 0.0, 1.0)))

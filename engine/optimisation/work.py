@@ -40,7 +40,7 @@ class Work:
 
     limit : seconds, None for none; rate : at which a search ends, see ``END_RATE``
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
-    steps : total work after every step of the present stage, and the decrease of the objective's logarithm by the step
+    rated : whether the present stage ends at ``rate``; steps : total work after its steps, and their decrease of the objective's logarithm
     """
 
     limit: float | None = None
@@ -48,6 +48,7 @@ class Work:
     share: float = 1.0
     done: float = 0.0
     began: float = field(default_factory=time.thread_time)
+    rated: bool = False
     steps: list[tuple[float, float]] = field(default_factory=list)
 
     @classmethod
@@ -68,10 +69,14 @@ class Work:
         """Add work of some seconds a spiral on ``size`` spirals."""
         self.done += seconds * size
 
-    def begin(self, share: float) -> None:
-        """Begin a stage that may reach this share of the limit."""
-        self.share = share
+    def begin(self, share: float, *, rated: bool = True) -> None:
+        """Begin a stage that may reach this share of the limit; rated : whether it ends at ``rate``."""
+        self.share, self.rated = share, rated
         self.steps.clear()
+
+    def extend(self, share: float) -> None:
+        """Begin a stage, not rated, that may add this share of the work done so far, whatever the limit."""
+        self.begin((1.0 + share) * self.done / self.limit if self.limit else 1.0, rated=False)
 
     def note(self, decrease: float) -> None:
         """Record a step that has lowered the logarithm of the objective."""
@@ -103,7 +108,7 @@ class Work:
     @property
     def slow(self) -> bool:
         """Whether the last ``RATED_STEPS`` steps of the present stage, and what was tried since, were slower than ``rate``."""
-        if len(self.steps) <= RATED_STEPS:
+        if not self.rated or len(self.steps) <= RATED_STEPS:
             return False
         before, last = self.steps[-1 - RATED_STEPS][0], self.steps[-RATED_STEPS:]
         return sum(decrease for _, decrease in last) < self.rate * (self.done - before)

@@ -57,6 +57,15 @@ def test_what_it_foretells_of_strains_that_follow_a_step_is_exact(strains: np.nd
         np.testing.assert_allclose(np.asarray(ahead.gradient.own), np.asarray(there.gradient.own), rtol=1e-9)
 
 
+def test_a_larger_weight_leaves_the_force_of_the_multipliers() -> None:
+    pushes = np.array([[0.3, 0.0], [1.0, 0.2]])
+    given = StrainLimit(MATERIALS["vero"], 1.0, weight=2.0, pushes=pushes)
+    larger, same = given.weighed(5.0), given.weighed(1.0)
+    assert (larger.weight, same.weight) == (5.0, 2.0)
+    assert larger.pushes is not None
+    assert larger.weight * larger.pushes == pytest.approx(2.0 * pushes)
+
+
 def test_products_need_only_rows_with_a_second_derivative() -> None:
     rng = np.random.default_rng(1)
     rows = Rows(csr_array(rng.normal(size=(5, 12))), csr_array(rng.normal(size=(5, 3))))
