@@ -57,6 +57,7 @@ BACKTRACK_SHARES = 0.5, 0.2
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
 MAX_UNSTABLE = 3  # number of steps refused as unstable beyond which the stability barrier is stronger; not measured
 TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the first stage, and the cycles, must end
+RELIEF_STEPS = 1
 OVERTIME = 0.25  # share of the work before that steps of the spirals alone may add where arms are visibly overstrained
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
@@ -258,7 +259,7 @@ class Search:
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
         if here.strained:
             work.extend(OVERTIME)
-            self._repeat(self.polished, here.strict(), MAX_POLISHES, 1.0, progress.part(0.95, 1.0))
+            self._repeat(self.relieved, here.strict(), MAX_POLISHES, 1.0, progress.part(0.95, 1.0))
         late = "time" if work.late else "converged" if ended == "time" else ended
         self.trace.ended = SLOW if slow or work.slow else late
         return chosen
@@ -287,10 +288,14 @@ class Search:
                 break
         return here
 
-    def polished(self, here: StageResult, progress: Progress) -> StageResult:
+    def polished(self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS) -> StageResult:
         """Take a few more steps of the spirals alone."""
-        short = replace(self.task.params, iterations=min(POLISH_STEPS, self.task.params.iterations))
+        short = replace(self.task.params, iterations=min(steps, self.task.params.iterations))
         return self.improved(here, short, progress)
+
+    def relieved(self, here: StageResult, progress: Progress) -> StageResult:
+        """Take one more step of the spirals alone, after which the multipliers of strains are updated."""
+        return self.polished(here, progress, RELIEF_STEPS)
 
     def improved(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
         """Optimise the spirals alone."""
