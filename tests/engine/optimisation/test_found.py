@@ -118,4 +118,4 @@ def test_a_search_whose_time_for_flat_shapes_is_over_goes_on_where_arms_are_stra
     problem = replace(found.point.problem, work=task.work, bearing=replace(bearing, share=share))
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     search.run([replace(found.point, problem=problem)], found.simulation.design, SILENT)
-    assert task.work.share == pytest.approx(until)
+    assert until <= task.work.share < 1.05 * until  # a little work is done before
