@@ -198,7 +198,7 @@ class OptimiseParams(Params):
     patience: float = setting(
         1.0,
         "Patience",
-        "How long the search may last: with 1 it ends with the best so far after about 25 s for 1,500 quads and 90 s for 6,000; 2 doubles that, 0 sets no limit",
+        "How long the search may last: with 1 at most about 25 s for 1,500 quads and 90 s for 6,000, and less where its steps bring little for their time; 2 doubles both times, 0 sets no limit",
         low=0.0,
         high=1000.0,
     )
