@@ -27,7 +27,7 @@ ROOMS = 1.5e-4  # clearances of a step, and restoring them
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 # Rate at which a search ends, per second: the decrease of the logarithm of its objective over the last steps, divided by their work.
 # Larger rates end sooner and farther from the target. With fewer steps a search ends where a single step brings little
-END_RATE, RATED_STEPS = 0.15, 4
+END_RATE, RATED_STEPS = 0.15, 6
 SLOW = "slow"  # ``SearchRecord.ended`` of a search that ended at this rate
 # Largest ratio of this thread's processor time to the limit, beyond which the clock ends a search. Two cores that do other work beside
 # took 2.3 to 2.9 times as long; with ratios near that, equal searches ended at different steps
