@@ -3,7 +3,6 @@
 import dataclasses
 from functools import lru_cache
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
