@@ -1,0 +1,35 @@
+"""Work of a search: its limit, and the rate at which a search ends."""
+
+from __future__ import annotations
+
+import pytest
+from flexmaps.engine.optimisation.work import END_RATE, RATED_STEPS, Work
+
+
+def test_work_is_counted_not_timed() -> None:
+    usual, large = Work.for_spirals(1500, 1.0).limit, Work.for_spirals(6000, 1.0).limit
+    assert usual is not None and large is not None
+    assert 18.0 < usual < 25.0 and 60.0 < large < 90.0  # the whole stage promises 25 and 90 s
+    assert Work.for_spirals(12000, 0.5).limit == pytest.approx(large)
+    endless, short = Work.for_spirals(100, 0.0), Work.for_spirals(100, 1.0)
+    for work in (endless, short):
+        work.add(1e6, 100)
+    assert short.over and not endless.over
+
+
+@pytest.mark.parametrize("patience", [1.0, 2.0])
+def test_a_search_ends_where_its_last_steps_bring_too_little_for_their_work(patience: float) -> None:
+    work = Work.for_spirals(100, patience)
+    fast, slow = (factor * END_RATE / patience for factor in (1.1, 0.9))
+    for steps, rate, over in (
+        (RATED_STEPS, slow, False),  # too few
+        (RATED_STEPS + 1, slow, True),
+        (RATED_STEPS + 1, fast, False),
+    ):
+        work.begin(1.0)
+        for _ in range(steps):
+            work.add(1e-3, 100)
+            work.note(0.1 * rate)
+        assert work.over == over
+    work.add(1e-2, 100)  # what is tried without success counts too
+    assert work.over
