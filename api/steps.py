@@ -74,6 +74,7 @@ def choose(piece: Piece, *, panels: int | None = None, match: float | None = Non
     match : acceptable RMS distance from the target, in percent of its size; without both, the settings decide
     progress : called with a fraction and a text
     """
+    registry.need("choosing")
     wanted = with_values(piece.settings, wish(panels=panels, match=match))
     return go_to(replace(piece, settings=wanted), "flat", progress, "choose")
 
@@ -86,7 +87,10 @@ def take(piece: Piece, proposal: int) -> Piece:
     piece : a piece after ``choose``
     proposal : its number, from 0 on
     """
-    return replace(piece, made=by_hand.taken(piece.result, proposal, piece.settings))
+    registry.need("choosing")
+    from ..engine.extras.choosing import choice_stage
+
+    return replace(piece, made=choice_stage.taken(piece.result, proposal, piece.settings))
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:

@@ -9,6 +9,7 @@ from typing import Any, NoReturn, get_type_hints
 
 from .. import api
 from ..engine.errors import FlexMapsError
+from ..engine.extras import registry
 from ..engine.fabrication.writers import export
 from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, shown
 from ..engine.progress import Progress
@@ -57,10 +58,11 @@ def parser() -> argparse.ArgumentParser:
     flat.add_argument(
         "--keep-seams", action="store_true", help="take the seams of the .blend file's object as they are"
     )
-    command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
-    for name in ("goal", "match", "panels"):
-        setting = next(f for f in fields(ChooseParams) if f.name == name)
-        _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
+    if registry.has("choosing"):
+        command(commands, "choose", _choose, summary.whole, "compare many layouts, and take the best")
+        for name in ("goal", "match", "panels"):
+            setting = next(f for f in fields(ChooseParams) if f.name == name)
+            _flag(commands.choices["choose"], name, f"choose.{name}", setting, get_type_hints(ChooseParams)[name])
     command(commands, "simulate", _simulate, summary.whole, "the shape that the assembled panels take")
     command(commands, "optimise", _optimise, summary.whole, "better spirals, from those that are there on")
     commands.choices["optimise"].add_argument("--protect", metavar="NAME", help=f"spirals that stay exactly as they are: {painting.WHERE}")  # fmt: skip
@@ -71,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
         command(commands, "pull", _pull, summary.whole, "pull at single spirals with a force"),
         command(commands, "wish", _wish, summary.whole, "say where 'optimise' shall bring single spirals"),
     )
-    for name in ("layout", "choose", "simulate", "optimise"):
+    for name in {"layout", "choose", "simulate", "optimise"} & commands.choices.keys():
         commands.choices[name].add_argument("--out", metavar="FILE.blend", help="save the result in this Blender file")
     _writing(commands)
     extras.add(commands)

@@ -35,8 +35,9 @@ class ChooseStage(LayoutStage):
 
         def go_on(result: Result, progress: Progress) -> Any:
             from ..bridge.view import choices
+            from ..engine.extras.choosing.choice_stage import LayoutChoice
             from ..engine.runs import job
-            from ..engine.runs.outputs import DesignVersion, LayoutChoice
+            from ..engine.runs.outputs import DesignVersion
             from ..engine.runs.stages import OPTIMISED
 
             version = result.get(DesignVersion)

@@ -11,6 +11,7 @@ import bpy
 from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.errors import Cancelled
+from ..engine.extras import registry
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -101,7 +102,9 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
 
 def _with_prospects(made: Result, settings: ObjectSettings, progress: Progress) -> Result:
     """Add predictions of remedies; skip them after a cancel, or if there are drag targets."""
-    from ..engine.choosing.prospects import prospects
+    if not registry.has("choosing"):
+        return made
+    from ..engine.extras.choosing.prospects import prospects
     from ..engine.runs.outputs import SimulatedShape
 
     shape = made.get(SimulatedShape)

@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge.store.i18n import panels, quads, sheets
 from ..bridge.view import choices
+from ..engine.extras import registry
 from ..engine.figures import format_figure
 from .rows import LOW, button, duration, figures, menu, percent, settings_popover, tr, value
 from .stages import block_of, look
@@ -27,9 +28,11 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         row = value(column, wanted, "match", tr("Within (%)"))
         row.enabled = wanted.goal == "match"
     row = body.split(factor=0.6, align=True)
-    button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
+    if registry.has("choosing"):
+        button(row, "flexmaps.choose", tr("Propose layouts"), "PRESET")
     row.menu("FLEXMAPS_MT_by_hand", text=tr("By hand"), translate=False)
-    _cards(body, context)
+    if registry.has("choosing"):
+        _cards(body, context)
     stored = block_of(body, context, "layout")
     if stored is None:
         return

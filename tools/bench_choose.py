@@ -24,8 +24,8 @@ import bpy
 import numpy as np
 import zoo
 from bench_panels import processor
-from flexmaps.engine.choosing.choice import GIVEN, Choice
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.choosing.choice import GIVEN, Choice
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import Remaining

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 import zoo
-from flexmaps.engine.choosing.choice import GIVEN, Choice
-from flexmaps.engine.choosing.choose import choose
-from flexmaps.engine.choosing.judge import LayoutProblem
 from flexmaps.engine.display import plots, raster
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.choosing.choice import GIVEN, Choice
+from flexmaps.engine.extras.choosing.choose import choose
+from flexmaps.engine.extras.choosing.judge import LayoutProblem
 from flexmaps.engine.mechanics import loads
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from flexmaps.engine.choosing.judge import Idea, Laid, LayoutProblem, lay
-from flexmaps.engine.choosing.lines import drawn
-from flexmaps.engine.choosing.predict import PredictionStart, predicted
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, lay
+from flexmaps.engine.extras.choosing.lines import drawn
+from flexmaps.engine.extras.choosing.predict import PredictionStart, predicted
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge

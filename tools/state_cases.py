@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from flexmaps.engine.choosing.judge import Laid, LayoutProblem, judge
+from flexmaps.engine.extras.choosing.judge import Laid, LayoutProblem, judge
 from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.extras.live.piece import LivePiece
 from flexmaps.engine.extras.structure.structure import without_loads

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from ...engine.extras import registry
 from ...engine.figures import format_figure
 from ...engine.optimisation import remedies
 from .i18n import interface
@@ -142,9 +143,9 @@ def cut_there(percent: float | None = None) -> Cure:
     return Cure(_with_percent(interface("Cut there"), percent), "flexmaps.cut_there")
 
 
-def choose() -> Cure:
-    """Return the cure that compares many layouts by the shape that their panels take."""
-    return Cure(interface("Propose layouts"), "flexmaps.choose")
+def choose() -> list[Cure]:
+    """Return the cure that compares many layouts by the shape that their panels take; none where that is missing."""
+    return [Cure(interface("Propose layouts"), "flexmaps.choose")] if registry.has("choosing") else []
 
 
 def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
@@ -158,12 +159,14 @@ def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
     blocks : the up-to-date notes
     """
     prospects = sorted(blocks.get("reach", {}).get("prospects", {}).items(), key=lambda one: one[1])
+    if not registry.has("choosing"):
+        prospects = [(name, percent) for name, percent in prospects if name != "cut"]
     made = {"cut": cut_there, "round": round_folds}
     ways = [
         (percent, made[name](percent) if name in made else hold(name, percent=percent)) for name, percent in prospects
     ]
     if "optimise" in blocks and "choose" not in blocks and wanted.goal == "match":
-        ways.append((wanted.match, choose()))
+        ways += [(wanted.match, way) for way in choose()]
     return [way for _, way in sorted(ways, key=lambda one: one[0])]
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...engine.extras import registry
 from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
@@ -247,7 +248,8 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     block = blocks.get("equilibrium", {})
     reach = blocks.get("reach", {})
     advised = remedies.read_block({"advice": "", **reach})
-    if remedies.CUT not in reach.get("prospects", advised):  # trial searches have shown that no cut helps
+    # trial searches have shown that no cut helps, or nothing can look for one
+    if remedies.CUT not in reach.get("prospects", advised) or not registry.has("choosing"):
         advised.pop(remedies.CUT, None)
     result = []
     result += _other_limit(obj, block)
@@ -345,7 +347,7 @@ def _sentences(source: str, blocks: dict[str, Any]) -> list[Notice]:
         return plain
     ways = []
     if source == "layout" and "choose" not in blocks:
-        ways = [cures.choose()]
+        ways = cures.choose()
     elif source == "assembly":  # joint forces fall as the piece grows or the sheet gets thinner
         advised = remedies.read_block({"advice": "", **blocks.get("reach", {})})
         ways = [cures.remedy(name, advised[name]) for name in HELPED["strained"] if name in advised]

@@ -145,8 +145,9 @@ def put(
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
-    if result.choice is not None:
-        layouts = [one.flat for one in result.choice.proposals]
+    choice: Any = result.value("choice")
+    if choice is not None:
+        layouts = [one.flat for one in choice.proposals]
         stored.write(obj, surface, [flat.layout.cut for flat in layouts])
         choices.keep(obj, choices.pictures(layouts))
     progress(0.9, "notes in the Blender file")

@@ -22,7 +22,7 @@ from . import arrange, plots
 from .drawing import Drawing, hexes
 from .plots import Colouring
 
-NAMES = ("surface", "patches", "distortion", "choices", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
+NAMES = ("surface", "patches", "distortion", "width", "anisotropy", "twist", "history", "objective", "errors", "shape", "distance", "safety",
          "slots", "limits")  # fmt: skip
 
 LEAST_ANISOTROPY = 1.0  # percent: smallest end of its scale, so that rounding does not look like a difference
@@ -111,7 +111,7 @@ def drawings(measured: MapValues, described: Mapping[str, Any], distortion: floa
     """
     layout, spirals = _layout(measured, distortion), _spirals(measured)
     match = _match(measured, described)
-    return layout | spirals | _choices(described) | _history(described) | match
+    return layout | spirals | _history(described) | match
 
 
 def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
@@ -149,16 +149,6 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
         made = Colouring.from_values(title, values, unit, colours.MUCH, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
-
-
-def _choices(described: Mapping[str, Any]) -> dict[str, Drawing]:
-    """Plot of the layouts compared."""
-    block = described.get("choose")
-    if not block:
-        return {}
-    names = ["1 panel" if one["panels"] == 1 else f"{one['panels']} panels" for one in block["proposals"]]
-    rows = [(one["joints"], one["rms_percent"], name) for one, name in zip(block["proposals"], names, strict=True)]
-    return {"choices": plots.front(rows, block["taken"])}
 
 
 def _history(described: Mapping[str, Any]) -> dict[str, Drawing]:

@@ -23,11 +23,13 @@ class Extra:
     folder : its folder, below this one
     label : its subject, for the message where the folder is missing
     job, kept : its sections of ``Settings`` and of ``ObjectSettings``; each is the class in its module NAME_params
+    needs : folders of other extras without which it does not work
     operators, panels : modules of the folders ``operators`` and ``panels``, which are not registered where it is missing
     """
 
     folder: str
     label: str
+    needs: tuple[str, ...] = ()
     job: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
     operators: tuple[str, ...] = ()
@@ -35,9 +37,12 @@ class Extra:
 
 
 REGISTRY = (
+    Extra("choosing", "Comparing layouts", operators=("choose",)),
     Extra("scanning", "Comparing with a scan", operators=("compare",), panels=("built",)),
     Extra("structure", "Checking loads", job=("structure",), operators=("structure",), panels=("loads",)),
-    Extra("exploring", "Exploring", kept=("explore",), operators=("explore",), panels=("candidates",)),
+    Extra(
+        "exploring", "Exploring", needs=("choosing",), kept=("explore",), operators=("explore",), panels=("candidates",)
+    ),
     Extra("live", "Live mode", operators=("live",)),
     Extra("film", "The film of the assembly", kept=("film",), operators=("animate",)),
     Extra("assembly_sheet", "The assembly sheet"),
@@ -48,8 +53,9 @@ REGISTRY = (
 
 @cache
 def has(folder: str) -> bool:
-    """Return whether the folder of an extra is present."""
-    return (Path(__file__).parent / folder / "__init__.py").is_file()
+    """Return whether the folder of an extra is present, and those that it needs."""
+    needs = next(extra.needs for extra in REGISTRY if extra.folder == folder)
+    return (Path(__file__).parent / folder / "__init__.py").is_file() and all(has(other) for other in needs)
 
 
 def need(folder: str) -> None:

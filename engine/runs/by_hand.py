@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import FlexMapsError
 from ..params import Settings
 from ..patches.flattening import flatten
 from ..patches.flattening.flatten import FlatPatches
@@ -15,10 +14,10 @@ from ..patches.tracing import trace
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..threads import one_thread
-from .outputs import LAYOUTS, DesignVersion, FinalLayout, LayoutChoice, MergedLayout, TracedLayout, made_by
+from .outputs import LAYOUTS, DesignVersion, FinalLayout, MergedLayout, TracedLayout, made_by
 from .result import Result
 from .stages import BY_HAND, STAGES
-from .steps import STEPS, take
+from .steps import STEPS
 
 
 @one_thread
@@ -81,22 +80,3 @@ def with_design(result: Result, design: SpiralDesign, origin: str, settings: Set
     settings : of all stages
     """
     return result.with_outputs(DesignVersion(design, origin, **made_by("spirals", settings, result.inputs("flat"))))
-
-
-def taken(result: Result, number: int, settings: Settings) -> Result:
-    """Change to the layout of another proposal; outputs made from the former layout are dropped.
-
-    Parameters
-    ----------
-    result : a piece for which layouts were proposed
-    number : index of the proposal, from 0
-    settings : of all stages
-
-    Raises
-    ------
-    FlexMapsError : there are no proposals, or none with this number
-    """
-    choice = result.needed(LayoutChoice).choice
-    if not 0 <= number < len(choice.proposals):
-        raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
-    return take(result, replace(choice, taken=number), settings)

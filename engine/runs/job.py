@@ -12,6 +12,7 @@ import numpy as np
 
 from ..arrays import Float
 from ..errors import FlexMapsError
+from ..extras import registry
 from ..fabrication.standing.early import check_early
 from ..mechanics import loads
 from ..mechanics.assembly import Pose
@@ -123,10 +124,13 @@ def stages(stop_after: str, optimised: bool = False, chosen: bool = False, struc
 
     Raises
     ------
-    FlexMapsError : there is no stage ``stop_after``
+    FlexMapsError : there is no stage ``stop_after``, or the extra of a requested one is missing
     """
     if stop_after not in NAMES:
         raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(NAMES)}")
+    for folder, is_so in (("choosing", chosen), ("structure", structured)):
+        if is_so:
+            registry.need(folder)
     first = NAMES[: NAMES.index(stop_after) + 1]
     asked = {"optimise": optimised, "choose": chosen, "structure": structured}
     wanted = {CHECK, stop_after, *(name for name, is_so in asked.items() if is_so)}

@@ -12,7 +12,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..arrays import Float, Int
-from ..choosing.choice import Choice
 from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
 from ..fabrication.sheets import CutSheets
@@ -128,14 +127,6 @@ class FinalLayout(StageOutput):
     flat: FlatPatches
     origin: str
     start: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class LayoutChoice(StageOutput):
-    """The proposed layouts, and the number of the present one."""
-
-    name = "choice"
-    choice: Choice
 
 
 @dataclass(frozen=True, eq=False)

@@ -112,7 +112,6 @@ def _own(member: str) -> tuple[str, Callable[[Any, Progress], dict[str, Any]]]:
 # for each block of ``stages.BLOCKS``: the member of the result that it needs, and the function that builds it
 _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "layout": ("flat", lambda result, progress: layout_report(result.flat)),
-    "choose": _own("choice"),
     "spirals": ("design", lambda result, progress: design_report(result.design, progress)),
     "optimise": _own("optimisation"),
     "equilibrium": ("simulation", lambda result, progress: result.simulation.report(progress)),

@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..arrays import Float, Int
-from ..choosing.choice import Choice
 from ..errors import FlexMapsError
 from ..fabrication.assembly_check import AssemblyCheck
 from ..fabrication.estimates import Estimates
@@ -31,7 +30,6 @@ from .outputs import (
     NOTHING,
     DesignVersion,
     FinalLayout,
-    LayoutChoice,
     MakingEstimate,
     OptimisationRecord,
     SheetPlan,
@@ -202,10 +200,6 @@ class Result:
         if self.design is not None:
             return self.design.flat
         return None if (found := self.get(FinalLayout)) is None else found.flat
-
-    @property
-    def choice(self) -> Choice | None:
-        return None if (found := self.get(LayoutChoice)) is None else found.choice
 
     @property
     def design(self) -> SpiralDesign | None:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:  # the settings take the extras' sections, and the rows of the
 
 # sections of the settings that the shape at rest depends on
 PHYSICS = ("spiral", "material", "simulate", "loads")
+SEARCH = ("choose", "optimise")  # sections that say how to search, and what match is wanted
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ..extras import registry
-from .stage import PHYSICS, Stage
+from .stage import PHYSICS, SEARCH, Stage
 
 # how an output came about; ``STORED`` where it was read from a .blend file that does not tell
 TRACED, BY_HAND, CHOSEN, OPTIMISED, CURVED, STORED = "traced", "by hand", "chosen", "optimised", "curvature", "stored"
@@ -24,7 +24,6 @@ TRACED, BY_HAND, CHOSEN, OPTIMISED, CURVED, STORED = "traced", "by hand", "chose
 # only decide between layouts that the limits allow.
 # Arms are straight under feet and wide at eyelets. The sizes of feet and eyelets don't affect the spirals.
 KIND_OF_BASE = "base!eyelet!base_height!foot_width!base_edge"
-SEARCH = ("choose", "optimise")
 _EXTRA = registry.stages()
 TABLE = (
     Stage("regularise", 0.15, replaces=("mesh",), settings=("regularise",)),
@@ -33,8 +32,7 @@ TABLE = (
           reads=("spiral", "material", "simulate", "sheet", *SEARCH), blocks=("layout",)),
     Stage("split", 0.05, ("merged",), makes=("flat",), settings=("layout",), reads=("sheet",),
           blocks=("layout",)),
-    Stage("choose", 1.0, ("flat",), makes=("choice",), replaces=("flat",), settings=("layout", "sheet", *PHYSICS),
-          reads=SEARCH, blocks=("choose",), asked=True, optional=True, done="chosen"),
+    *_EXTRA["choosing"],
     Stage("spirals", 0.1, ("flat",), makes=("design",),
           settings=("spiral!thickness!grain", KIND_OF_BASE), blocks=("spirals",)),
     Stage("optimise", 0.5, ("design",), makes=("optimisation",), replaces=("design",),
@@ -55,7 +53,6 @@ MISSING = {
     "layout": "There are no panels yet; press Trace first",
     "merged": "There are no flat panels yet; press Merge or Flatten first",
     "flat": "There are no flat panels yet; press Merge or Flatten first",
-    "choice": "No layouts were compared yet; press Choose first",
     "design": "There are no spirals yet; press Spirals first",
     "optimisation": "Nothing was optimised yet; press Optimise first",
     "simulation": "There is no simulated shape yet; press Simulate first",

@@ -7,9 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..choosing import choose, tighten
-from ..choosing.choice import Choice
-from ..choosing.judge import LayoutProblem
 from ..errors import Cancelled, FlexMapsError
 from ..extras import registry
 from ..fabrication import assembly_check as assembly_check
@@ -21,7 +18,6 @@ from ..fabrication.standing.feet import footed
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
 from ..params import Settings
-from ..patches.flattening.flatten import FlatPatches
 from ..patches.merging import merge
 from ..patches.splitting import split
 from ..patches.tracing import trace
@@ -35,12 +31,9 @@ from ..spirals.design import SpiralDesign
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..surface.remeshing import regularise
-from ..surface.symmetry import symmetries
-from ..workers import Workers
 from .outputs import (
     DesignVersion,
     FinalLayout,
-    LayoutChoice,
     MakingEstimate,
     MergedLayout,
     OptimisationRecord,
@@ -50,8 +43,8 @@ from .outputs import (
     made_by,
 )
 from .result import Result
-from .stage import Stage, values_of
-from .stages import CHOSEN, CURVED, OPTIMISED, STAGES
+from .stage import Stage
+from .stages import CHOSEN, CURVED, OPTIMISED
 
 MERGED = 0.4  # share of the stage's progress for merging; tightening then takes as long again or no time (by eye)
 
@@ -77,53 +70,19 @@ def _trace(result: Result, settings: Settings, progress: Progress) -> Result:
 
 
 def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: Progress) -> Result:
-    piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
-    few = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=piece.held)
-    nearer = tighten.tightened(piece, traced.layout, few, settings.choose, progress.part(MERGED, 1.0))
-    return result.with_outputs(MergedLayout(nearer, **made_by("merge", settings, result.inputs("mesh", "layout"))))
+    held = result.supports is not None and len(result.supports) > 0
+    flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=held)
+    if registry.has("choosing"):  # which predicts the match
+        piece = registry.load("choosing.judge").LayoutProblem(result.mesh, settings, result.supports, result.force)
+        nearer, rest = registry.load("choosing.tighten").tightened, progress.part(MERGED, 1.0)
+        flat = nearer(piece, traced.layout, flat, settings.choose, rest)
+    return result.with_outputs(MergedLayout(flat, **made_by("merge", settings, result.inputs("mesh", "layout"))))
 
 
 def _split(result: Result, merged: MergedLayout, settings: Settings, progress: Progress) -> Result:
     flat = split.split(merged.merged, settings.layout, settings.sheet, progress)
     made = made_by("split", settings, result.inputs("mesh", "merged"))
     return result.with_outputs(FinalLayout(flat, merged.origin, **made))
-
-
-def _choose(result: Result, layout: FinalLayout, settings: Settings, progress: Progress) -> Result:
-    found = symmetries(result.mesh, progress=progress.part(0.0, 0.02)) if settings.layout.symmetric else []
-    # layouts near the present one start from its spirals; all others start from those of a long search
-    start = layout.start if settings.choose.near else None
-    piece = LayoutProblem(result.mesh, settings, result.supports, result.force, tuple(found), start)
-    flat = layout.flat if result.design is None else result.design.flat
-    with Workers() as together:
-        made = choose.choose(piece, flat, settings.choose, progress.part(0.02, 1.0), together, _reached(result))
-    return take(result, made, settings, flat)
-
-
-def _reached(result: Result) -> Simulation | None:
-    """Return the simulation of optimised spirals, if it has an equilibrium."""
-    version, shape = result.get(DesignVersion), result.get(SimulatedShape)
-    if version is None or shape is None or version.origin != OPTIMISED:
-        return None
-    return shape.simulation if shape.simulation.equilibrium.converged else None
-
-
-def take(result: Result, choice: Choice, settings: Settings, present: FlatPatches | None = None) -> Result:
-    """Return the result with the layout that a choice names, unless that is the present one.
-
-    Parameters
-    ----------
-    result : the piece
-    choice : the proposals
-    settings : that they were compared with
-    present : the patches of the piece as they are now
-    """
-    layout, best = result.needed(FinalLayout), choice.best
-    if best.flat is not present:
-        made = {"inputs": result.inputs("mesh"), "settings": values_of(STAGES["merge"].settings, settings)}
-        layout = FinalLayout(best.flat, CHOSEN, best.judged.spirals, **made)
-    made = made_by("choose", settings, {"flat": layout.flat})
-    return result.with_outputs(layout, LayoutChoice(choice, **made))
 
 
 def _spirals(result: Result, layout: FinalLayout, settings: Settings, progress: Progress) -> Result:
@@ -289,7 +248,6 @@ STEPS: dict[str, Callable[..., Result]] = {
     "trace": _trace,
     "merge": _merge,
     "split": _split,
-    "choose": _choose,
     "spirals": _spirals,
     "optimise": _optimise,
     "simulate": _simulate,

@@ -13,8 +13,8 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import mesh, next_button, states
 from flexmaps.bridge.view import choices
-from flexmaps.engine.choosing import choose as choosing
-from flexmaps.engine.choosing import search
+from flexmaps.engine.extras.choosing import choose as choosing
+from flexmaps.engine.extras.choosing import search
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from support.bowl import bowl

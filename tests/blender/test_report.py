@@ -26,8 +26,7 @@ from shapely.geometry import MultiPoint
 
 SVG = "{http://www.w3.org/2000/svg}"
 VOID = {"meta", "img", "br", "link", "input"}
-# without those of the extras; the other one needs layouts to choose from, see test_choose
-DRAWN = set(run_plots.NAMES) - {"choices"}
+DRAWN = set(run_plots.NAMES)
 FEW = {"optimise.iterations": 2, "optimise.codesign": False, "sheet.nesting": "FAST", "spiral.thickness": 1.5}
 
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import explored, notes, scans
+from flexmaps.bridge.store import choices, explored, mesh, notes, scans
 from flexmaps.engine.extras.registry import REGISTRY
 from test_compare import write_scan
 
@@ -58,8 +58,8 @@ print("FOUND", json.dumps([buttons, sorted(kept), sorted(described), pressed]))
 def model(extension: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A .blend file with results of all extras that store some."""
     folder = tmp_path_factory.mktemp("model")
-    piece = api.simulate(api.load("shape:saddle", edge=20, settings=FAST | {"layout.patch_min": 4}), supports="lowest")
-    piece = api.structure(piece)
+    loaded = api.load("shape:saddle", edge=20, settings=FAST | {"layout.patch_min": 4}, supports="lowest")
+    piece = api.structure(api.choose(loaded, match=50.0))
     made = piece.result.simulation
     assert made is not None
     scan = write_scan(folder / "scan.obj", made.vertices, piece.mesh.quads)
@@ -77,12 +77,13 @@ def _stored() -> dict[str, Any]:
     for name in (scans.NAME, "flexmaps_utilisation"):
         arrays[name] = np.empty(len(obj.data.polygons), np.float32)
         obj.data.attributes[name].data.foreach_get("value", arrays[name])
-    text = {name: notes.read(obj.data)[name] for name in ("scan", "structure")}
+    text = {name: notes.read(obj.data)[name] for name in ("choose", "scan", "structure")}
     return {
         "notes": text,
         "arrays": {name: values.tolist() for name, values in arrays.items()},
         "explored": explored.read(obj),
         "points": obj[scans.POINTS].name,
+        "layouts": choices.cuts_of(mesh.read_surface(obj, bpy.context.scene), 0).tolist(),
         "cases": obj.flexmaps.structure.cases,
     }
 
@@ -124,11 +125,11 @@ def test_the_road_needs_none_and_what_they_stored_stays(
     done = subprocess.run([sys.executable, "-c", SCRIPT, *words], capture_output=True, text=True, timeout=250)
     assert "FOUND" in done.stdout and "Traceback" not in done.stderr, done.stdout[-3000:] + done.stderr[-3000:]
     buttons, kept, described, pressed = json.loads(done.stdout.partition("FOUND")[2])
-    assert {"scan", "structure", "equilibrium"} <= set(kept)
-    missing = {block for extra, block in (("scanning", "scan"), ("structure", "structure")) if extra in gone}
-    assert {"layout", "spirals", "equilibrium", "scan", "structure"} - missing <= set(described)
+    blocks = {"choosing": "choose", "scanning": "scan", "structure": "structure"}
+    assert {*blocks.values(), "equilibrium"} <= set(kept)
+    assert {"layout", "spirals", "equilibrium", *blocks.values()} - {blocks.get(one) for one in gone} <= set(described)
     assert (tmp_path / "report" / "report.html").is_file()
-    for extra, name in (("scanning", "compare"), ("structure", "add_load"), ("live", "live"), ("film", "animate")):
+    for extra, name in (("choosing", "take_choice"), ("scanning", "compare"), ("live", "live"), ("film", "animate")):
         assert (name in buttons) == (extra not in gone)
     assert {"spirals", "simulate", "export", "next"} <= set(buttons)
     if whole:

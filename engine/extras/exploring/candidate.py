@@ -10,9 +10,6 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Bool, Float, Int
-from ...choosing import choose
-from ...choosing.choice import proposal
-from ...choosing.judge import JudgedLayout, Laid, LayoutProblem, judge
 from ...display import plots
 from ...display.drawing import svg
 from ...errors import FlexMapsError
@@ -23,6 +20,9 @@ from ...runs.outputs import FinalLayout, Surface, UserInput
 from ...runs.result import Result
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...workers import Workers
+from ..choosing import choose
+from ..choosing.choice import proposal
+from ..choosing.judge import JudgedLayout, Laid, LayoutProblem, judge
 from .space import SIZES, Values
 
 # Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)

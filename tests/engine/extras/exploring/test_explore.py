@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.engine.choosing import choose as choosing
-from flexmaps.engine.choosing import search
 from flexmaps.engine.errors import Cancelled, FlexMapsError
+from flexmaps.engine.extras.choosing import choose as choosing
+from flexmaps.engine.extras.choosing import search
 from flexmaps.engine.extras.exploring import candidate as candidates
 from flexmaps.engine.extras.exploring import folder as folders
 from flexmaps.engine.extras.exploring.candidate import Candidate, ExplorationInput

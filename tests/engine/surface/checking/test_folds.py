@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.choosing import lines
+from flexmaps.engine.extras.choosing import lines
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface.checking import check, folds
 from flexmaps.engine.surface.checking.topology import sides_of

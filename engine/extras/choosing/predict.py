@@ -16,22 +16,22 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..arrays import Float
-from ..errors import FlexMapsError
-from ..mechanics.assembly import Pose, target_pose
-from ..optimisation.bounds import bounded_step
-from ..optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
-from ..optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
-from ..optimisation.design_space import DesignSpace
-from ..optimisation.inverse import InverseProblem
-from ..optimisation.reach import find_limits
-from ..optimisation.scaling import CurvatureEstimate
-from ..optimisation.search import Task
-from ..optimisation.work import Work
-from ..patches.flattening.flatten import FlatPatches
-from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable
-from ..surface import curvature
+from ...arrays import Float
+from ...errors import FlexMapsError
+from ...mechanics.assembly import Pose, target_pose
+from ...optimisation.bounds import bounded_step
+from ...optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
+from ...optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
+from ...optimisation.design_space import DesignSpace
+from ...optimisation.inverse import InverseProblem
+from ...optimisation.reach import find_limits
+from ...optimisation.scaling import CurvatureEstimate
+from ...optimisation.search import Task
+from ...optimisation.work import Work
+from ...patches.flattening.flatten import FlatPatches
+from ...progress import SILENT, Progress
+from ...spirals.design import SpiralDesign, curvature_adjusted, make_fabricable
+from ...surface import curvature
 from .judge import JudgedLayout, Laid, LayoutProblem, judged
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
-from ..patches.layout import PatchLayout, groups, straight_on
-from ..patches.tracing.trace import make_disks
-from ..surface.checking.folds import SHARP, turns
-from ..surface.checking.topology import sides_of
-from ..surface.mesh import PolygonMesh, QuadMesh
-from ..surface.symmetry import Symmetry, close_under, keeping
+from ...arrays import Bool, Float, Int
+from ...patches.layout import PatchLayout, groups, straight_on
+from ...patches.tracing.trace import make_disks
+from ...surface.checking.folds import SHARP, turns
+from ...surface.checking.topology import sides_of
+from ...surface.mesh import PolygonMesh, QuadMesh
+from ...surface.symmetry import Symmetry, close_under, keeping
 
 FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
 ALIKE = 0.7  # share of its lines that a family may have in common with one before it

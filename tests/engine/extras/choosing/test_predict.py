@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from flexmaps.engine.choosing import lines
-from flexmaps.engine.choosing.judge import Idea, Laid, LayoutProblem, lay
-from flexmaps.engine.choosing.predict import PredictionStart, predicted
+from flexmaps.engine.extras.choosing import lines
+from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, lay
+from flexmaps.engine.extras.choosing.predict import PredictionStart, predicted
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
 from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.params import Settings

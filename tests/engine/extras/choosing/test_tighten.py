@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from flexmaps.engine.choosing.judge import Laid, LayoutProblem, judge
-from flexmaps.engine.choosing.predict import predicted
-from flexmaps.engine.choosing.tighten import MOST, tightened
+from flexmaps.engine.extras.choosing.judge import Laid, LayoutProblem, judge
+from flexmaps.engine.extras.choosing.predict import predicted
+from flexmaps.engine.extras.choosing.tighten import MOST, tightened
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout

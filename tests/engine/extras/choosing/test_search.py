@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.choosing import choose as choosing
-from flexmaps.engine.choosing import search as searching
-from flexmaps.engine.choosing.decide import hopeful, pick
-from flexmaps.engine.choosing.judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, lay
-from flexmaps.engine.choosing.predict import PredictionStart, foreseen, predicted
-from flexmaps.engine.choosing.search import LayoutSearch, creeping, key
+from flexmaps.engine.extras.choosing import choose as choosing
+from flexmaps.engine.extras.choosing import search as searching
+from flexmaps.engine.extras.choosing.decide import hopeful, pick
+from flexmaps.engine.extras.choosing.judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, lay
+from flexmaps.engine.extras.choosing.predict import PredictionStart, foreseen, predicted
+from flexmaps.engine.extras.choosing.search import LayoutSearch, creeping, key
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes

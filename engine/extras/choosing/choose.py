@@ -20,18 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import Cancelled, FlexMapsError
-from ..optimisation.remedies import WANTED
-from ..optimisation.work import Work
-from ..params import ChooseParams, LayoutParams
-from ..patches.flattening.flatten import FlatPatches
-from ..patches.layout import PatchLayout
-from ..patches.merging.ladder import merge_in_steps
-from ..patches.tracing.trace import trace
-from ..progress import SILENT, Progress
-from ..simulation.simulate import Simulation
-from ..surface.symmetry import keeping
-from ..workers import Workers
+from ...errors import Cancelled, FlexMapsError
+from ...optimisation.remedies import WANTED
+from ...optimisation.work import Work
+from ...params import ChooseParams, LayoutParams
+from ...patches.flattening.flatten import FlatPatches
+from ...patches.layout import PatchLayout
+from ...patches.merging.ladder import merge_in_steps
+from ...patches.tracing.trace import trace
+from ...progress import SILENT, Progress
+from ...simulation.simulate import Simulation
+from ...surface.symmetry import keeping
+from ...workers import Workers
 from .alike import alike
 from .choice import GIVEN, STRIDE, Choice, front
 from .decide import decided, hopeful

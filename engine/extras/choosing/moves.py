@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..arrays import Float, Int
-from ..optimisation.reach import NAMES
-from ..patches.layout import PatchLayout, straight_on
-from ..patches.merging.dissolve import bounded
-from ..patches.tracing.trace import middle_line
-from ..simulation.shortfall import angle_defects
-from ..surface.symmetry import Symmetry, keeping
+from ...arrays import Float, Int
+from ...optimisation.reach import NAMES
+from ...patches.layout import PatchLayout, straight_on
+from ...patches.merging.dissolve import bounded
+from ...patches.tracing.trace import middle_line
+from ...simulation.shortfall import angle_defects
+from ...surface.symmetry import Symmetry, keeping
 from .judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time

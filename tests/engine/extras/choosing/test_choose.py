@@ -8,18 +8,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from flexmaps.engine.choosing import choice, lines, search
-from flexmaps.engine.choosing import choose as choosing
-from flexmaps.engine.choosing import judge as judging
-from flexmaps.engine.choosing.alike import ROWS, alike
-from flexmaps.engine.choosing.choose import choose
-from flexmaps.engine.choosing.judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
-from flexmaps.engine.choosing.moves import joined, moves
 from flexmaps.engine.errors import Cancelled
+from flexmaps.engine.extras.choosing import choice, choice_stage, lines, search
+from flexmaps.engine.extras.choosing import choose as choosing
+from flexmaps.engine.extras.choosing import judge as judging
+from flexmaps.engine.extras.choosing.alike import ROWS, alike
+from flexmaps.engine.extras.choosing.choose import choose
+from flexmaps.engine.extras.choosing.judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
+from flexmaps.engine.extras.choosing.moves import joined, moves
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.runs import by_hand, job
+from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import from_spirals
@@ -392,8 +392,8 @@ def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     assert made.simulation.match["rms_percent"] == pytest.approx(100.0 * made.choice.best.rms, rel=0.05, abs=0.002)
     assert made.choice is not None and made.flat is made.choice.best.flat and made.design is not None
     other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
-    changed = by_hand.taken(made, other, quick)
+    changed = choice_stage.taken(made, other, quick)
     assert changed.flat is made.choice.proposals[other].flat and changed.design is None
     assert changed.choice is not None and changed.choice.taken == other
     with pytest.raises(Exception, match="no proposal 99"):
-        by_hand.taken(made, 99, quick)
+        choice_stage.taken(made, 99, quick)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..surface.checking.finding import counted
+from ...surface.checking.finding import counted
 from .choice import GIVEN, Choice, Proposal, proposal, worth_showing
 from .judge import LONG, WHOLE, JudgedLayout, Laid
 from .prospects import WORTH

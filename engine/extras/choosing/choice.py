@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..fabrication.estimates import assembly_seconds, cut_seconds
-from ..materials import Material
-from ..params import Settings
-from ..patches.flattening.flatten import FlatPatches
-from ..patches.splitting.split import usable
+from ...fabrication.estimates import assembly_seconds, cut_seconds
+from ...materials import Material
+from ...params import Settings
+from ...patches.flattening.flatten import FlatPatches
+from ...patches.splitting.split import usable
 from .judge import JudgedLayout
 
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flexmaps.engine.choosing import prospects
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.choosing import prospects
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation.reach import find_limits
 from flexmaps.engine.params import Settings, SimulateParams

@@ -6,24 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
-from ..errors import FlexMapsError
-from ..mechanics.laplacian import laplacian_difference
-from ..optimisation.optimise import optimise
-from ..optimisation.reach import MatchLimits, find_limits
-from ..params import Settings
-from ..patches.flattening.flatten import FlatPatches, flatten, overlapping
-from ..patches.layout import PatchLayout
-from ..patches.merging.dissolve import without_crumbs
-from ..patches.splitting.split import split
-from ..patches.tracing.trace import make_disks
-from ..progress import SILENT, Progress
-from ..simulation.shortfall import angle_defects
-from ..simulation.simulate import Simulation
-from ..spirals.design import curvature_adjusted, make_fabricable
-from ..surface import curvature
-from ..surface.mesh import QuadMesh
-from ..surface.symmetry import Symmetry, keeping
+from ...arrays import Bool, Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.laplacian import laplacian_difference
+from ...optimisation.optimise import optimise
+from ...optimisation.reach import MatchLimits, find_limits
+from ...params import Settings
+from ...patches.flattening.flatten import FlatPatches, flatten, overlapping
+from ...patches.layout import PatchLayout
+from ...patches.merging.dissolve import without_crumbs
+from ...patches.splitting.split import split
+from ...patches.tracing.trace import make_disks
+from ...progress import SILENT, Progress
+from ...simulation.shortfall import angle_defects
+from ...simulation.simulate import Simulation
+from ...spirals.design import curvature_adjusted, make_fabricable
+from ...surface import curvature
+from ...surface.mesh import QuadMesh
+from ...surface.symmetry import Symmetry, keeping
 from .lines import evenly
 
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of

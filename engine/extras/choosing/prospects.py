@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float, Int
-from ..errors import FlexMapsError
-from ..mechanics.laplacian import laplacian_difference
-from ..mechanics.loads import LOWEST, standing
-from ..optimisation.optimise import optimise
-from ..optimisation.reach import MatchLimits
-from ..optimisation.remedies import CUT, wanted_percent
-from ..params import Settings
-from ..patches.flattening.flatten import FlatPatches
-from ..progress import SILENT, Progress
-from ..simulation.simulate import Simulation
-from ..surface.checking.folds import rounded
-from ..surface.mesh import PolygonMesh, QuadMesh
+from ...arrays import Float, Int
+from ...errors import FlexMapsError
+from ...mechanics.laplacian import laplacian_difference
+from ...mechanics.loads import LOWEST, standing
+from ...optimisation.optimise import optimise
+from ...optimisation.reach import MatchLimits
+from ...optimisation.remedies import CUT, wanted_percent
+from ...params import Settings
+from ...patches.flattening.flatten import FlatPatches
+from ...progress import SILENT, Progress
+from ...simulation.simulate import Simulation
+from ...surface.checking.folds import rounded
+from ...surface.mesh import PolygonMesh, QuadMesh
 from .judge import SHORT, Idea, LayoutProblem, judge, lay
 from .moves import IDEAS, weighed, with_cuts
 from .predict import PredictionStart, predicted

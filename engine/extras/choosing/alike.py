@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..arrays import Float, Int
-from ..patches.layout import PatchLayout
-from ..simulation.shortfall import angle_defects
-from ..surface.mesh import QuadMesh
-from ..surface.symmetry import Symmetry, keeping
+from ...arrays import Float, Int
+from ...patches.layout import PatchLayout
+from ...simulation.shortfall import angle_defects
+from ...surface.mesh import QuadMesh
+from ...surface.symmetry import Symmetry, keeping
 from .judge import Idea, JudgedLayout, LayoutProblem
 from .moves import blamed, cuts, weakest, with_images
 

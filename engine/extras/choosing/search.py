@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..figures import format_figure
-from ..params import ChooseParams
-from ..progress import Progress
-from ..surface.checking.finding import counted
-from ..workers import cores
+from ...figures import format_figure
+from ...params import ChooseParams
+from ...progress import Progress
+from ...surface.checking.finding import counted
+from ...workers import cores
 from .judge import LONG, JudgedLayout, Laid, LayoutProblem, judge
 from .predict import PredictionStart, foreseen
 

@@ -10,15 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import FlexMapsError
-from ..params import ChooseParams
-from ..patches.flattening.flatten import FlatPatches
-from ..patches.flattening.report import forced_notes
-from ..patches.layout import PatchLayout
-from ..patches.merging.merge import merge
-from ..progress import SILENT, Progress
-from ..surface.curvature import is_flat
-from ..threads import one_thread
+from ...errors import FlexMapsError
+from ...params import ChooseParams
+from ...patches.flattening.flatten import FlatPatches
+from ...patches.flattening.report import forced_notes
+from ...patches.layout import PatchLayout
+from ...patches.merging.merge import merge
+from ...progress import SILENT, Progress
+from ...surface.curvature import is_flat
+from ...threads import one_thread
 from .judge import Idea, LayoutProblem, lay
 from .lines import along_folds
 from .predict import PredictionStart, predicted

@@ -1,1 +1,0 @@
-"""Which layout of patches to make: proposals judged by the shape that the assembled panels take."""
