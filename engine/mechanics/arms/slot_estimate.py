@@ -53,7 +53,7 @@ class SlotWidths:
     """Widths of slots at K points.
 
     slots : to which they belong; arms : (K, 2) int, the outer and the inner arm; values : (K,) metres
-    t, s : (K,) positions of the point on outer and inner arm; numbers, motion : of both arms, as in ``Slots.below``
+    t, s : (K,) positions of the point on outer and inner arm; field, rows : the bent arms, and (K, 2) int, their rows there
     """
 
     slots: Slots
@@ -61,13 +61,13 @@ class SlotWidths:
     values: Float[np.ndarray, " k"]
     t: Float[np.ndarray, " k"]
     s: Float[np.ndarray, " k"]
-    numbers: Float[np.ndarray, "k 2 numbers"]
-    motion: Float[np.ndarray, "k 2 6"]
+    field: BentByTips
+    rows: Int[np.ndarray, "k 2"]
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Derivatives of the widths by tip motions (K, 2, 6) and parameters (K, 2, 8) of outer and inner arm."""
-        return self.slots.slopes(self.arms, self.numbers, self.motion, self.t, self.s)
+        return self.slots.slopes(self.field.rows(self.rows.ravel()), self.t, self.s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,32 +104,24 @@ class Slots:
         field, local = self._beams(numbers[own], STATIONS).bent(motion[own]), index.reshape(pair.shape)
         values, s = self._widths(field, local, t)
         narrow = np.flatnonzero(values.ravel() < width)
-        arms, t, s = np.repeat(pair, len(PLACES), axis=0)[narrow], t.ravel()[narrow], s.ravel()[narrow]
-        return SlotWidths(self, arms, values.ravel()[narrow], t, s, numbers[arms], motion[arms])
+        place = narrow // len(PLACES)
+        found = (part.ravel()[narrow] for part in (values, t, s))
+        return SlotWidths(self, pair[place], *found, field, local[place])
 
     def slopes(
-        self,
-        arms: Int[np.ndarray, "k 2"],
-        numbers: Float[np.ndarray, "k 2 numbers"],
-        motion: Float[np.ndarray, "k 2 6"],
-        t: Float[np.ndarray, " k"],
-        s: Float[np.ndarray, " k"],
+        self, field: BentByTips, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Differentiate the widths at single points.
 
         Parameters
         ----------
-        arms, numbers, motion : outer and inner arm of every point, with parameters and tip motions
+        field : (2 k) bent arms, the outer and the inner arm of every point in turn
         t, s : (k,) the point on the outer arm and the point that faces it on the inner one
 
         Returns
         -------
         (k, 2, 6) by the tip motions and (k, 2, 8) by the parameters of both arms
         """
-        # many points may share an arm, which is bent only once
-        own, index = np.unique(arms, return_index=True, return_inverse=True)[1:]
-        bent = self._beams(numbers.reshape(-1, NUMBERS)[own], STATIONS).bent(motion.reshape(-1, 6)[own])
-        field = bent.rows(index.ravel())
         both = np.stack([t, s], axis=1).reshape(-1, 1)
         here = Section.from_arms(field, np.arange(0, len(both), 2), both[::2])
         there = Section.from_arms(field, np.arange(1, len(both), 2), both[1::2])
@@ -147,7 +139,7 @@ class Slots:
         pulls, pieces = zip(*(part.pulled(pull) for part, pull in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
         by_motion, by_numbers = field.pulled(both[:, 0], pieces, Pull.interleave(*pulls))
-        return by_motion.reshape(motion.shape), by_numbers.reshape(numbers.shape)
+        return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, NUMBERS)
 
     @property
     def _sign(self) -> float:
