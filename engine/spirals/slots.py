@@ -38,6 +38,9 @@ PARALLEL = 0.3  # least cosine of the angle between two edges that bound a slot
 THINNEST = 0.5
 # arm width at a solid hub, as a share of the smallest width; it differs from ``THINNEST`` by more than single precision
 SOLID = 0.48
+# places on the outer part of an arm where its gap is measured for the largest twist, with a parabola between them; more are slower.
+# On five surfaces of 7,722 quads, with eight sets of widths, 18 places lead to the same twists
+GAP_PLACES = 6
 CLEAR = 1.0  # gap that stands for "no neighbour", metres
 
 
@@ -99,7 +102,7 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
     """Return the narrowest gap in metres between the outer parts of arms and the facing arms, ``step`` sides before them."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
-    t = np.broadcast_to(np.linspace(0.0, DEPTH, 18), (*outer.radius.shape, 18))
+    t = np.broadcast_to(np.linspace(0.0, DEPTH, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
     p = centre_line(outer, t)[0]
     # the facing arm's parameter at the same angle; the nearest point is close to it
     level = t + opening / np.maximum(np.abs(outer.wind), 1e-9)[:, None, None]
