@@ -1,8 +1,8 @@
 """Derivatives of an elastic model's joints by the flat rest shape of the patches.
 
 A spiral's flat quad affects the equilibrium only through the levers from its centre to its joints and the directions of the
-edges there: three numbers for each side of a joint. The derivatives by those are central differences, for all joints at once;
-the derivatives of those numbers by the flat vertices are exact.
+edges there: three numbers for each side of a joint. Their derivatives by the flat vertices are exact. Most derivatives by these
+numbers are exact too (``mechanics.arms.rest_geometry``); those of soft modes are central differences, for all joints at once.
 """
 
 from __future__ import annotations
