@@ -256,8 +256,8 @@ def _dual(value: np.ndarray, by: Mapping[int, np.ndarray | float], count: int) -
 
 def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Product of two arrays of values with derivatives (product rule)."""
-    out = a * b[:1] + a[:1] * b
-    out[0] = a[0] * b[0]
+    out = a * b[:1]
+    out[1:] += a[:1] * b[1:]
     return out
 
 

@@ -105,8 +105,8 @@ class Slots:
         values, s = self._widths(field, local, t)
         narrow = np.flatnonzero(values.ravel() < width)
         place = narrow // len(PLACES)
-        found = (part.ravel()[narrow] for part in (values, t, s))
-        return SlotWidths(self, pair[place], *found, field, local[place])
+        values, t, s = (part.ravel()[narrow] for part in (values, t, s))
+        return SlotWidths(self, pair[place], values, t, s, field, local[place])
 
     def slopes(
         self, field: BentByTips, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
