@@ -33,6 +33,7 @@ from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
 from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton, lbfgs
+from .remedies import WANTED
 from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SLOW, SPACE, Work
@@ -199,6 +200,12 @@ class StageResult:
         return replace(self, point=self.point.firmed(strong=strong))
 
     @property
+    def percent(self) -> float:
+        """RMS distance from the target, in percent of its size."""
+        away = self.point.problem.target.unit * self.point.distance
+        return 100.0 * away / self.design.flat.layout.mesh.diagonal
+
+    @property
     def strained(self) -> bool:
         """Whether any arm is strained so far beyond its limit that a message would say so."""
         return self._largest_strain > STRAIN_MARGIN * STRAINED
@@ -279,6 +286,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
+            self.task.work.factor = max(1.0, here.percent / WANTED)
             start = here.pressed().firmed(strong=self.trace.unstable > MAX_UNSTABLE)
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:

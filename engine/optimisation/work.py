@@ -40,7 +40,8 @@ class Work:
 
     limit : seconds, None for none; rate : at which a search ends, see ``END_RATE``
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
-    rated : whether the present stage ends at ``rate``; steps : total work after its steps, and their decrease of the objective's logarithm
+    rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
+    steps : total work after its steps, and their decrease of the objective's logarithm
     """
 
     limit: float | None = None
@@ -49,6 +50,7 @@ class Work:
     done: float = 0.0
     began: float = field(default_factory=time.thread_time)
     rated: bool = False
+    factor: float = 1.0
     steps: list[tuple[float, float]] = field(default_factory=list)
 
     @classmethod
@@ -111,7 +113,7 @@ class Work:
         if not self.rated or len(self.steps) <= RATED_STEPS:
             return False
         before, last = self.steps[-1 - RATED_STEPS][0], self.steps[-RATED_STEPS:]
-        return sum(decrease for _, decrease in last) < self.rate * (self.done - before)
+        return self.factor * sum(decrease for _, decrease in last) < self.rate * (self.done - before)
 
     @property
     def over(self) -> bool:

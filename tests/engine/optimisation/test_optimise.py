@@ -279,7 +279,7 @@ def test_a_further_run_never_ends_worse() -> None:
         found = optimise.optimise(design, mesh, VERO, params, SimulateParams())
         design = found.design
         before, after = (
-            optimise.SimulatedResult(one, found.point).merit(LENIENT) for one in (found.before, found.after)
+            optimise.SimulatedResult(one, found.point, np.inf).merit(LENIENT) for one in (found.before, found.after)
         )
         # equilibria are found to a tolerance
         assert after <= before * (1.0 + 1e-6)

@@ -33,3 +33,5 @@ def test_a_search_ends_where_its_last_steps_bring_too_little_for_their_work(pati
         assert work.over == over
     work.add(1e-2, 100)  # what is tried without success counts too
     assert work.over
+    work.factor = 20.0  # far from the target
+    assert not work.over
