@@ -145,10 +145,6 @@ class FlatCost:
         quads = _assemble(factor @ factor.swapaxes(1, 2), corner, size)
         return quads + _assemble(apart[:, :, None] * apart[:, None], np.concatenate([end, start], axis=1), size)
 
-    def product(self, change: np.ndarray) -> Float[np.ndarray, "points 2"]:
-        """Return the product (P, 2) of ``hessian`` with a change of the points (P, 2)."""
-        return (self.hessian @ change.ravel()).reshape(-1, 2)
-
     @cached_property
     def _slopes(self) -> tuple[np.ndarray, np.ndarray]:
         """Twice the derivatives of the value by the distortions (F,), and by the squared differences (C,) of the cut edges."""

@@ -209,8 +209,10 @@ def test_barriers() -> None:
     assert found == pytest.approx(float((cost.gradient * step).sum()), rel=1e-8)
     # symmetric, and positive everywhere
     other = rng.normal(size=points.shape)
-    assert (cost.product(step) * other).sum() == pytest.approx((cost.product(other) * step).sum(), rel=1e-9)
-    assert (cost.product(step) * step).sum() > 0.0
+    assert other.ravel() @ cost.hessian @ step.ravel() == pytest.approx(
+        step.ravel() @ cost.hessian @ other.ravel(), rel=1e-9
+    )
+    assert step.ravel() @ cost.hessian @ step.ravel() > 0.0
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     assert FlatCost.from_points(limits, points @ turn.T + 0.3).value == pytest.approx(cost.value, rel=1e-9)
     assert not FlatCost.from_points(limits, 1.2 * points).inside
@@ -233,7 +235,9 @@ def test_barriers_bend_as_told_where_nothing_is_strained() -> None:
     assert len(limits.surface) == 3
     one, other = 1e-3 * rng.normal(size=(2, *points.shape))
     bent = slope(lambda t: float((FlatCost.from_points(limits, points + t * one).gradient * other).sum()), 1e-4)
-    assert float((FlatCost.from_points(limits, points).product(one) * other).sum()) == pytest.approx(bent, rel=1e-6)
+    assert float(other.ravel() @ FlatCost.from_points(limits, points).hessian @ one.ravel()) == pytest.approx(
+        bent, rel=1e-6
+    )
 
 
 def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
