@@ -58,7 +58,7 @@ SOLVER = {
     "spiral": ("blend", "curvature_top"),
     "simulate": ("model", "iterations", "tolerance"),
     "optimise": (
-        "method", "iterations", "restart", "distortion_limit", "strain_share", "patience", "stop",
+        "iterations", "restart", "distortion_limit", "strain_share", "patience", "stop",
     ),
     "sheet": ("tolerance", "nesting_seconds", "seed"),
 }  # fmt: skip

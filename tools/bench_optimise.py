@@ -30,7 +30,7 @@ from flexmaps.engine.optimisation import optimise, reach, search
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
 from flexmaps.engine.params import LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
@@ -39,6 +39,7 @@ from flexmaps.engine.simulation.simulate import Simulation, build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
+from lbfgs import lbfgs
 from rows import Row, Table, at_most, row
 
 EDGE = 0.02  # metres

@@ -7,7 +7,6 @@ do not change.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
 
@@ -21,7 +20,7 @@ from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, make_fabricable
 from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import INNER_ITERATIONS, Accepted, SearchRecord
+from .optimisers import INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 MAX_SEAM_MISMATCH = (
@@ -35,7 +34,6 @@ def refine_flat_shapes(
     start: DesignPoint,
     design: SpiralDesign,
     params: OptimiseParams,
-    method: Callable[..., DesignPoint],
     trace: SearchRecord,
     accepted: Accepted,
     progress: Progress = SILENT,
@@ -48,7 +46,7 @@ def refine_flat_shapes(
     problem : of the spirals alone
     start : equilibrium of ``design`` in ``problem``
     design, params : with the flat shapes to begin with; the settings
-    method : one of ``optimisers``; trace, accepted : as there
+    trace, accepted : as in ``gauss_newton``
     progress : reports progress and raises Cancelled
     first : the flat patches before earlier runs moved them, so that limits which they exceed do not creep
 
@@ -66,7 +64,7 @@ def refine_flat_shapes(
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
     here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
-    found = method(whole, here, params, trace, accepted, progress)
+    found = gauss_newton(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
 

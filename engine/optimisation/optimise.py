@@ -73,14 +73,13 @@ class Optimisation:
 
     before, after : the given design and the best design, simulated
     trace : seconds, objective and RMSE of every accepted step; counts of rejected and unstable steps
-    method : name of the optimiser; start : "curvature", "uniform" or "given"; "stiff" or "soft" if those have no equilibrium
+    start : "curvature", "uniform" or "given"; "stiff" or "soft" if those have no equilibrium
     point : the result's point of the search; ended : reason for the end, a key of ``ENDS``
     """
 
     before: Simulation
     after: Simulation
     trace: SearchRecord
-    method: str
     start: str
     point: DesignPoint
     ended: str
@@ -127,7 +126,7 @@ class Optimisation:
             why = target.wishes.unreachable(float(self.after.equilibrium.per_joint.sum()), len(self.design.width))
             wished |= {"wish": why} if why else {}
         return {
-            "method": self.method,
+            "method": "gauss_newton",  # other programs may read it
             "start": self.start,
             "finished": self.finished,
             "ended": self.ended,
@@ -211,7 +210,7 @@ def optimise(
     after = found.simulation
     if prove and trace.ended != STOPPED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
-    return Optimisation(before, after, trace, params.method, name, found.point, trace.ended)
+    return Optimisation(before, after, trace, name, found.point, trace.ended)
 
 
 def _snapshot(point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> OptimisationStep:

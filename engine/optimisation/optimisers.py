@@ -1,6 +1,6 @@
-"""Two optimisers with one interface: Gauss-Newton in a box, and L-BFGS-B (FlexMaps section 7).
+"""The optimiser: Gauss-Newton in a box.
 
-Both take a problem and a converged starting point, call ``accepted`` with every better point, and return the best.
+It takes a problem and a converged starting point, calls ``accepted`` with every better point, and returns the best.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import CONVERGED, ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
+from ..newton import ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -217,51 +217,3 @@ def has_jumped(here: DesignPoint, there: DesignPoint, moves: Float[np.ndarray, "
         for one, two in ((there.equilibrium.pose, predicted), (predicted, pose))
     ]
     return bool(shifts[0] > MAX_JUMP * target.unit + shifts[1])
-
-
-@one_thread
-def lbfgs(
-    problem: InverseProblem,
-    start: DesignPoint,
-    params: OptimiseParams,
-    trace: SearchRecord,
-    accepted: Accepted,
-    progress: Progress = SILENT,
-) -> DesignPoint:
-    """Run L-BFGS-B with an equilibrium at every evaluation, as in the publication; kept as the baseline.
-
-    Without an equilibrium, and beyond the limits of flat shapes, the objective is replaced by ten times the start's.
-    """
-    from scipy.optimize import minimize
-
-    best = last = start
-
-    def value(x: np.ndarray) -> tuple[float, np.ndarray]:
-        nonlocal best, last
-        done = min(trace.evaluations / (1.2 * params.iterations), 1.0)
-        within = progress.at(done, f"RMSE {1e3 * best.mismatch.rmse:.4g} mm")
-        trace.evaluations += 1
-        if problem.work.over:
-            raise StopIteration
-        point = problem.at(x, last.equilibrium.pose, within, INNER_ITERATIONS)
-        if not (point.equilibrium.converged and np.isfinite(point.value)):
-            trace.unstable += 1
-            return 10.0 * start.value, np.zeros_like(x)
-        last = point
-        point.prepare(within)
-        gradient = point.gradient.copy()
-        if point.value < best.value:
-            best = point
-            trace.note(point)
-            accepted(point)
-        return point.value, gradient
-
-    options = {"maxiter": params.iterations, "maxfun": 4 * params.iterations, "ftol": 0.0, "gtol": 0.0}
-    bounds = [(0.0, 1.0)] * start.x.size
-    try:
-        found = minimize(value, start.x, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        # status 1 is the iteration limit; 2, a line search without a decrease, is the normal end with these options
-        trace.ended = ITERATIONS if found.status == 1 else CONVERGED
-    except StopIteration:
-        trace.ended = TIME
-    return best

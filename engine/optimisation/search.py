@@ -32,7 +32,7 @@ from .design_space import DesignSpace
 from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
-from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton, lbfgs
+from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton
 from .remedies import WANTED
 from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
@@ -40,7 +40,6 @@ from .work import CURVING, SLOW, SPACE, Work
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
 GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-METHODS: dict[str, Callable[..., DesignPoint]] = {"gauss_newton": gauss_newton, "lbfgs": lbfgs}
 COARSE_TOLERANCE = 1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; not measured
 ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
@@ -316,7 +315,7 @@ class Search:
             if point.merit(STRICT) < bearable.merit(STRICT):
                 bearable = point
 
-        found = METHODS[params.method](start.problem, start, params, self.trace, accepted, progress)
+        found = gauss_newton(start.problem, start, params, self.trace, accepted, progress)
         if bearable not in (start, found):  # the time may end before strains that the last steps raised are low again
             self.hold(here.design, bearable)
         return self.hold(here.design, found)
@@ -331,9 +330,9 @@ class Search:
         """Optimise flat shapes and spirals together; take less of the change if the result is not a better design."""
         params, start = self.task.params, here.point
         rough = replace(params, stop=max(params.stop, FLAT_STOP), iterations=min(FLAT_STEPS, params.iterations))
-        method, part, steps = METHODS[params.method], progress.part(0.0, 0.9), len(self.trace.rows)
+        part, steps = progress.part(0.0, 0.9), len(self.trace.rows)
         found = codesign.refine_flat_shapes(
-            start.problem, start, here.design, rough, method, self.trace, self.accepted, part, self.first
+            start.problem, start, here.design, rough, self.trace, self.accepted, part, self.first
         )
         if not self.trace.rows[steps:]:
             return here  # the time ended before the first step, or no step was accepted

@@ -75,6 +75,7 @@ class Params:
     ORDERED: ClassVar[tuple[tuple[str, str], ...]] = ()  # pairs of settings; the first must not be above the second
     # switches of earlier versions, on by default, with the settings that replace them where they are off
     WERE: ClassVar[dict[str, dict[str, Any]]] = {}
+    GONE: ClassVar[tuple[str, ...]] = ()  # settings of earlier versions, whose values are read and ignored
 
     def __post_init__(self) -> None:
         known = {f.name: f for f in fields(self)}  # type: ignore[arg-type]

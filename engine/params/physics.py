@@ -129,16 +129,8 @@ class OptimiseParams(Params):
     """Search for the spirals whose assembly takes the target's shape (FlexMaps section 7)."""
 
     WERE = {"laplacian": {"lies": 1.0}}
+    GONE = ("method",)
 
-    method: str = setting(
-        "gauss_newton",
-        "Method",
-        "How the best spirals are sought",
-        choices=(
-            ("gauss_newton", "Gauss-Newton", "Few large steps; fast"),
-            ("lbfgs", "L-BFGS-B", "Many small steps, as published; kept for comparison"),
-        ),
-    )
     arms: str = setting(
         "each",
         "Arms",

@@ -117,6 +117,8 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
             instead = {} if _parse_switch(name, value) else block.WERE[name]
             blocks.setdefault(section, {}).update(instead)
             continue
+        if name in block.GONE:
+            continue
         if name not in known:
             raise FlexMapsError(f"There is no setting {quoted(key)}; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)

@@ -107,7 +107,7 @@ def test_a_preset_of_ones_own_comes_back(dome: Any, own_folder: Path) -> None:
 
 def test_settings_of_earlier_versions_that_are_gone_are_ignored(dome: Any, tmp_path: Path) -> None:
     preset = tmp_path / "old.py"
-    gone = "settings.sheet.cut_joints = 30\nsettings.optimise.grain = 'free'\n"
+    gone = "settings.sheet.cut_joints = 30\nsettings.optimise.grain = 'free'\nsettings.optimise.method = 'lbfgs'\n"
     preset.write_text(f"{ASSIGN}{gone}settings.spiral.thickness = 3.25\n")
     apply(preset)
     assert dome.flexmaps.spiral.thickness == pytest.approx(3.25)  # what follows them is applied

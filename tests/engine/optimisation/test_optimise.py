@@ -16,7 +16,7 @@ from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
-from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton, lbfgs
+from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
 from flexmaps.engine.optimisation.reach import NAMES, find_limits
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.terms import LENIENT, StrainLimit
@@ -229,9 +229,8 @@ def test_every_point_of_the_box_can_be_cut(groups: int) -> None:
             assert (ahead - behind)[inner] / (2 * h) == pytest.approx(slopes, rel=1e-4, abs=1e-7)
 
 
-@pytest.mark.parametrize("method", [gauss_newton, pytest.param(lbfgs, marks=pytest.mark.thorough)])
-def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
-    """The target is the equilibrium of a random smooth design: both optimisers must come near to it from a uniform start."""
+def test_a_shape_made_by_known_spirals_is_found_again() -> None:
+    """The target is the equilibrium of a random smooth design: the optimiser must come near to it from a uniform start."""
     design, mesh = made()
     slope = np.clip((mesh.centroids[:, 0] - mesh.centroids[:, 0].min()) / np.ptp(mesh.centroids[:, 0]), 0.0, 1.0)
     secret = make_fabricable(design.flat, design.params, alike(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
@@ -240,7 +239,7 @@ def test_a_shape_made_by_known_spirals_is_found_again(method: object) -> None:
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
     start = whole.at(whole.space.filled(0.5, 0.5), wanted)
     trace = SearchRecord()
-    best = method(whole, start, OptimiseParams(iterations=25, stop=0.0), trace, lambda point: None)
+    best = gauss_newton(whole, start, OptimiseParams(iterations=25, stop=0.0), trace, lambda point: None)
     assert best.value < 0.02 * start.value
     values = [value for _, value, _ in trace.rows]
     assert all(b < a for a, b in pairwise(values))

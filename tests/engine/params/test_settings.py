@@ -11,7 +11,9 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import (
     BOUNDS,
     ObjectSettings,
+    OptimiseParams,
     RegulariseParams,
+    Settings,
     SheetParams,
     SpiralParams,
     refuse_crossed,
@@ -131,3 +133,9 @@ def test_what_the_message_says_of_bounds():
     assert "a whole number from 0 to 2147483647" in text
     assert "from 0.1 mm to 50 mm" in _refused(lambda: SpiralParams(thickness="2"), "Thickness")  # type: ignore[arg-type]
     assert "a whole number" in _refused(lambda: RegulariseParams(iterations=2.5), "Iterations")  # type: ignore[arg-type]
+
+
+def test_a_setting_of_an_earlier_version_that_chose_the_optimiser_is_ignored() -> None:
+    assert with_values(Settings(), {"optimise.method": "lbfgs", "optimise.iterations": 7}) == Settings(
+        optimise=OptimiseParams(iterations=7)
+    )
