@@ -39,6 +39,8 @@ def tightened(
 ) -> FlatPatches:
     """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
 
+    A layout along the folds also replaces one with more panels, if it is expected to hold the match too.
+
     Parameters
     ----------
     piece : the surface, how it is held, and what it is made of
@@ -49,7 +51,7 @@ def tightened(
     Returns
     -------
     The first layout that is expected to hold the match, else the one that is expected nearest, of at most ``MOST`` times the panels
-    of ``flat``; ``flat`` itself where no other comes nearer. Its notes have ``expected_percent``, the RMS distance from the target
+    of ``flat``; ``flat`` itself where no other is better. Its notes have ``expected_percent``, the RMS distance from the target
     with which a search may end, as a percentage of the size. A layout other than ``flat`` also has ``fewest_panels``, the
     panels of ``flat``.
     """
@@ -63,14 +65,17 @@ def tightened(
     left = _expected(piece, flat, start, progress)
     if left == np.inf:
         return flat
-    best, limits = flat, piece.settings.layout
-    tries = _candidates(piece, begun, flat, progress.part(0.1, 1.0))
-    while left > 0.01 * params.match and (one := next(tries, None)) is not None:
+    best, limits, wanted = flat, piece.settings.layout, 0.01 * params.match
+    folded = _along_folds(piece, progress)
+    tighter = _under_tighter_limits(piece, begun, flat, progress.part(0.1, 1.0))
+    while (one := next(folded, None) or (next(tighter, None) if left > wanted else None)) is not None:
+        fewer = _panels(one) < _panels(best)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
-        if not fits or _panels(one) > MOST * _panels(flat) or np.array_equal(one.layout.cut, best.layout.cut):
+        same = np.array_equal(one.layout.cut, best.layout.cut)
+        if not fits or same or _panels(one) > MOST * _panels(flat) or not (fewer or left > wanted):
             continue
         now = _expected(piece, one, start, progress)
-        if now < NEARER * left:
+        if now < NEARER * left or (fewer and now <= wanted):
             best, left = one, now
     notes = best.layout.notes
     if best is not flat:
@@ -80,14 +85,18 @@ def tightened(
     return best
 
 
-def _candidates(
-    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
-) -> Iterator[FlatPatches]:
-    """Yield the surface cut along its folds, then merged under tighter and tighter limits, until the next one may have too many panels."""
+def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
+    """Yield the surface cut along its folds, where there are any."""
     for name, cut in along_folds(piece.mesh):
         laid = lay(piece, Idea(cut, name), progress=progress.quiet())
         if laid is not None:
             yield laid.flat
+
+
+def _under_tighter_limits(
+    piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
+) -> Iterator[FlatPatches]:
+    """Yield the surface merged under tighter and tighter limits, until the next one may have too many panels."""
     limits, last = piece.settings.layout, flat
     for turn, share in enumerate(SHARES):
         if (

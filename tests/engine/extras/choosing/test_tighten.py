@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
-from flexmaps.engine.extras.choosing.judge import Laid, LayoutProblem, judge
+from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, judge, lay
+from flexmaps.engine.extras.choosing.lines import along_folds
 from flexmaps.engine.extras.choosing.predict import predicted
 from flexmaps.engine.extras.choosing.tighten import MOST, tightened
 from flexmaps.engine.params import Settings
@@ -51,6 +53,22 @@ def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[LayoutProblem, 
     assert few < len(more.layout.patches) <= MOST * few
     assert more.layout.notes["fewest_panels"] == few
     assert predicted(piece, more) < predicted(piece, flat)
+
+
+def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> None:
+    """Of a gable roof, which two panels match, four panels."""
+    x, y = (k.ravel() for k in np.meshgrid(np.arange(9), np.arange(-3, 4), indexing="ij"))
+    corner = np.arange(63).reshape(9, 7)
+    quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
+    mesh = shapes.welded(0.02 * np.c_[x, y, -0.7 * np.abs(y)], quads)
+    ends = mesh.vertices[mesh.edges]
+    across = (np.abs(ends[:, :, 0] - 0.08) < 1e-9).all(axis=1)
+    piece, layout = LayoutProblem(mesh, SETTINGS), trace(mesh, SETTINGS.layout)
+    ((_, ridge),) = along_folds(mesh)
+    quartered = lay(piece, Idea(ridge | across, "quarters"))
+    assert quartered is not None and len(quartered.flat.layout.patches) == 4
+    found = tightened(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
+    np.testing.assert_array_equal(found.layout.cut, ridge)
 
 
 @pytest.mark.thorough
