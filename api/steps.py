@@ -229,7 +229,8 @@ def explore(
     guard = guard_of([piece], overwrite)
     if folder is not None:
         refuse(Path(folder), guard)
-    reporter, question = progress_of(progress), space(vary, piece.settings, goals or GOALS, minimised or MINIMISED)
+    wanted, least = GOALS if goals is None else goals, MINIMISED if minimised is None else minimised
+    reporter, question = progress_of(progress), space(vary, piece.settings, wanted, least)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid_out.items()}
