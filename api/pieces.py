@@ -126,7 +126,9 @@ def change(
 
             held, force = groups.loads_of(piece.uid, wanted.loads)
             made = made.with_user(supports=held, force=force)
-        if wanted != piece.settings and piece.uid is not None:
+        # load cases, which name vertex groups; there is no such section where their extra is missing
+        cases, known = (getattr(one, "structure", None) for one in (wanted, piece.settings))
+        if cases != known and piece.uid is not None:
             from ..bridge.store import supports as groups
 
             made = made.with_user(groups=groups.named_of(piece.uid, wanted))

@@ -16,9 +16,8 @@ NAMES = (
     "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
     "render", "export", "together", "remnant", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
 )  # fmt: skip
-MODULES: list[Any] = [
-    import_module(f"{__package__}.{name}") for name in NAMES if name not in registry.missing_modules("operators")
-]
+_MISSING = registry.missing_modules("operators")
+MODULES: list[Any] = [import_module(f"{__package__}.{name}") for name in NAMES if name not in _MISSING]
 CLASSES = [cls for module in MODULES for cls in module.CLASSES]
 
 

@@ -11,11 +11,12 @@ from ..engine.extras import registry
 from .rows import tr
 from .stages import look
 
+_MISSING = registry.missing_modules("panels")
 # tab -> module that draws it; a tab whose extra is missing is left out
 MODULES: dict[str, Any] = {
     kind: import_module(f"{__package__}.{name}")
     for kind, name in (("LOADS", "loads"), ("BUILT", "built"), ("EXPLORE", "candidates"))
-    if name not in registry.missing_modules("panels")
+    if name not in _MISSING
 }
 
 

@@ -51,18 +51,21 @@ REGISTRY = (
 )
 
 
+def _extra(folder: str) -> Extra:
+    return next(extra for extra in REGISTRY if extra.folder == folder)
+
+
 @cache
 def has(folder: str) -> bool:
     """Return whether the folder of an extra is present, and those that it needs."""
-    needs = next(extra.needs for extra in REGISTRY if extra.folder == folder)
-    return (Path(__file__).parent / folder / "__init__.py").is_file() and all(has(other) for other in needs)
+    present = (Path(__file__).parent / folder / "__init__.py").is_file()
+    return present and all(has(other) for other in _extra(folder).needs)
 
 
 def need(folder: str) -> None:
     """Raise ``FlexMapsError`` where the folder of an extra is missing."""
     if not has(folder):
-        label = next(extra.label for extra in REGISTRY if extra.folder == folder)
-        raise FlexMapsError(f"{label} is not part of this copy of FlexMaps; install the whole extension")
+        raise FlexMapsError(f"{_extra(folder).label} is not part of this copy of FlexMaps; install the whole extension")
 
 
 def load(module: str) -> Any:

@@ -87,7 +87,8 @@ class Work:
     def paced(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown.
 
-        Most searches end well before their limit; when is not known before. The square root is too small early and too large late.
+        Most searches end well before their limit, at a time that nobody knows. So the progress is the square root of the share of the
+        limit that is used, which runs ahead at first.
         """
         report, limit = progress.report, self.limit
         if limit is None or report is None:

@@ -25,7 +25,7 @@ from ..spirals.design_report import design_report
 from ..surface.mesh import QuadMesh
 from .outputs import SheetPlan
 from .result import Result
-from .stages import BLOCKS, TABLE
+from .stages import BLOCKS, OF_EXTRAS
 
 SCHEMA = 1  # version of the report's keys
 
@@ -119,7 +119,7 @@ _BLOCKS: dict[str, tuple[str, Callable[[Any, Progress], dict[str, Any]]]] = {
     "sheets": ("sheets", _sheets),
     "assembly": _own("assembly"),
 }
-_BLOCKS |= {block: _own(stage.makes[0]) for stage in TABLE if stage.code for block in stage.blocks}
+_BLOCKS |= {block: _own(stage.makes[0]) for stage in OF_EXTRAS for block in stage.blocks}
 
 
 def _input(mesh: QuadMesh, source: str) -> dict[str, Any]:

@@ -22,8 +22,7 @@ from ..params import SHOWN, ObjectSettings
 from ..progress import SILENT, Progress
 from . import share_page
 from .result import Result
-from .stage import Stage
-from .stages import TABLE
+from .stages import OF_EXTRAS
 
 PAGE, PLOTS = "report.html", "plots"
 
@@ -47,13 +46,9 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
 def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
     """Draw the plots of the road's stages and of the extras; parameters as of ``run_plots.drawings``."""
     found = run_plots.drawings(shown, described, distortion)
-    for stage in _of_extras():
+    for stage in OF_EXTRAS:
         found |= registry.load(stage.code).drawings(shown, described)
     return found
-
-
-def _of_extras() -> list[Stage]:
-    return [stage for stage in TABLE if stage.code]
 
 
 def measured(result: Result) -> MapValues:
@@ -101,7 +96,7 @@ def write(
 
 def stale(out: Path) -> list[Path]:
     """Return the files that an earlier call of ``write`` may have left in a folder."""
-    names = [*run_plots.NAMES, *(name for stage in _of_extras() for name in registry.load(stage.code).PLOTS)]
+    names = [*run_plots.NAMES, *(name for stage in OF_EXTRAS for name in registry.load(stage.code).PLOTS)]
     return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in names)]
 
 

@@ -39,10 +39,10 @@ from .outputs import (
     TracedLayout,
     UserInput,
 )
-from .stages import MISSING, STAGES, TABLE, made_from
+from .stages import MISSING, OF_EXTRAS, STAGES, TABLE, made_from
 
 O = TypeVar("O", bound=StageOutput)
-OF_EXTRAS = {member for stage in TABLE if stage.code for member in stage.makes}
+_MADE_BY_EXTRAS = {member for stage in OF_EXTRAS for member in stage.makes}
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Result:
 
     def __getattr__(self, name: str) -> Any:
         """Return the value that a stage of an extra makes; None where it has not run."""
-        if name in OF_EXTRAS:
+        if name in _MADE_BY_EXTRAS:
             return self.value(name)
         raise AttributeError(f"A result has no '{name}'")
 

@@ -48,6 +48,7 @@ TABLE = (
           settings=("material", "cost"), blocks=("sheets", "assembly"), quick=True),
 )  # fmt: skip
 STAGES = {stage.name: stage for stage in TABLE}
+OF_EXTRAS = tuple(stage for stage in TABLE if stage.code)
 # error messages for a missing input of a stage
 MISSING = {
     "layout": "There are no panels yet; press Trace first",

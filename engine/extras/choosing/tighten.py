@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -66,17 +67,19 @@ def tightened(
     if left == np.inf:
         return flat
     best, limits, wanted = flat, piece.settings.layout, 0.01 * params.match
-    folded = _along_folds(piece, progress)
-    tighter = _under_tighter_limits(piece, begun, flat, progress.part(0.1, 1.0))
-    while (one := next(folded, None) or (next(tighter, None) if left > wanted else None)) is not None:
+    tries = _along_folds(piece, progress)
+    if left > wanted:
+        tries = chain(tries, _under_tighter_limits(piece, begun, flat, progress.part(0.1, 1.0)))
+    for one in tries:
         fewer = _panels(one) < _panels(best)
         fits = float(one.energy.max()) <= max(limits.distortion_limit, float(flat.energy.max()))
         same = np.array_equal(one.layout.cut, best.layout.cut)
-        if not fits or same or _panels(one) > MOST * _panels(flat) or not (fewer or left > wanted):
-            continue
-        now = _expected(piece, one, start, progress)
-        if now < NEARER * left or (fewer and now <= wanted):
-            best, left = one, now
+        if fits and not same and _panels(one) <= MOST * _panels(flat) and (fewer or left > wanted):
+            now = _expected(piece, one, start, progress)
+            if now < NEARER * left or (fewer and now <= wanted):
+                best, left = one, now
+        if left <= wanted:
+            break
     notes = best.layout.notes
     if best is not flat:
         notes.pop("forced", None)
