@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.loads import standing
+from ..engine.mechanics.loads import parse_supports
 from ..engine.optimisation.wishes import Wishes
 from ..engine.runs.piece import Piece
 
@@ -32,7 +32,7 @@ def pull(piece: Piece, quads: str | Sequence[int], force: Sequence[float]) -> Pi
     """
     made, by = piece.result, _vector(force, "force")
     total = np.zeros((len(made.mesh.quads), 3)) if made.force is None else made.force.copy()
-    total[standing(made.mesh, quads)] += by
+    total[parse_supports(made.mesh, quads)] += by
     return replace(piece, made=made.with_user(force=total if total.any() else None))
 
 
@@ -55,7 +55,7 @@ def wish(piece: Piece, quads: str | Sequence[int], by: Sequence[float]) -> Piece
     """
     made, shift = piece.result, _vector(by, "way")
     offsets = np.zeros((len(made.mesh.quads), 3)) if made.wishes is None else made.wishes.offsets(made.mesh)
-    offsets[standing(made.mesh, quads)] = 1e-3 * shift
+    offsets[parse_supports(made.mesh, quads)] = 1e-3 * shift
     return replace(piece, made=made.with_user(wishes=Wishes.from_offsets(made.mesh, offsets)))
 
 

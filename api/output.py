@@ -66,12 +66,12 @@ def export(
     letters.learn(*(one.name for one in pieces))
     if len(pieces) != 1 or pieces[0].settings.export.copies > 1:
         made = _together(pieces, reporter.part(0.0, 0.8))
-        with files.replacing_many(exporting.stale(base, made.sheets.count), base.parent, guard) as new:
+        with files.write_all_atomically(exporting.stale(base, made.sheets.count), base.parent, guard) as new:
             return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
     ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
     packed = ready.result.needed(SheetPlan).sheets
-    with files.replacing_many(exporting.stale(base, packed.count), base.parent, guard) as new:
+    with files.write_all_atomically(exporting.stale(base, packed.count), base.parent, guard) as new:
         title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
 
@@ -79,12 +79,14 @@ def export(
 def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
     registry.need("together")
-    from ..engine.extras.together.together import together
+    from ..engine.extras.together.together import nest_together
 
     shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
     ready = [go_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]
     settings = [piece.settings for piece in ready]
-    return together([Path(p.name).stem for p in ready], [p.result for p in ready], settings, progress.part(0.7, 1.0))
+    return nest_together(
+        [Path(p.name).stem for p in ready], [p.result for p in ready], settings, progress.part(0.7, 1.0)
+    )
 
 
 def report(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.loads import standing
+from ..engine.mechanics.loads import parse_supports
 from ..engine.runs.by_hand import with_design
 from ..engine.runs.outputs import DesignVersion
 from ..engine.runs.piece import Piece
@@ -111,7 +111,7 @@ def field(piece: Piece, where: Where) -> np.ndarray:
             if where in fields.names(objects.find(piece.uid)):
                 return fields.of_uid(piece.uid, where)
         try:
-            quads = standing(piece.mesh, where)
+            quads = parse_supports(piece.mesh, where)
         except FlexMapsError:
             text = f"'{where:.60}' is no group, colour or attribute of {piece.name}; nor numbers of quads from 0 to {count - 1}, nor 'lowest'"
             raise FlexMapsError(text) from None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FlexMapsError
 from ..engine.fabrication.nesting.remnants import SEPARATOR
-from ..engine.mechanics.loads import standing
+from ..engine.mechanics.loads import parse_supports
 from ..engine.own_files import Guard
 from ..engine.params import ObjectSettings, with_values
 from ..engine.progress import SILENT, Progress
@@ -133,8 +133,8 @@ def change(
 
             made = made.with_user(groups=groups.named_of(piece.uid, wanted))
         if supports is not None:
-            made = made.with_user(supports=standing(made.mesh, supports))
-        made = job.completed(made, wanted)
+            made = made.with_user(supports=parse_supports(made.mesh, supports))
+        made = job.run_quick_stages(made, wanted)
     return replace(piece, settings=wanted, made=made)
 
 
@@ -190,7 +190,7 @@ def save(piece: Piece, path: str | Path, *, overwrite: bool = False) -> Path:
     guard.check([Path(path)])
     if piece.uid is not None:
         show(piece)
-    with files.replacing(path, guard) as new:
+    with files.write_atomically(path, guard) as new:
         if piece.uid is None:
             scene.save_alone(new, piece.result, piece.name, piece.settings)
         else:
@@ -289,7 +289,9 @@ def go_on(piece: Piece, names: Sequence[str], progress: Tell, *, lenient: bool =
     progress : called with a fraction and a text
     lenient : let optional stages fail unless they are last; ``Result.undone`` names them
     """
-    return replace(piece, made=job.go_on(piece.result, piece.settings, names, progress_of(progress), lenient=lenient))
+    return replace(
+        piece, made=job.run_stages(piece.result, piece.settings, names, progress_of(progress), lenient=lenient)
+    )
 
 
 def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
@@ -306,7 +308,7 @@ def go_to(piece: Piece, name: str, progress: Tell, *after: str) -> Piece:
     after : names of stages
     """
     fresh = piece.uid is None and not piece.result.surface.regularised
-    made = job.go_to(piece.result, piece.settings, name, after, progress_of(progress), fresh=fresh)
+    made = job.run_until(piece.result, piece.settings, name, after, progress_of(progress), fresh=fresh)
     return replace(piece, made=made)
 
 
@@ -317,7 +319,7 @@ def _from_blender(source: Any) -> Piece:
 
     obj = source if hasattr(source, "bl_rna") else scene.open_blend(source)
     stored = snapshot.read(obj)
-    other = versions.said(notes.made_with(obj.data))
+    other = versions.version_warning(notes.made_with(obj.data))
     if other:
         warnings.warn(f"'{obj.name}': {other}", versions.OtherVersion, stacklevel=3)
     name = obj.name if obj is source else Path(source).name

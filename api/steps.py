@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine.errors import FlexMapsError
 from ..engine.extras import registry
-from ..engine.params import wish, with_values
+from ..engine.params import goal_values, with_values
 from ..engine.runs import by_hand
 from ..engine.runs.outputs import LAYOUTS
 from ..engine.runs.piece import Piece
@@ -75,7 +75,7 @@ def choose(piece: Piece, *, panels: int | None = None, match: float | None = Non
     progress : called with a fraction and a text
     """
     registry.need("choosing")
-    wanted = with_values(piece.settings, wish(panels=panels, match=match))
+    wanted = with_values(piece.settings, goal_values(panels=panels, match=match))
     return go_to(replace(piece, settings=wanted), "flat", progress, "choose")
 
 
@@ -207,10 +207,10 @@ def explore(
     Parameters
     ----------
     piece : the piece
-    vary : "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values, see ``space``
+    vary : "section.name", "edge" or "height" (millimetres) or "quads" -> "low:high" or a list of values, see ``make_space``
     folder : gets table, plot and pictures; an exploration that was stopped there continues
-    goals : such as "rms_percent<=1"; default ``space.GOALS``
-    minimised : the two measures of the Pareto front; default ``space.MINIMISED``
+    goals : such as "rms_percent<=1"; default ``make_space.GOALS``
+    minimised : the two measures of the Pareto front; default ``make_space.MINIMISED``
     overwrite : also replace files in the folder that FlexMaps did not write or that changed since
     progress : called with a fraction and a text; raising ``Cancelled`` ends the exploration with what it has
     search : ``candidates``, ``scheduler``, ``cores``, ``effort``, ``seed``, see ``explore_piece``
@@ -220,17 +220,17 @@ def explore(
     FlexMapsError where the folder, the cluster or a goal cannot be used.
     """
     registry.need("exploring")
-    from ..engine.extras.exploring.folder import refuse
+    from ..engine.extras.exploring.folder import refuse_to_replace
     from ..engine.extras.exploring.run import explore_piece
-    from ..engine.extras.exploring.space import GOALS, MINIMISED, space
+    from ..engine.extras.exploring.space import GOALS, MINIMISED, make_space
 
     if search.get("scheduler"):
         _refuse_offline()
     guard = guard_of([piece], overwrite)
     if folder is not None:
-        refuse(Path(folder), guard)
+        refuse_to_replace(Path(folder), guard)
     wanted, least = GOALS if goals is None else goals, MINIMISED if minimised is None else minimised
-    reporter, question = progress_of(progress), space(vary, piece.settings, wanted, least)
+    reporter, question = progress_of(progress), make_space(vary, piece.settings, wanted, least)
     pieces = {count: remesh(piece, quads=count) if count else piece for count in question.quads}
     laid_out = {count: one if one.result.flat is not None else layout(one) for count, one in pieces.items()}
     results = {count: one.result for count, one in laid_out.items()}

@@ -11,7 +11,7 @@ from .. import api
 from ..engine.errors import FlexMapsError
 from ..engine.extras import registry
 from ..engine.fabrication.writers import export
-from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, shown
+from ..engine.params import SHOWN, ChooseParams, ObjectSettings, Settings, format_value
 from ..engine.progress import Progress
 from ..engine.runs import job
 from . import extras, handles, painting, pressing, summary
@@ -37,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
         "be optimised, or no equilibrium was found, see the warnings; 130 stopped; 1 a fault of the program."
     )
     whole.add_argument("--out", required=True, metavar="FOLDER", help="folder for everything that is written")
-    whole.add_argument("--stop-after", choices=job.NAMES, default=job.NAMES[-1], metavar="STAGE",
-                       help=f"last stage to run: {', '.join(job.NAMES)}")  # fmt: skip
+    whole.add_argument("--stop-after", choices=job.STAGE_NAMES, default=job.STAGE_NAMES[-1], metavar="STAGE",
+                       help=f"last stage to run: {', '.join(job.STAGE_NAMES)}")  # fmt: skip
     whole.add_argument("--no-remesh", dest="remeshed", action="store_false",
                        help="refuse a mesh with faces that are no quads, instead of remeshing it")  # fmt: skip
     whole.add_argument(
@@ -128,7 +128,7 @@ def _flags(made: argparse.ArgumentParser) -> None:
 
 def _flag(group: argparse._ActionsContainer, name: str, dest: str, f: Field, kind: type) -> None:
     flag, meta = "--" + name.replace("_", "-"), f.metadata
-    help = f"{meta['help']} (default {shown(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
+    help = f"{meta['help']} (default {format_value(f, f.default)})" if kind in (int, float) else meta["help"]  # type: ignore[arg-type]
     if kind is bool:
         group.add_argument(flag, dest=dest, action=argparse.BooleanOptionalAction, help=help)
     elif meta["choices"]:

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
-from ..engine.remaining import Remaining, told
+from ..engine.remaining import Remaining, format_seconds
 
 NAME = "flexmaps"
 UNDONE = 3  # exit status: files written, with something left undone
@@ -72,7 +72,7 @@ def main(argv: list[str]) -> int:
         return 130
     except Exception as error:
         console.end_line()
-        foreign = packages.blamed(error)
+        foreign = packages.blame_extension(error)
         if foreign is not None:
             print(f"flexmaps: {foreign}", file=sys.stderr)
             return 2
@@ -160,7 +160,7 @@ class Console:
         now = time.monotonic()
         self._remaining.report(now - self._began, fraction)
         seconds = self._remaining.seconds(now - self._began)
-        line = f"{fraction:4.0%}  {text}" + ("" if seconds is None else f", about {told(seconds)} left")
+        line = f"{fraction:4.0%}  {text}" + ("" if seconds is None else f", about {format_seconds(seconds)} left")
         if self._live:
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
         elif now - self._last > self.EVERY or fraction >= 1.0:

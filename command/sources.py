@@ -10,7 +10,7 @@ from typing import Any
 
 from ..engine.errors import FlexMapsError
 from ..engine.fabrication.nesting.remnants import SEPARATOR
-from ..engine.params import RemeshParams, wish
+from ..engine.params import RemeshParams, goal_values
 from ..engine.surface import shapes
 from ..engine.surface.files.meshio import SHAPE
 from .guarding import guarded
@@ -71,7 +71,7 @@ def settings(args: argparse.Namespace) -> dict[str, Any]:
     if args.remnants_given:
         values["sheet.remnants"] = SEPARATOR.join(args.remnants_given)
     wished = {name: values.get(f"choose.{name}") for name in ("goal", "panels", "match")}
-    return values | wish(**wished)
+    return values | goal_values(**wished)
 
 
 def source(args: argparse.Namespace) -> dict[str, Any]:

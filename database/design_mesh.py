@@ -15,7 +15,7 @@ import numpy as np
 from ..engine.arrays import Complex, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.spirals.design import SpiralDesign
-from ..engine.spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, width_at
+from ..engine.spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, width_at
 from .rim_mesh import plane_nodes
 from .solid import ARMS, LOBATTO, lagrange
 
@@ -213,7 +213,7 @@ class _Rails:
         self.power = np.clip(0.6 * (1.0 - self.start) / np.maximum(np.abs(self.skew), 1e-12), 1.0, 4.0)
 
     def _edge(self, u: np.ndarray, side: float) -> Complex[np.ndarray, "spirals 4 points"]:
-        return _number(edge(self.shape, 1.0 - u, side)[0]) - self.centre[..., None]
+        return _number(edge_points(self.shape, 1.0 - u, side)[0]) - self.centre[..., None]
 
     def _speed(self, u: np.ndarray) -> Float[np.ndarray, "spirals 4 points"]:
         return np.linalg.norm(centre_line(self.shape, 1.0 - u)[1], axis=-1)

@@ -14,7 +14,7 @@ import numpy as np
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.linalg import NotPositiveDefinite, Pattern, SparseCholesky
-from ..engine.mechanics.assembly import Pose, of_design
+from ..engine.mechanics.assembly import Pose, assembly_from_design
 from ..engine.newton import CONVERGED, INDEFINITE, Iteration, Local, minimise
 from ..engine.progress import SILENT, Progress
 from ..engine.spirals.design import SpiralDesign
@@ -85,7 +85,7 @@ class DesignSolid:
             raise FlexMapsError("A solid needs at least one held hub; hold any one of a free body")
         self.design, self.held, self.stiffness = design, held, stiffness
         self.mesh: DesignMesh = make_mesh(design, resolution or Resolution())
-        joints = of_design(design).whole
+        joints = assembly_from_design(design).whole
         self.pairs, self.sides, self.lever, self.axes = joints.pairs, joints.sides, joints.lever, joints.axes
         n, count = self.mesh.numbering, len(self.mesh.nodes)
         self.tips = n.sections[:, -1]

@@ -54,9 +54,9 @@ def relative_factor(
 ) -> Float[np.ndarray, " 12"]:
     """(12,) table entries of a dimensionless compliance (6, 6): its Cholesky factor relative to the beam's, logarithms
     on the diagonal."""
-    base = stiffness.beams.tip_compliance(np.array([scale]), np.array([height]), np.array([twist]), poisson).values[
-        ..., 0
-    ]
+    base = stiffness.beams.beam_tip_compliance(
+        np.array([scale]), np.array([height]), np.array([twist]), poisson
+    ).values[..., 0]
     out = []
     for block, rows in zip(base, (stiffness.IN_PLANE, stiffness.OUT_OF_PLANE)):
         beam = np.zeros((3, 3))
@@ -196,7 +196,7 @@ def true_block(values: np.ndarray, spiral: Spiral, poisson: float, block: int) -
     """Dimensionless compliance block from what ``arm`` returned."""
     from ..engine.mechanics.arms import beams
 
-    base = beams.tip_compliance(
+    base = beams.beam_tip_compliance(
         np.array([spiral.scale]), np.array([spiral.height]), np.array([spiral.twist]), poisson
     ).values[block, :, 0]
     beam, factor = np.zeros((3, 3)), np.zeros((3, 3))

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from ..engine.arrays import Bool, Float, Int
 from ..engine.errors import FlexMapsError
 from ..engine.materials import Material
-from ..engine.mechanics.assembly import Pose, of_design, target_pose
+from ..engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from ..engine.mechanics.elastic import ElasticModel
 from ..engine.mechanics.equilibrium import Equilibrium, solve
 from ..engine.mechanics.loads import GRAVITY, Loads
@@ -90,7 +90,7 @@ def loads(case: Case, loading: Loading) -> tuple[Loads, Pose]:
 def model(case: Case, name: str) -> ElasticModel:
     """A coarse model of a case's design: "arm", "quick" (without the strains' second order) or "rod"."""
     kind = "rod" if name == "rod" else "arm"
-    return build_model(of_design(case.design), case.material, kind, quick=name == "quick", slopes=False)
+    return build_model(assembly_from_design(case.design), case.material, kind, quick=name == "quick", slopes=False)
 
 
 def solved(case: Case, progress: Progress = SILENT) -> dict[str, np.ndarray]:
@@ -209,7 +209,7 @@ def load(folder: Path = FOLDER, only: str | None = None) -> list[Reference]:
             if arrays["force"][k].any() and not arrays["fixed"][k].any():
                 # forces of fixed direction turn a free body: the hub that the solid was held by belongs to the state
                 supports, rest = loads(case, loading)
-                arrays["fixed"][k] = supports.held(of_design(case.design).pairs, rest.centres)
+                arrays["fixed"][k] = supports.held(assembly_from_design(case.design).pairs, rest.centres)
         states = tuple(one.name for one in case.loadings)
         out.append(Reference(case, states, unknowns=header["unknowns"], **arrays))
     return out

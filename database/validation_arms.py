@@ -12,7 +12,7 @@ import numpy as np
 
 from ..engine.arrays import Float
 from ..engine.mechanics.arms.model import ArmModel
-from ..engine.mechanics.assembly import Pose, of_design
+from ..engine.mechanics.assembly import Pose, assembly_from_design
 from ..engine.spirals.design import SpiralDesign
 from .design_mesh import UNIT
 from .design_solid import DesignSolid, Loaded
@@ -63,7 +63,7 @@ def _face(across: int) -> Float[np.ndarray, " face"]:
 
 def model_compliances(design: SpiralDesign) -> Float[np.ndarray, "joints 2 6 6"]:
     """The same of the default elastic model."""
-    return ArmModel.from_assembly(of_design(design), MATERIAL, curving=False, slopes=False).compliance.values
+    return ArmModel.from_assembly(assembly_from_design(design), MATERIAL, curving=False, slopes=False).compliance.values
 
 
 def excess(solid: np.ndarray, model: np.ndarray) -> Float[np.ndarray, "joints 2 wrenches"]:
@@ -99,7 +99,7 @@ def compare_arms() -> list[dict[str, Any]]:
     """One row for every kind of arm of every design: percent of energy, median and the middle nine tenths."""
     rows = []
     for name, (design, resolution) in designs().items():
-        parts, shown = of_design(design), set()
+        parts, shown = assembly_from_design(design), set()
         share = 100.0 * excess(solid_compliances(design, resolution), model_compliances(design))
         for e, j in np.ndindex(parts.pairs.shape):
             spiral, side = parts.pairs[e, j], parts.sides[e, j]

@@ -23,7 +23,7 @@ from ..engine.patches.flattening.flatten import flatten, measured
 from ..engine.patches.layout import PatchLayout
 from ..engine.patches.merging.merge import merge
 from ..engine.patches.tracing.trace import trace
-from ..engine.spirals.design import SpiralDesign, from_curvature
+from ..engine.spirals.design import SpiralDesign, design_from_curvature
 from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
 from ..engine.surface.shapes import make, welded
@@ -235,7 +235,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
     if not path.is_file():
         target, spirals = mesh, SpiralParams()
         flat = merge(trace(mesh, LayoutParams()), LayoutParams())
-        first = from_curvature(flat, spirals, rms_curvature(mesh))
+        first = design_from_curvature(flat, spirals, rms_curvature(mesh))
         found = optimise(first, target, MATERIALS["vero"], OptimiseParams(arms=arms), SimulateParams()).design
         found = meshable(found)
         kept = {"cut": found.flat.layout.cut, "points": found.flat.points, "width": found.width, "twist": found.twist}

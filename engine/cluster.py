@@ -13,7 +13,7 @@ from typing import Any
 
 from . import MANIFEST
 from .errors import FlexMapsError
-from .workers import Lost
+from .workers import WorkerDied
 
 ROOT = Path(__file__).resolve().parents[1]
 # seconds to wait for answers of scheduler and workers, as in database/; less would give up on slow networks
@@ -72,7 +72,7 @@ _remote.__module__ = "__main__"
 class Cluster(Executor):
     """Executor on the workers of a Dask cluster; use it in a ``with`` statement.
 
-    A task whose worker is lost is repeated on another worker; after ``RETRIES`` repetitions its future raises ``Lost``.
+    A task whose worker is lost is repeated on another worker; after ``RETRIES`` repetitions its future raises ``WorkerDied``.
 
     Parameters
     ----------
@@ -143,11 +143,13 @@ class Cluster(Executor):
 def _settle(wanted: Future[Any], task: Future[bytes]) -> None:
     """Set a future's result or exception from a finished task of the cluster."""
     if task.cancelled():
-        wanted.set_exception(Lost("The cluster cancelled a task; start this again"))
+        wanted.set_exception(WorkerDied("The cluster cancelled a task; start this again"))
         return
     error = task.exception()
     if error is not None:
-        wanted.set_exception(Lost(f"Workers of the cluster ended again and again while they worked on this: {error}"))
+        wanted.set_exception(
+            WorkerDied(f"Workers of the cluster ended again and again while they worked on this: {error}")
+        )
         return
     well, value = pickle.loads(task.result())
     (wanted.set_result if well else wanted.set_exception)(value)

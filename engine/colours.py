@@ -6,9 +6,9 @@ import numpy as np
 
 # Colour scales from low to high, sRGB anchors, chosen by eye. They get darker with the value, so that they also work in greyscale.
 # for errors, strains and other values that should be low
-BAD = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
+ERROR_SCALE = np.array([[0.93, 0.95, 0.92], [0.98, 0.86, 0.50], [0.93, 0.48, 0.24], [0.66, 0.09, 0.20]])
 # for neutral quantities
-MUCH = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
+QUANTITY_SCALE = np.array([[0.96, 0.95, 0.85], [0.55, 0.80, 0.68], [0.18, 0.52, 0.60], [0.13, 0.22, 0.42]])
 SEAM = np.array([0.10, 0.11, 0.14])  # colour of cuts, sRGB: nearly black, to stand out from all patches
 # reasons that limit the match (names of ``optimisation.reach``): sRGB colour and text of the legend
 LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
@@ -20,7 +20,7 @@ LIMITS: dict[str, tuple[tuple[float, float, float], str]] = {
     "stretched": ((0.14, 0.55, 0.55), "stretched in its plane"),
     "free": ((0.40, 0.58, 0.85), "pulled by its neighbours"),
 }
-UNSEEN = np.array([0.62, 0.62, 0.62])  # values that were not measured: a grey that is on no scale; by eye
+MISSING_GREY = np.array([0.62, 0.62, 0.62])  # values that were not measured: a grey that is on no scale; by eye
 LEAST_DISTANCE = 0.1  # mm, smallest upper end of the scale of distances: with less, rounding errors would be coloured
 
 
@@ -67,19 +67,19 @@ def oklch(lightness: np.ndarray, chroma: np.ndarray, hue: np.ndarray) -> np.ndar
     return np.clip(cone**3 @ to_rgb.T, 0.0, 1.0)
 
 
-def of_patches(count: int) -> np.ndarray:
+def patch_colours(count: int) -> np.ndarray:
     """Return soft colours (count, 3), linear RGB; consecutive ones are far apart in hue (golden angle)."""
     i = np.arange(count)
     return oklch(0.76 + 0.05 * np.cos(2.4 * i), np.full(count, 0.095), 0.9 + 2.399963 * i)
 
 
-def of_seams(count: int) -> np.ndarray:
+def seam_colours(count: int) -> np.ndarray:
     """Return strong colours (count, 3), linear RGB, by which people find the two sides of a seam."""
     i = np.arange(count)
     return oklch(np.full(count, 0.58), np.full(count, 0.16), 0.4 + 2.399963 * i)
 
 
-def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
+def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
     """Map values to colours.
 
     Parameters

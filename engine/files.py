@@ -53,7 +53,7 @@ TRIES, PAUSE = 10, 0.1
 _FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO}  # errors of write(), which carry no file name
 
 
-def reason(error: OSError | ValueError) -> str:
+def describe_error(error: OSError | ValueError) -> str:
     """Describe in words why writing failed, and what to do."""
     windows = getattr(error, "winerror", None)
     if windows in _WINDOWS:
@@ -65,24 +65,24 @@ def reason(error: OSError | ValueError) -> str:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str], guard: Guard | None = None) -> Iterator[Path]:
+def write_atomically(path: str | os.PathLike[str], guard: Guard | None = None) -> Iterator[Path]:
     """Write one file atomically: yield a temporary path, whose file replaces the target at the end.
 
     Parameters
     ----------
     path : the target
-    guard : as in ``replacing_many``
+    guard : as in ``write_all_atomically``
 
     Raises
     ------
     FlexMapsError : the file cannot be written
     """
-    with replacing_many(guard=guard) as new:
+    with write_all_atomically(guard=guard) as new:
         yield new(path)
 
 
 @contextmanager
-def replacing_many(
+def write_all_atomically(
     stale: Iterable[str | os.PathLike[str]] = (),
     alone_in: str | os.PathLike[str] | None = None,
     guard: Guard | None = None,
@@ -147,8 +147,8 @@ def _note(wanted: dict[Path, Path], gone: list[Path], root: Path | None) -> None
     for folder in {target.parent if root is None else root for target in (*wanted, *gone)}:
         own = {target: now for target, now in wanted.items() if root is not None or target.parent == folder}
         text = own_files.note_text(folder, own, gone)
-        wanted[folder / own_files.NOTE] = _beside(folder / own_files.NOTE)
-        wanted[folder / own_files.NOTE].write_text(text, encoding="utf-8")
+        wanted[folder / own_files.CHECKSUM_FILE] = _beside(folder / own_files.CHECKSUM_FILE)
+        wanted[folder / own_files.CHECKSUM_FILE].write_text(text, encoding="utf-8")
 
 
 @contextmanager
@@ -171,10 +171,10 @@ def _refused(error: OSError | ValueError, wanted: dict[Path, Path]) -> FlexMapsE
     name = getattr(error, "filename", None)
     target = next((t for t, temporary in wanted.items() if str(temporary) == str(name)), None)
     place = target or name or next(iter(wanted), "the file")
-    return FlexMapsError(f"Cannot write {place}: {reason(error)}")
+    return FlexMapsError(f"Cannot write {place}: {describe_error(error)}")
 
 
-def named(text: str) -> str:
+def safe_file_name(text: str) -> str:
     """Return a file name that is valid on every system, made from a user's text.
 
     Punctuation, spaces and invisible characters become "_", as in Blender's own file names; letters of all scripts stay. Names that

@@ -18,7 +18,7 @@ Result = TypeVar("Result")
 
 CONVERGED, ITERATIONS, TIME = "converged", "iterations", "time"
 SADDLE, INDEFINITE, NO_DESCENT = "saddle", "indefinite", "no descent"
-ROUNDED, DIVERGED = "rounded", "diverged"
+AT_ROUNDING, DIVERGED = "rounded", "diverged"
 
 # Factor of the convex share after each step, and smallest convex share; by eye. Larger shares are safer and take more steps
 DECAY, LEAST_CONVEX = 0.3, 0.01
@@ -29,7 +29,7 @@ SHORTEST = 2.0**-30  # smallest share of a step in the line search; shorter step
 # number of recent energies whose maximum a step must not exceed: thin shells get worse before they get better
 RECENT = 5
 NOISE = 1e-13  # relative rounding error of the sum of the energy's terms
-STILL = 1e-13  # radians and metres; smaller steps are rounding errors
+NEGLIGIBLE_STEP = 1e-13  # radians and metres; smaller steps are rounding errors
 ESCAPES = 5  # number of saddles to leave before the search gives up; not measured, usually there is one
 # The iteration stagnates if the residual is below CREEPING and has not halved in STEPS steps: it follows the ridge of a saddle or a
 # flat valley, where the convex part makes steps far too short. Smaller convex shares are then tried first. Without this, a piece
@@ -46,7 +46,7 @@ CUT, DEEP_CUT, EXACT = 0.3, 0.1, 0.1
 # Smallest damping, in energies per variable: less would not change the steps, and would take longer to grow again
 LEAST_DAMPING = 0.01
 HOPE = 0.25  # share of the predicted decrease that is assumed to remain achievable after a poor step; by eye
-TINY = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
+NEGLIGIBLE = 1e-9  # length of a negligible step, in variables scaled to boxes of size 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,9 +243,9 @@ class LineSearch:
         if not self._factored(problem, here, history):
             return state, INDEFINITE
         step = problem.step(here)
-        if np.abs(step).max() <= STILL:
+        if np.abs(step).max() <= NEGLIGIBLE_STEP:
             # the step is a rounding error, so the residual cannot get smaller
-            return state, ROUNDED if problem.stable(state) else SADDLE
+            return state, AT_ROUNDING if problem.stable(state) else SADDLE
         found = self._searched(problem, state, here, step, history)
         return (state, NO_DESCENT) if found is None else (found, None)
 

@@ -11,10 +11,12 @@ from pathlib import Path
 
 from .errors import FlexMapsError
 
-NOTE = ".flexmaps-files"  # name of the file in each folder that lists the checksums of the files that runs wrote there
+CHECKSUM_FILE = (
+    ".flexmaps-files"  # name of the file in each folder that lists the checksums of the files that runs wrote there
+)
 
 
-class TheirFile(FlexMapsError):
+class ForeignFileError(FlexMapsError):
     """Error: a file to write exists already, and the user made or changed it."""
 
 
@@ -61,7 +63,7 @@ class Guard:
                 foreign.append(target)
         if foreign:
             more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
-            raise TheirFile(
+            raise ForeignFileError(
                 f"{foreign[0]}{more} would be written over, but FlexMaps did not write it, or it was changed since; "
                 f"{_elsewhere(foreign[0], root)}, or allow it (--overwrite, overwrite=True)"
             )
@@ -90,7 +92,7 @@ def is_ours(path: Path, root: Path | None = None) -> bool:
 def read_note(folder: Path) -> dict[str, str]:
     """Return the recorded checksums by the files' paths relative to the folder; empty if the record is missing or damaged."""
     try:
-        noted = json.loads((folder / NOTE).read_text(encoding="utf-8"))
+        noted = json.loads((folder / CHECKSUM_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return noted if isinstance(noted, dict) else {}

@@ -18,7 +18,7 @@ from .errors import FlexMapsError
 MODULES = {"libigl": "igl", "fonttools": "fontTools"}
 
 
-def strangers(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
+def replaced_packages(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
     """Return the packages that are installed in another version than the manifest's: by name, installed version and ours."""
     wheels = re.findall(r'"\./wheels/([^-"]+)-([^-"]+)-', manifest.read_text(encoding="utf-8"))
     found = {}
@@ -32,7 +32,7 @@ def strangers(manifest: Path = MANIFEST) -> dict[str, tuple[str, str]]:
     return found
 
 
-def blamed(error: BaseException, manifest: Path = MANIFEST) -> FlexMapsError | None:
+def blame_extension(error: BaseException, manifest: Path = MANIFEST) -> FlexMapsError | None:
     """Return an error that blames another extension if its packages are involved in an unexpected error, else None.
 
     Parameters
@@ -43,7 +43,7 @@ def blamed(error: BaseException, manifest: Path = MANIFEST) -> FlexMapsError | N
     files = {Path(frame.filename).as_posix() for frame in traceback.extract_tb(error.__traceback__)}
     suspects = [
         f"{name} {there} instead of {ours}"
-        for name, (there, ours) in strangers(manifest).items()
+        for name, (there, ours) in replaced_packages(manifest).items()
         if re.search(rf"\b{(module := MODULES.get(name, name))}\b", str(error))
         or any(f"/site-packages/{module}/" in file for file in files)
     ]

@@ -43,7 +43,7 @@ class Remaining:
         return (1.0 - done) / pace
 
 
-def told(seconds: float) -> str:
+def format_seconds(seconds: float) -> str:
     """Format seconds roughly, as a person says them: 5 s, 40 s, 3 min, 1.5 h."""
     if seconds < 57.5:
         return f"{max(5, 5 * round(seconds / 5))} s"

@@ -6,10 +6,10 @@ from . import VERSION
 
 # Changes that alter the result of a stage for the same input: first version with the change, and a sentence for users who open an
 # older piece. All such changes belong here; other changes are only in the changelog.
-CHANGED: tuple[tuple[str, str], ...] = (
+RESULT_CHANGES: tuple[tuple[str, str], ...] = (
     ("0.1.0", "Sheets have a grain now: wood and prints bend otherwise along it than across it"),
 )
-UNSTAMPED = "0.1"  # version assumed for files that don't state theirs
+FIRST_VERSION = "0.1"  # version assumed for files that don't state theirs
 
 
 class OtherVersion(UserWarning):
@@ -22,12 +22,12 @@ def order(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in parts) if all(part.isascii() and part.isdigit() for part in parts) else ()
 
 
-def since(version: str, now: str = VERSION) -> tuple[str, ...]:
+def changes_between(version: str, now: str = VERSION) -> tuple[str, ...]:
     """Return the changes of results between two versions, earliest first; empty if ``now`` is not newer than ``version``."""
-    return tuple(text for first, text in CHANGED if order(version) < order(first) <= order(now))
+    return tuple(text for first, text in RESULT_CHANGES if order(version) < order(first) <= order(now))
 
 
-def said(version: str, now: str = VERSION) -> str:
+def version_warning(version: str, now: str = VERSION) -> str:
     """Return a warning for users who open a piece made with another version; "" if its results have not changed.
 
     Parameters
@@ -37,5 +37,5 @@ def said(version: str, now: str = VERSION) -> str:
     """
     if order(version) > order(now):
         return f"It was made with FlexMaps {version}, which is newer than this {now}: what is new there is not read"
-    changed = since(version, now)
+    changed = changes_between(version, now)
     return f"It was made with FlexMaps {version}, this is {now}; since then: {'; '.join(changed)}" if changed else ""

@@ -24,7 +24,7 @@ from .progress import SILENT, Progress
 
 T = TypeVar("T")
 U = TypeVar("U")
-TRIES = 2  # attempts at a task whose process dies, before ``Lost`` is raised
+TRIES = 2  # attempts at a task whose process dies, before ``WorkerDied`` is raised
 WAIT = 0.05  # seconds between checks whether the user cancels; larger reacts later
 # numerical libraries would otherwise start one thread per core in every process
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")} | {"VECLIB_MAXIMUM_THREADS": "1"}
@@ -44,7 +44,7 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-class Lost(FlexMapsError):
+class WorkerDied(FlexMapsError):
     """Error: a worker process died during a task."""
 
 
@@ -134,7 +134,7 @@ class Workers(Executor):
                         return pickle.loads(function)(*pickle.loads(arguments))
                 try:
                     return process.call(function, arguments)
-                except Lost:
+                except WorkerDied:
                     if not left:
                         raise
         finally:
@@ -144,7 +144,7 @@ class Workers(Executor):
         """Start another process; None if not even the first one can be started."""
         try:
             process = _Process()
-        except (OSError, Lost):
+        except (OSError, WorkerDied):
             if self._all:
                 raise
             self.note = "No Python can be started beside this program: everything is done in one process"
@@ -168,7 +168,7 @@ def as_done(
 ) -> Iterator[tuple[int, Future[Any]]]:
     """Iterate over the items in the order in which they are finished.
 
-    A future's ``result()`` returns the function's value or raises its exception, or ``Lost`` if the process died. Unfinished items
+    A future's ``result()`` returns the function's value or raises its exception, or ``WorkerDied`` if the process died. Unfinished items
     are cancelled when the progress raises ``Cancelled``, or when the iteration is ended.
 
     Parameters
@@ -199,7 +199,7 @@ def as_done(
 
 
 class _Process:
-    """A worker process that calls one function at a time. Raises OSError or ``Lost`` if it cannot be started."""
+    """A worker process that calls one function at a time. Raises OSError or ``WorkerDied`` if it cannot be started."""
 
     def __init__(self) -> None:
         executable = python()
@@ -221,7 +221,7 @@ class _Process:
         self._answer(begin.encode() + b"\n")
 
     def call(self, function: bytes, arguments: bytes) -> Any:
-        """Call a pickled function with pickled arguments; return its value or raise its exception, or ``Lost`` if the process dies."""
+        """Call a pickled function with pickled arguments; return its value or raise its exception, or ``WorkerDied`` if the process dies."""
         sent = b"" if function == self._previous else function  # send it only once: it can hold a whole mesh
         self._previous = function
         return self._answer(pickle.dumps((sent, arguments)))
@@ -238,7 +238,7 @@ class _Process:
             if self._stopped:
                 raise Cancelled from None
             self.kill()
-            raise Lost(
+            raise WorkerDied(
                 "A process that was to work on this ended by itself: there may be too little memory for so many at once"
             ) from None
         if not well:

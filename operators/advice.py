@@ -119,10 +119,10 @@ class MakeLarger(Advised, bpy.types.Operator):
         from ..engine.runs.outputs import DesignVersion
 
         about = snapshot.surface.to_metres[:3, 3]
-        made = job.enlarged(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
+        made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
         if searched or snapshot.note is None or not mesh.as_noted(result.needed(DesignVersion).design, snapshot.note):
             return made  # optimised or hand-made spirals are a better start than those from the curvature
-        return job.go_on(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
+        return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import mesh, states
@@ -203,7 +203,7 @@ class MakeFiner(Advised, bpy.types.Operator):
         settings, polygons = snapshot.settings, snapshot.surface.polygons
         remeshed = remesh.quads_of(polygons, round(self._amount), settings, progress.part(0.0, 0.5))
         begun = job.begin(remeshed.polygons)
-        made = job.go_to(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
+        made = job.run_until(begun, settings, "design", progress=progress.part(0.5, 1.0), fresh=True)
         return made.with_surface(findings=[*check.everything(PolygonMesh.from_quads(made.mesh)), *remeshed.findings])
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:

@@ -43,8 +43,8 @@ class ChooseStage(LayoutStage):
             version = result.get(DesignVersion)
             if pose is not None and version is not None:
                 optimised = result.with_outputs(replace(version, origin=OPTIMISED))
-                result = job.simulated_at(optimised, pose, snapshot.settings, progress.part(0.0, 0.01))
-            made = job.go_on(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
+                result = job.simulate_from_pose(optimised, pose, snapshot.settings, progress.part(0.0, 0.01))
+            made = job.run_stages(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
             choice = made.needed(LayoutChoice).choice
             strip = choices.pictures([one.flat for one in choice.proposals])
             return None if made.flat is result.flat else reported(made), choice, strip

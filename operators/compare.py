@@ -67,7 +67,7 @@ class Compare(Asked, ContinuedStage["Result"], bpy.types.Operator):
 
             progress(0.0, "Reading the scan")
             scan = reading.read(path, unit, anywhere)
-            return job.go_on(result.with_user(rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
+            return job.run_stages(result.with_user(rest=rest, scanned=scan), snapshot.settings, ("compare",), progress)
 
         return go_on
 

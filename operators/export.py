@@ -60,11 +60,11 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
             from ..engine.runs.outputs import DesignVersion, MakingEstimate, SheetPlan
 
             if rest is not None:
-                result = job.simulated_at(result, rest, settings, progress.part(0.0, 0.05))
-            made = job.go_on(result, settings, ("sheets",), progress.part(0.05, 0.85))
+                result = job.simulate_from_pose(result, rest, settings, progress.part(0.0, 0.05))
+            made = job.run_stages(result, settings, ("sheets",), progress.part(0.05, 0.85))
             sheets, estimate = made.needed(SheetPlan).sheets, made.needed(MakingEstimate)
             progress(0.85, "Writing files")
-            with files.replacing_many(export.stale(base, sheets.count), base.parent, guard) as new:
+            with files.write_all_atomically(export.stale(base, sheets.count), base.parent, guard) as new:
                 guide = job_folder.guide_of(base) if settings.export.guide else None
                 written = job_folder.write_sheets(
                     made, snapshot.name, base, formats, new, guide, progress.part(0.85, 1.0)

@@ -40,7 +40,7 @@ class Fit(SearchStage, bpy.types.Operator):
 
         if self._start:
             return super().begun(result, snapshot, progress)
-        return job.go_on(result, snapshot.settings, ("spirals",), progress)
+        return job.run_stages(result, snapshot.settings, ("spirals",), progress)
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
         if not self._flat:

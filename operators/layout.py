@@ -76,7 +76,7 @@ class Trace(LayoutStage, bpy.types.Operator):
             from ..engine.runs import job
             from ..engine.runs.outputs import TracedLayout
 
-            made = job.go_on(result, snapshot.settings, ("trace",), progress)
+            made = job.run_stages(result, snapshot.settings, ("trace",), progress)
             return reported(made, **{notes.TRACED: len(made.needed(TracedLayout).layout.patches) > 1})
 
         return go_on
@@ -94,7 +94,7 @@ class Merge(LayoutStage, bpy.types.Operator):
             from ..engine.runs import by_hand, job
 
             traced = by_hand.traced_at(result, snapshot.seams(result), snapshot.settings, progress.part(0.0, 0.1))
-            return reported(job.go_on(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
+            return reported(job.run_stages(traced, snapshot.settings, ("merge", "split"), progress.part(0.1, 1.0)))
 
         return go_on
 

@@ -61,7 +61,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
                 progress(SEARCHED, "Drawing outlines")
                 panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
                 spirals = design_report(better, progress.part(DRAWN, DRAWN))
-                made = job.go_on(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
+                made = job.run_stages(made, once, ("simulate",), progress.part(DRAWN, DRAWN))
             except Cancelled:  # keep the result, but skip the slower figures
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))

@@ -40,7 +40,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
             from ..engine.surface.checking import check
             from ..engine.surface.mesh import PolygonMesh
 
-            after = job.go_on(result, snapshot.settings, ("regularise",), progress).mesh
+            after = job.run_stages(result, snapshot.settings, ("regularise",), progress).mesh
             return result.mesh, after, check.everything(PolygonMesh.from_quads(after))
 
         return go_on

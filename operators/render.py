@@ -62,7 +62,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
         from ..engine import files
 
         for one in result:
-            with files.replacing(self._path.with_name(one.name), self._guard) as new:
+            with files.write_atomically(self._path.with_name(one.name), self._guard) as new:
                 shutil.copyfile(one, new)
         if self._path in [self._path.with_name(one.name) for one in result] and self._path.suffix == ".png":
             self._report_picture(self._path)
@@ -93,7 +93,7 @@ class Render(Writes, StageOperator["list[Path]"], bpy.types.Operator):
                 count = picture.film(context.object, path, params)
                 self.report({"INFO"}, translate("{} frames in {}", count, path.parent))
                 return {"FINISHED"}
-            with files.replacing(path, guard) as new:
+            with files.write_atomically(path, guard) as new:
                 picture.together(context.object, new, params)
         except FlexMapsError as error:
             return self._refused(context, error)

@@ -73,7 +73,7 @@ class Report(IntoFolder, ContinuedStage["Plots"], bpy.types.Operator):
                 drawing_it(k / len(drawn), f"Drawing: {drawing.title}")
                 shown[kind] = raster.pixels(drawing, letters.result())
             if folder is not None:
-                with files.replacing_many(report_page.stale(folder), folder, guard) as new:
+                with files.write_all_atomically(report_page.stale(folder), folder, guard) as new:
                     rest = progress.part(0.9, 1.0)
                     report_page.write(page.described, drawn, folder, new, progress=rest, piece=view)
             return snapshot.name, shown, folder

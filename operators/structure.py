@@ -41,8 +41,8 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
             from ..engine.extras.structure.load_stage import LoadAnalysis
             from ..engine.runs import job
 
-            at_rest = job.simulated_at(result, rest, settings, progress.part(0.0, 0.1))
-            made = job.go_on(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
+            at_rest = job.simulate_from_pose(result, rest, settings, progress.part(0.0, 0.1))
+            made = job.run_stages(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
             return made.needed(LoadAnalysis).structure
 
         return go_on

@@ -38,7 +38,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
         from ..bridge.hosts import job_folder, letters
         from ..bridge.store import snapshot
         from ..engine import files
-        from ..engine.extras.together.together import together
+        from ..engine.extras.together.together import nest_together
         from ..engine.fabrication.writers import export
 
         objects = _selected(context)
@@ -59,8 +59,8 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
 
         def work(progress: Progress) -> BatchFiles:
             results = [one.result for one in stored if one.result is not None]
-            made = together(names, results, settings, progress.part(0.0, 0.85))
-            with files.replacing_many(export.stale(base, made.sheets.count), base.parent, guard) as new:
+            made = nest_together(names, results, settings, progress.part(0.0, 0.85))
+            with files.write_all_atomically(export.stale(base, made.sheets.count), base.parent, guard) as new:
                 guides, rest = first.export.guide, progress.part(0.85, 1.0)
                 written = job_folder.write_batch(made, base, formats, new, guides, rest)
             return written, made.sheets.count, len(made.of), base.parent

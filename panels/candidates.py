@@ -8,7 +8,7 @@ import bpy
 
 from ..bridge.store import explored
 from ..engine.figures import format_figure
-from ..engine.materials import STRAINED
+from ..engine.materials import OVERSTRAIN_SHARE
 from .rows import button, sentence, tr, value
 
 CANDIDATES = 6  # rows shown at most, so that the section stays short; by eye
@@ -47,7 +47,7 @@ def draw(body: Any, context: bpy.types.Context) -> None:
         button(line, "flexmaps.use_candidate", text).number = number
         measures = row["measures"]
         share = measures.get("strain_share", 0.0)
-        line.alert = share > STRAINED
+        line.alert = share > OVERSTRAIN_SHARE
         line.label(text=f"{format_figure(measures.get('rms_percent', 0.0))} %, {100 * share:.0f} %", translate=False)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..engine.extras.structure import cases
-from ..engine.materials import OVERLOADED, STRAINED
+from ..engine.materials import OVERLOADED, OVERSTRAIN_SHARE
 from .rows import button, figures, popover, sentence, tr, value
 from .stages import block_of
 
@@ -46,7 +46,7 @@ def _outcome(row: dict[str, Any]) -> list[tuple[str, str, bool]]:
     made = [(tr("{}: gives way at", name), tr("{} times", times), not row["reached"])]
     if row["reached"]:
         made.append((tr("Bends by"), f"{row['deflection_max_mm']:.3g} mm", False))
-    for key, label, most in (("arms", "Arms", STRAINED), ("joints", "Joints", OVERLOADED)):
+    for key, label, most in (("arms", "Arms", OVERSTRAIN_SHARE), ("joints", "Joints", OVERLOADED)):
         if key in row:
             made.append((tr(label), tr("{} % of limit", f"{100 * row[key]:.0f}"), row[key] > most))
     return made

@@ -7,7 +7,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.spirals.spiral import alike
+from flexmaps.engine.spirals.spiral import same_width
 from scipy.spatial.transform import Rotation
 
 SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015
@@ -23,7 +23,7 @@ def row(count: int, *, twist: float = 0.0, closed: bool = False, clockwise: bool
     axes = np.broadcast_to(np.eye(3), (len(pairs), 2, 3, 3))
     full = np.full(count, 1.0)
     sides = np.tile([1, 3], (len(pairs), 1))
-    return Assembly(pairs, sides, lever, axes, alike(WIDTH * full), twist * full, THICKNESS, clockwise)
+    return Assembly(pairs, sides, lever, axes, same_width(WIDTH * full), twist * full, THICKNESS, clockwise)
 
 
 def at_joints(assembly: Assembly) -> np.ndarray:

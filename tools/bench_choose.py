@@ -25,7 +25,7 @@ import numpy as np
 import zoo
 from bench_panels import processor
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.choosing.choice import GIVEN, Choice
+from flexmaps.engine.extras.choosing.choice import INITIAL, Choice
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import Remaining
@@ -106,13 +106,15 @@ def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
     if (polygons.sizes != 4).any() or not quads / LARGEST <= count <= LARGEST * quads:
         polygons = trial.remeshed(polygons, quads)
     laid = job.run(polygons, settings, edge=EDGE, stop_after="split")
-    given = job.go_on(laid, settings, ("spirals", "optimise", "simulate"))
+    given = job.run_stages(laid, settings, ("spirals", "optimise", "simulate"))
     if _rms(given) <= settings.choose.match:
         return [*_by_default(name, given), _small(name, given)]
     watch, began = _Watch(), processor()
-    chosen = job.go_on(given, settings, ("choose",), Progress(watch.report))
+    chosen = job.run_stages(given, settings, ("choose",), Progress(watch.report))
     spent = processor() - began
-    again = chosen if chosen.design is not None else job.go_on(chosen, settings, ("spirals", "optimise", "simulate"))
+    again = (
+        chosen if chosen.design is not None else job.run_stages(chosen, settings, ("spirals", "optimise", "simulate"))
+    )
     assert chosen.choice is not None
     return _rows(name, given, chosen.choice, again, watch, spent)
 
@@ -147,7 +149,7 @@ def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch
     before, after = _rms(given), _rms(again)
     best = choice.best
     peer: dict[str, Any] = {
-        "stays": best.judged.laid.origin == GIVEN,
+        "stays": best.judged.laid.origin == INITIAL,
         "judged": choice.judged,
         "note": choice.note[:120],
     }

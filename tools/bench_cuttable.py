@@ -62,7 +62,7 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
         Work.for_spirals(len(design.twist), patience),
     )
     problem, points = task.problem(design), list[DesignPoint]()
-    starts = optimise.starts(problem, design, found.mesh, params, SILENT)
+    starts = optimise.find_starts(problem, design, found.mesh, params, SILENT)
     start = min(starts.values(), key=lambda point: point.value)
     start = start.weighed(start.mismatch.value)
     Search(task, SearchRecord(), points.append, FARTHER * start.distance, design.flat).run([start], design, SILENT)
@@ -70,7 +70,7 @@ def measure(name: str, found: job.Result, patience: float) -> list[Row]:
     chosen = (
         {len(points) - 1, *rng.choice(len(points), min(STEPS - 1, len(points)), replace=False)} if points else set()
     )
-    designs = [codesign.designed(points[k], design) for k in sorted(chosen)]
+    designs = [codesign.to_design(points[k], design) for k in sorted(chosen)]
     faults = [0 if made is None else uncuttable(made) for made in designs]
     return [at_most(name, "panels that cannot be cut", 0, sum(faults), {"steps": f"{len(designs)} of {len(points)}"})]
 

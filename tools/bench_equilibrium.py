@@ -24,7 +24,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.linalg import Pattern
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Pose
-from flexmaps.engine.mechanics.elastic import ElasticModel, summed
+from flexmaps.engine.mechanics.elastic import ElasticModel, sum_joint_vectors
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
@@ -116,7 +116,7 @@ def _derivatives(model: ElasticModel, pose: Pose) -> tuple[float, float, float]:
             return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
 
         ends = way[model.pairs].reshape(-1, 12)
-        force = summed(np.einsum("mij,mj->mi", here.hessian, ends), model.pairs, len(way))
+        force = sum_joint_vectors(np.einsum("mij,mj->mi", here.hessian, ends), model.pairs, len(way))
         first = float((here.gradient * way).sum())
         second = float((force * way).sum())
         worst[0] = max(worst[0], abs(slope([e.energy for e in line]) / first - 1.0))

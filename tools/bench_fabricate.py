@@ -87,7 +87,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     merged = merge.merge(trace.trace(mesh, layout_params), layout_params)
     flat = split.split(merged, layout_params, params)
-    spirals = design.from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
+    spirals = design.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
     quick = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     seconds = time.process_time() - started
     # leave out loose keys, which lie in rows on their own sheet

@@ -19,7 +19,7 @@ from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.real_sheets import tolerance_band
-from flexmaps.engine.simulation.rests import RESTS
+from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface.files.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -70,7 +70,7 @@ def _rows(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[R
     after, physics = found.after, replace(settings.simulate, restarts=0)
     rms, strain = after.match["rms_percent"], 0.0 if after.strain is None else float(after.strain.max())
     again = simulate(found.design, after.target, after.material, physics)
-    named = any(one.code in RESTS for one in after.findings)
+    named = any(one.code in OTHER_REST_CODES for one in after.findings)
     slots, trace = after.slots(), found.trace
     start = {"start": found.start, "before": f"{found.before.match['rms_percent']:.2f}", "ended": found.ended}
     energies = {"J": f"{after.equilibrium.energy:.4g}", "J from the target": f"{again.equilibrium.energy:.4g}"}

@@ -108,7 +108,7 @@ def exactness() -> list[Row]:
     for height, twist in ((1.0, 0.0), (0.5, 3.0), (2.0, 6.0)):
         m = Model(Spiral(80.0, height, twist), 0.3)
         c = linear.tip_compliance(m, linear.unit_motions(m))
-        base = beams.tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values
+        base = beams.beam_tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values
         errors += [
             abs(base[1, 0, 0] / c[2, 2] - 1.0),
             abs(base[0, 2 if twist == 0 else 0, 0] / c[*((1, 1) if twist == 0 else (0, 0))] - 1.0),
@@ -209,8 +209,8 @@ def interpolation() -> list[Row]:
     s, w = rng.uniform(0.01, 0.03, n), rng.uniform(0.001, 0.002, n)
     twist = rng.uniform(0, 1, n) * np.minimum(stiffness.table_twist_limit(s / w), 2 * np.pi)
     kind: dict[str, Any] = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
-    stiffness.tip_compliance(s, w, twist, **kind)
-    ms = 1e3 * min(cpu(lambda: stiffness.tip_compliance(s, w, twist, **kind)) for _ in range(10))
+    stiffness.table_tip_compliance(s, w, twist, **kind)
+    ms = 1e3 * min(cpu(lambda: stiffness.table_tip_compliance(s, w, twist, **kind)) for _ in range(10))
     return [
         most("table at 48 held-out spirals, median %", 1.5, 100 * e["compliance_median"]),
         most("table at 48 held-out spirals, 95 %, %", 5.0, 100 * e["compliance_95"]),

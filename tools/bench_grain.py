@@ -21,9 +21,9 @@ from flexmaps.database.validation_grain import FIVE_PLIES, three_plies
 from flexmaps.engine.materials import Material, Orthotropy
 from flexmaps.engine.mechanics.arms.grain import GrainBeams
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, tip_compliance
-from flexmaps.engine.mechanics.assembly import Assembly, of_design
-from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, table_tip_compliance
+from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design
+from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.spirals.known import table_twist_limit
 from harness import Bench
 from rows import Row, at_most, row
@@ -67,7 +67,7 @@ def spirals(count: int) -> list[Row]:
         true = solid(Spiral(ratio, 1.0 / flat, twist), known, angle)
         given = (np.array([v]) for v in (ratio, 1.0, twist))
         beam = GrainBeams(known, np.array([angle]), known.along, POISSON)
-        model = tip_compliance(*given, thickness=1.0 / flat, youngs=1.0, poisson=POISSON, beam=beam).values[0]
+        model = table_tip_compliance(*given, thickness=1.0 / flat, youngs=1.0, poisson=POISSON, beam=beam).values[0]
         wrenches = rng.normal(size=(WRENCHES, 6)) * np.repeat([1.0, 0.25 * ratio], 3)
         stored = [np.einsum("wi,ij,wj->w", wrenches, one, wrenches) for one in (model, true)]
         errors.append(100.0 * (stored[0] / stored[1] - 1.0))
@@ -115,7 +115,7 @@ def derivatives() -> list[Row]:
 
     def values(given: dict[str, np.ndarray]) -> ArmCompliance:
         beam = GrainBeams(known, given["grain"], FIVE_PLIES.youngs, POISSON)
-        return tip_compliance(
+        return table_tip_compliance(
             given["scale"], given["width"], given["twist"],
             thickness=0.003, youngs=FIVE_PLIES.youngs, poisson=POISSON, beam=beam,
         )  # fmt: skip
@@ -138,7 +138,7 @@ def forces() -> Row:
     pose = validation.loads(case, case.loadings[0])[1]
     rng = np.random.default_rng(3)
     pose = pose.moved(rng.normal(size=(len(pose.centres), 6)) * np.repeat([1e-4, 0.05], 3))
-    known = of_design(design)
+    known = assembly_from_design(design)
     way_width, way_twist = 1e-3 * rng.normal(size=known.width.shape), rng.normal(size=known.twist.shape)
 
     def gradient(step: float) -> np.ndarray:
@@ -149,7 +149,7 @@ def forces() -> Row:
     model = ArmModel.from_assembly(known, case.material, curving=False)
     blocks = model.gradient_by_design(model.start(pose))
     way = np.column_stack([way_width, way_twist])
-    found = summed(np.einsum("miks,mks->mi", blocks, way[known.pairs]), known.pairs, known.size)
+    found = sum_joint_vectors(np.einsum("miks,mks->mi", blocks, way[known.pairs]), known.pairs, known.size)
     h = 2e-4
     line = [gradient(k * h) for k in (-2, -1, 1, 2)]
     slope = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * h)
@@ -164,7 +164,7 @@ def forces() -> Row:
 def speed() -> list[Row]:
     """Measure the processor seconds of building a piece's model, with and without a grain."""
     design = next(one for one in validation.named("grain-dome")).design
-    known, out = of_design(design), []
+    known, out = assembly_from_design(design), []
     for name, material in (("with a grain", FIVE_PLIES), ("without", replace(FIVE_PLIES, orthotropy=None))):
         out.append(
             row(

@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.live.given import LiveInput
-from flexmaps.engine.extras.live.session import forget
+from flexmaps.engine.extras.live.session import forget_pieces
 from flexmaps.engine.materials import material
-from flexmaps.engine.mechanics.loads import standing
+from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from live_cases import given_of, of_mesh, stroke
@@ -90,14 +90,14 @@ def changes(_: argparse.Namespace) -> Iterator[Row]:
             first, rest, shape = piece.follow(wanted(piece.given))
             yield at_most(name, f"{what}: first picture, s", first_asked, first)
             yield row(name, f"{what}: at rest, s", "", float(f"{rest:.3g}"), shape.converged or None)
-    forget()
+    forget_pieces()
 
 
 def others(mesh: Any) -> Iterator[tuple[str, Callable[[LiveInput], LiveInput]]]:
     """Yield changes of other kinds."""
     yield "thickness", lambda g: replace(g, spiral=replace(g.spiral, thickness=1.2 * g.spiral.thickness))
     yield "material", lambda g: replace(g, material=material("pla"))
-    yield "supports", lambda g: replace(g, supports=standing(mesh, "lowest"))
+    yield "supports", lambda g: replace(g, supports=parse_supports(mesh, "lowest"))
     yield "gravity", lambda g: replace(g, simulate=replace(g.simulate, gravity=True))
     yield "vertices of the target pulled", pulled
     yield "a seam cleared", lambda g: replace(g, seams=cleared(g, mesh))
@@ -147,7 +147,7 @@ def surfaces(options: argparse.Namespace) -> Iterator[Row]:
     yield at_most("zoo", "at rest, s for 1,000 spirals, median", 0.5, float(np.median(slow)))
     yield at_most("zoo", "at rest, s for 1,000 spirals, slowest", None, float(np.max(slow)))
     yield at_most("zoo", "mm from a simulation begun there, worst", AWAY, float(np.max(away)))
-    forget()
+    forget_pieces()
 
 
 def brush(_: argparse.Namespace) -> Iterator[Row]:

@@ -23,7 +23,7 @@ from bench_layout import surfaces
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.slots_in_space import SpaceSlots
-from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import optimise, reach, search
@@ -240,7 +240,7 @@ Run = tuple[DesignPoint, float, SearchRecord]
 
 def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -> tuple[Run, Run]:
     """Run our optimiser and the baseline on one problem from one start: best point, processor seconds, trace."""
-    assembly = of_design(design)
+    assembly = assembly_from_design(design)
     loads = Loads.for_spirals(assembly.size, supports=held)
     aim = Target(assembly.pairs, mesh.centroids, free=held is None)
     space = DesignSpace.from_design(design, assembly)

@@ -22,7 +22,7 @@ import numpy as np
 import zoo
 from flexmaps.engine.display import plots, raster
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.choosing.choice import GIVEN, Choice
+from flexmaps.engine.extras.choosing.choice import INITIAL, Choice
 from flexmaps.engine.extras.choosing.choose import choose
 from flexmaps.engine.extras.choosing.judge import LayoutProblem
 from flexmaps.engine.mechanics import loads
@@ -87,14 +87,14 @@ def measure(name: str, polygons: PolygonMesh, options: argparse.Namespace) -> li
     found = job.run(polygons, settings, edge=EDGE, supports="lowest" if open_surface else None, stop_after="split")
     assert found.flat is not None
     mesh = found.mesh
-    held = loads.standing(mesh, "lowest") if open_surface else None
+    held = loads.parse_supports(mesh, "lowest") if open_surface else None
     piece = LayoutProblem(mesh, settings, held, None, tuple(symmetries(mesh)))
     began = processor()
     match, first, seconds = _chosen(piece, found.flat, ChooseParams(match=MATCH))
     spent = processor() - began
     panels = len(found.flat.layout.patches)
     same, _, more = _chosen(piece, found.flat, ChooseParams(goal="panels", panels=panels))
-    given = next(one for one in (*same.proposals, *match.proposals) if one.judged.laid.origin == GIVEN)
+    given = next(one for one in (*same.proposals, *match.proposals) if one.judged.laid.origin == INITIAL)
     if options.pictures:
         _picture(match, options.pictures / f"{name}.png")
     best, alike = match.best, same.best

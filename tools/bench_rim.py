@@ -132,7 +132,7 @@ def _left_out(stubs: Result) -> Result:
     assert stubs.design is not None
     design = make_fabricable(stubs.design.flat, SpiralParams(border="left_out"), stubs.design.width, stubs.design.twist)
     settings = _settings("left_out")
-    return job.go_on(by_hand.with_design(stubs, design, BY_HAND, settings), settings, ["simulate"])
+    return job.run_stages(by_hand.with_design(stubs, design, BY_HAND, settings), settings, ["simulate"])
 
 
 def _settings(kind: str) -> Settings:
@@ -146,7 +146,7 @@ def _made(mesh: PolygonMesh, kind: str, searched: bool, supports: str | None) ->
 
 def _read_back(table: Table, name: str, made: Result) -> None:
     try:
-        sheets = job.go_on(made, _settings("rim"), ["sheets"]).sheets
+        sheets = job.run_stages(made, _settings("rim"), ["sheets"]).sheets
     except FlexMapsError as error:
         table.add(row(name, "rim: no sheets", "", str(error)[:60], None))
         return

@@ -19,7 +19,7 @@ import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.nesting import remnants
 from flexmaps.engine.fabrication.nesting.many import refuse_many
-from flexmaps.engine.files import replacing_many
+from flexmaps.engine.files import write_all_atomically
 from flexmaps.engine.own_files import Guard
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.patches.splitting import split
@@ -257,7 +257,7 @@ def split_fits(name: str, random: np.random.Generator) -> str:
     width, height = random.uniform(0.06, 0.4, 2)
     settings = with_values(Settings(), {"sheet.sheet_width": 1e3 * width, "sheet.sheet_height": 1e3 * height})
     try:
-        made = job.go_on(_merged_dome(), settings, ("split",))
+        made = job.run_stages(_merged_dome(), settings, ("split",))
     except FlexMapsError as error:
         return REFUSAL if "single quads" in str(error) else WRONG
     assert made.flat is not None
@@ -297,7 +297,7 @@ def own_files(name: str, random: np.random.Generator) -> str:
             target.write_text("mine")
         read = {"path": [target], "foreign": []}.get(str(way), [source])
         try:
-            with replacing_many([target], target.parent, Guard(read)) as new:
+            with write_all_atomically([target], target.parent, Guard(read)) as new:
                 new(target).write_text("ours")
             return WRONG
         except FlexMapsError:

@@ -16,8 +16,8 @@ import numpy as np
 from flexmaps.database import validation_strain
 from flexmaps.database.validation_strain import ArmStrains
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.strain_changes import KINKED, KINKED_STRAIN, Strains
-from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, Strains
+from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from rows import Table, at_least, at_most, row
 from scipy.stats import spearmanr
 
@@ -112,9 +112,9 @@ def _of_joints(found: list[ArmStrains]) -> list[dict]:
     rim = np.concatenate([np.full(len(_joints(one)[0]), one.rim) for one in found])
     close = at_least("joints", "larger of both arms within 15 %", 95.0, _share(ratio), {"joints": str(len(ratio))})
     kinds = {
-        "smooth joints": ((kink < KINKED) & ~rim, 1.0 - NEAR),
-        "joints with a rim": ((kink < KINKED) & rim, 1.0 - NEAR),
-        "kinked joints, which are named": (kink >= KINKED, 1.0 / KINKED_STRAIN),
+        "smooth joints": ((kink < KINK_LIMIT) & ~rim, 1.0 - NEAR),
+        "joints with a rim": ((kink < KINK_LIMIT) & rim, 1.0 - NEAR),
+        "kinked joints, which are named": (kink >= KINK_LIMIT, 1.0 / KINK_STRAIN_FACTOR),
     }
     return [close] + [
         at_least(
@@ -133,7 +133,7 @@ def _cost() -> list[dict]:
     """Microseconds of processor an arm, values alone and with all derivatives."""
     case = next(c for c in validation_strain.strain_cases() if c.name == "box")
     design = case.design
-    model = ArmModel.from_assembly(of_design(design), case.material)
+    model = ArmModel.from_assembly(assembly_from_design(design), case.material)
     changes = model.changes(model.start(target_pose(case.mesh, design.flat.corners)))
     strains = Strains.from_changes(model.assembly, changes, case.material)
     every = np.tile(np.arange(2 * len(model.pairs)), 10)

@@ -290,7 +290,7 @@ HEAD = (
 
 def line(name: str, record: dict[str, Any]) -> str:
     """Format one row of the table."""
-    spent = (summary.busy(record, stages) for stages in (summary.LAYOUT, ("optimise",), ("sheets",), job.NAMES))
+    spent = (summary.busy(record, stages) for stages in (summary.LAYOUT, ("optimise",), ("sheets",), job.STAGE_NAMES))
     seconds = "".join(f"{each:>7.1f}" for each in spent) + f"{record.get('memory_mb', 0):>6.0f}"
     if "patches" not in record:
         return f"{name:<30}{record.get('quads', 0):>6}{'':>70}{seconds}  {said(record)}"

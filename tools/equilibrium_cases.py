@@ -9,7 +9,7 @@ from bench_layout import EDGE
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.rods.model import RodModel
 from flexmaps.engine.mechanics.rods.stiffness import rod_parameters
 from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
@@ -17,7 +17,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import alike
+from flexmaps.engine.spirals.spiral import same_width
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -77,16 +77,16 @@ def of_mesh(name: str, polygons: PolygonMesh) -> Subject:
     """The curvature-adjusted design of a mesh in its merged patches, of whatever size; raises FlexMapsError if refused."""
     result = job.run(polygons, Settings(), edge=EDGE, stop_after="merge")
     assert result.flat is not None
-    spirals = design.from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
-    return subject(name, of_design(spirals), target_pose(result.mesh, result.flat.corners))
+    spirals = design.design_from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
+    return subject(name, assembly_from_design(spirals), target_pose(result.mesh, result.flat.corners))
 
 
 def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
     """Equal spirals in the traced patches of a smooth surface, as it is: quick for any number of quads."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    spirals = design.uniform(flat, SpiralParams(), twist=twist)
-    return subject(name, of_design(spirals), target_pose(mesh, flat.corners))
+    spirals = design.uniform_design(flat, SpiralParams(), twist=twist)
+    return subject(name, assembly_from_design(spirals), target_pose(mesh, flat.corners))
 
 
 def torus(count: int) -> Subject:
@@ -107,7 +107,7 @@ def straight_row(count: int) -> Subject:
     lever[:, 0, 0], lever[:, 1, 0] = 0.5 * EDGE, -0.5 * EDGE
     axes, full = np.broadcast_to(np.eye(3), (count - 1, 2, 3, 3)), np.ones(count)
     sides = np.tile([1, 3], (len(pairs), 1))
-    assembly = Assembly(pairs, sides, lever, axes, alike(0.0015 * full), 0.0 * full, 0.002)
+    assembly = Assembly(pairs, sides, lever, axes, same_width(0.0015 * full), 0.0 * full, 0.002)
     centres = np.zeros((count, 3))
     centres[:, 0] = EDGE * np.arange(count)
     return subject("row", assembly, Pose(centres, np.tile(np.eye(3), (count, 1, 1))))

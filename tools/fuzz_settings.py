@@ -10,7 +10,7 @@ from typing import Any
 
 from flexmaps.command import arguments, sources
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.params import SHOWN, ObjectSettings, shown_values, with_values
+from flexmaps.engine.params import SHOWN, ObjectSettings, values_in_shown_units, with_values
 
 ODD: tuple[Any, ...] = (
     "", " ", "nan", "inf", "-inf", "1e999", "-1e999", "1e-400", "1_0", "\uff11\uff10", "\u0661", "0x10", "1,5", "1/2", "2 mm", "true",
@@ -86,7 +86,9 @@ def play(number: int, whole: bool) -> str:
 
 
 def _flat(settings: ObjectSettings) -> dict[str, Any]:
-    return {f"{s}.{name}": value for s, block in shown_values(settings).items() for name, value in block.items()}
+    return {
+        f"{s}.{name}": value for s, block in values_in_shown_units(settings).items() for name, value in block.items()
+    }
 
 
 def described(number: int) -> str:

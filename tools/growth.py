@@ -62,7 +62,7 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
 
     flat = flatten.flatten(layout, LayoutParams())
     spent("flattening")
-    spirals = design.from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(layout.mesh))
+    spirals = design.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(layout.mesh))
     yield spent("spirals")
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, lay
-from flexmaps.engine.extras.choosing.lines import drawn
-from flexmaps.engine.extras.choosing.predict import PredictionStart, predicted
+from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.lines import equal_cuts
+from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
@@ -53,7 +53,7 @@ def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patie
                 rows.append(row)
                 path.write_text(json.dumps(rows))
             began = time.thread_time()
-            percent = 100.0 * predicted(piece, laid.flat, start)
+            percent = 100.0 * predict(piece, laid.flat, start)
             took = time.thread_time() - began
             found.append((name, percent, row["reached"], 1e3 * took / len(mesh.quads)))
             print(
@@ -64,11 +64,11 @@ def compare(surfaces: Mapping[str, PolygonMesh], path: Path, layouts: int, patie
         _agreement(found)
 
 
-def _layouts(piece: LayoutProblem) -> Iterator[Laid]:
+def _layouts(piece: LayoutProblem) -> Iterator[FlatLayout]:
     """Layouts of a surface, each once: merged under several limits, then equal parts."""
     seen = set[bytes]()
     for cut in _cuts(piece.mesh, piece.settings):
-        laid = lay(piece, Idea(cut & ~piece.mesh.border, ""))
+        laid = lay_flat(piece, Idea(cut & ~piece.mesh.border, ""))
         if laid is not None and laid.cut.tobytes() not in seen:
             seen.add(laid.cut.tobytes())
             yield laid
@@ -81,10 +81,10 @@ def _cuts(mesh: QuadMesh, settings: Settings) -> Iterator[np.ndarray]:
             yield merge.merge(trace.trace(mesh, layout), layout).layout.cut
         except FlexMapsError:
             continue
-    yield from (cut for _, cut in drawn(mesh, PARTS, []))
+    yield from (cut for _, cut in equal_cuts(mesh, PARTS, []))
 
 
-def _reached(piece: LayoutProblem, laid: Laid, patience: float) -> float:
+def _reached(piece: LayoutProblem, laid: FlatLayout, patience: float) -> float:
     """Percent of the size, RMS, that a search comes near."""
     settings = piece.settings
     wanted = curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from flexmaps.engine.newton import CONVERGED, ITERATIONS, TIME
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
-from flexmaps.engine.optimisation.optimisers import INNER_ITERATIONS, Accepted, SearchRecord
+from flexmaps.engine.optimisation.optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord
 from flexmaps.engine.params import OptimiseParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.threads import one_thread
@@ -35,7 +35,7 @@ def lbfgs(
         trace.evaluations += 1
         if problem.work.over:
             raise StopIteration
-        point = problem.at(x, last.equilibrium.pose, within, INNER_ITERATIONS)
+        point = problem.at(x, last.equilibrium.pose, within, MAX_NEWTON_ITERATIONS)
         if not (point.equilibrium.converged and np.isfinite(point.value)):
             trace.unstable += 1
             return 10.0 * start.value, np.zeros_like(x)

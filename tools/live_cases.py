@@ -22,7 +22,7 @@ def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralD
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    return flat, design.from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
+    return flat, design.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 
 def given_of(made: SpiralDesign, **others: Any) -> LiveInput:

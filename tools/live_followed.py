@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.extras.live.piece import LiveEquilibrium
-from flexmaps.engine.extras.live.session import LiveRequest, step
+from flexmaps.engine.extras.live.session import LiveRequest, step_piece
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 
@@ -41,7 +41,7 @@ class Followed:
     def _step(self, call: LiveRequest) -> LiveEquilibrium:
         from flexmaps.bridge.view.followed import Followed as Picture
 
-        shape = step(pickle.loads(pickle.dumps(call)))
+        shape = step_piece(pickle.loads(pickle.dumps(call)))
         assert shape is not None
         shape = pickle.loads(pickle.dumps(shape))
         Picture.from_shape(shape, 1.0)

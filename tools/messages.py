@@ -139,7 +139,7 @@ def _of_lines() -> Found:
 
     for text in (*states.WHY.values(), states.SETTING, states.EARLIER, states.PROGRAM):
         yield "", text, "why a stage is out of date"
-    for _, text in versions.CHANGED:
+    for _, text in versions.RESULT_CHANGES:
         yield "", text, "what changed since an earlier version"
     for text in (
         *(words for _, words in cures.MENDS.values()),
@@ -158,7 +158,7 @@ def _of_lines() -> Found:
         yield "", text, "why a button is grey"
     for text in optimise.ENDS.values():
         yield "", text, "how an optimisation ended"
-    yield "", wishes.UNSTRAINED, "how an optimisation ended"
+    yield "", wishes.UNSTRAINED_MESSAGE, "how an optimisation ended"
     for file in sorted(p for folder in ("operators", "bridge") for p in (ROOT / folder).rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         calls = [

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from flexmaps.engine.materials import Material
 from flexmaps.engine.mechanics.arms.rim_beams import _beams
-from flexmaps.engine.mechanics.rim import Beams
+from flexmaps.engine.mechanics.rim import RimBeams
 from scipy.sparse.linalg import splu
 
 PIECES = 400  # of the beams, so many that their number counts for nothing
@@ -107,7 +107,7 @@ def beam_compliance(length: float, width: float, hole: float, height: float, mat
     """(6, 6) SI: the same of the beams."""
     at = length * (np.arange(PIECES) + 0.5) / PIECES
     bore = 2.0 * np.sqrt(np.maximum(0.25 * hole**2 - (at - 0.5 * length) ** 2, 0.0))
-    line = Beams.from_points(
+    line = RimBeams.from_points(
         at[None] + 0j, np.ones((1, PIECES), complex), np.array([length + 0j]), np.full((1, PIECES), length / PIECES),
         np.full(1, width), bore[None],
     )  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Any
 import ezdxf
 import ezdxf.units
 import numpy as np
-from flexmaps.engine.extras.together.together import together
+from flexmaps.engine.extras.together.together import nest_together
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.params import ObjectSettings, Settings, with_values
 from flexmaps.engine.runs import job
@@ -45,7 +45,7 @@ def _spirals() -> Result:
 def _run(values: dict[str, Any], **options: Any) -> CutSheets:
     settings = with_values(Settings(), SMALL | values)
     usual = options == {"stop_after": "sheets"} and not any(name.startswith("spiral.") for name in values)
-    made = (job.go_on(_spirals(), settings, ("sheets",)) if usual else job.run(arch(), settings, **options)).sheets
+    made = (job.run_stages(_spirals(), settings, ("sheets",)) if usual else job.run(arch(), settings, **options)).sheets
     assert made is not None
     return made
 
@@ -61,7 +61,7 @@ def _remnant(folder: Path) -> CutSheets:
 def _together(folder: Path) -> CutSheets:
     settings = with_values(ObjectSettings(), SMALL)
     pieces = [job.run(arch(*size), settings, stop_after="spirals") for size in ((5, 6), (4, 5))]
-    return together(["one", "two"], pieces, [with_values(settings, {"export.copies": n}) for n in (2, 1)]).sheets
+    return nest_together(["one", "two"], pieces, [with_values(settings, {"export.copies": n}) for n in (2, 1)]).sheets
 
 
 # millimetres

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from flexmaps.engine.extras.choosing.judge import Laid, LayoutProblem, judge
+from flexmaps.engine.extras.choosing.judge import FlatLayout, LayoutProblem, judge
 from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.extras.live.piece import LivePiece
 from flexmaps.engine.extras.structure.structure import without_loads
@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening.flatten import measured
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.simulation.rests import RESTS
+from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
@@ -121,10 +121,10 @@ def _compared(stage: str, reported: State, found: Simulation) -> Comparison:
 
 def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     """Optimise, then what Simulate, its advice, and Structure tell."""
-    made = job.go_on(result, settings, ("optimise", "simulate"))
+    made = job.run_stages(result, settings, ("optimise", "simulate"))
     assert made.optimisation is not None and made.simulation is not None and made.design is not None
     # where the stage names another rest, a simulation from the target may find that one
-    other = any(one.code in RESTS for one in made.simulation.findings)
+    other = any(one.code in OTHER_REST_CODES for one in made.simulation.findings)
     start = made.simulation.equilibrium.pose if other else None
     found = fresh(made, settings, made.design, start=start)
     block = made.optimisation.report()
@@ -165,7 +165,7 @@ def after_judging(result: Result, settings: Settings, share: float, thorough: bo
     """Compare the figures that Choose and Explore report of a layout."""
     assert result.flat is not None
     piece = LayoutProblem(result.mesh, settings, result.supports, result.force)
-    judged = judge(piece, Laid(result.flat, "", 1), share, thorough=thorough)
+    judged = judge(piece, FlatLayout(result.flat, "", 1), share, thorough=thorough)
     assert judged is not None
     found = fresh(result, settings, SpiralDesign(judged.flat, settings.spiral, *judged.spirals))
     told = State(judged.rms * found.size, None, judged.strain)

@@ -11,7 +11,7 @@ from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh,
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.path import Path, PathFollower, follow
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
@@ -37,7 +37,7 @@ class Pushed:
     def of(cls, name: str, design: SpiralDesign, held: np.ndarray, middle: list[int]) -> Pushed:
         mesh = design.flat.layout.mesh
         model, loads = (
-            ArmModel.from_assembly(of_design(design), MATERIAL),
+            ArmModel.from_assembly(assembly_from_design(design), MATERIAL),
             Loads.for_spirals(len(mesh.quads), supports=held),
         )
         return cls(
@@ -124,7 +124,7 @@ def turned_pair(width: float, twist: float, axis: tuple[float, float, float], an
     width, twist : mm and degrees; axis : across the joint, along it, normal; angles : radians, rising. The second one may shift.
     """
     design = sheet(2, 1, width, twist)
-    model, fixed = ArmModel.from_assembly(of_design(design), MATERIAL), np.ones((2, 6), dtype=bool)
+    model, fixed = ArmModel.from_assembly(assembly_from_design(design), MATERIAL), np.ones((2, 6), dtype=bool)
     fixed[1, :3] = False
     solid, loads = DesignSolid(design, MATERIAL.poisson, [0, 1]), Loads(fixed, np.zeros((2, 3)))
     pose, last, off = target_pose(design.flat.layout.mesh, design.flat.corners), 0.0, []

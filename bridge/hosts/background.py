@@ -15,7 +15,7 @@ from typing import Any
 from ...engine import packages
 from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.progress import Progress
-from ...engine.remaining import Remaining, told
+from ...engine.remaining import Remaining, format_seconds
 
 Work = Callable[[Progress], Any]
 
@@ -94,7 +94,7 @@ class Job:
     def left(self) -> str:
         """Return the remaining time in words; "" while it is unknown."""
         seconds = self._remaining.seconds(time.monotonic() - self._began)
-        return "" if seconds is None or self.stopping else told(seconds)
+        return "" if seconds is None or self.stopping else format_seconds(seconds)
 
     def _report(self, fraction: float, text: str) -> None:
         self.fraction, self.text = fraction, text
@@ -125,7 +125,7 @@ class Ticks:
         self._steps.add(step)
         self._time = now
         seconds = self._remaining.seconds(now - self._began)
-        left = "" if seconds is None else f", about {told(seconds)} left"
+        left = "" if seconds is None else f", about {format_seconds(seconds)} left"
         print(f"{self._title} {100 * fraction:3.0f} % {text}".rstrip() + left, file=sys.stdout, flush=True)
 
 
@@ -152,7 +152,7 @@ def _explain(error: BaseException) -> BaseException:
     """Turn a fault that another extension's packages caused into a sentence; return other errors as they are."""
     if isinstance(error, FlexMapsError | Cancelled):
         return error
-    return packages.blamed(error) or error
+    return packages.blame_extension(error) or error
 
 
 def stop_current(*_: object) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.extras.live.given import LiveInput
 from ...engine.extras.live.piece import LiveEquilibrium
-from ...engine.extras.live.session import LiveRequest, step
+from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers
 
@@ -88,7 +88,7 @@ class Companion:
             whole = self._sent is None
             changes = None if state is self._sent else state.changes(self._sent)
             shape: LiveEquilibrium | None = self._workers.submit(
-                step, LiveRequest("piece", changes, whole, start)
+                step_piece, LiveRequest("piece", changes, whole, start)
             ).result()
             if shape is not None:
                 return shape

@@ -19,7 +19,7 @@ from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import job, page_data, report, report_page
 from ...engine.runs.outputs import DesignVersion, MakingEstimate, SheetPlan
-from ...engine.runs.page_data import Shown
+from ...engine.runs.page_data import ViewContent
 
 if TYPE_CHECKING:
     import bpy
@@ -52,7 +52,7 @@ def folder(out: Path, guard: Guard, formats: tuple[str, ...], pictures: bool) ->
     FlexMapsError where another run is writing into the folder, or ``guard`` forbids to replace a file.
     """
     refuse(out, guard, formats, pictures)
-    with files.replacing_many(_stale(out), out, guard) as new:
+    with files.write_all_atomically(_stale(out), out, guard) as new:
         new(out / REPORT)  # fails before the work where the folder cannot be written to
         yield new
 
@@ -106,10 +106,10 @@ def write(
                     shown.insert(0 if file == TITLE else len(shown), (says, new(out / file)))
     described = report.build(result, source=name, files=written, settings=settings) | findings
     new(out / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
-    drawn = report_page.drawings(result, described, settings.layout.distortion_limit)
-    view, show = Shown.from_result(result), settings.page.viewer
+    drawn = report_page.draw_plots(result, described, settings.layout.distortion_limit)
+    view, show = ViewContent.from_result(result), settings.page.viewer
     rest = progress.part(0.9, 1.0)
-    piece = page_data.text(view, settings, report_page.title_of(described), rest) if view and show else None
+    piece = page_data.to_json(view, settings, report_page.title_of(described), rest) if view and show else None
     report_page.write(described, drawn, out, new, shown, piece=piece)
     progress(1.0, "done")
     return described
@@ -142,7 +142,7 @@ def write_sheets(
     result, title : the piece with its sheets, and its title
     base : folder and start of the file names
     formats : file formats
-    new : gives the path to write a file at, see ``files.replacing_many``
+    new : gives the path to write a file at, see ``files.write_all_atomically``
     guide : file of the assembly sheet, or None
     progress : called with a fraction and a text
 
@@ -179,7 +179,7 @@ def write_batch(
     made : the nested pieces
     base : folder and start of the file names
     formats : file formats
-    new : gives the path to write a file at, see ``files.replacing_many``
+    new : gives the path to write a file at, see ``files.write_all_atomically``
     guides : also write assembly sheets
     progress : called with a fraction and a text
 

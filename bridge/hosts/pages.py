@@ -14,7 +14,7 @@ from ...engine.own_files import Guard
 from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import page_data, report, report_page, share_page, stages
-from ...engine.runs.page_data import Shown
+from ...engine.runs.page_data import ViewContent
 from ...engine.runs.piece import Piece
 from ...engine.runs.result import Result
 from ..view import report as held
@@ -29,7 +29,7 @@ class Told:
 
     described: dict[str, Any]
     drawn: dict[str, Drawing]
-    shown: Shown | None
+    shown: ViewContent | None
     settings: ObjectSettings
     lost: FlexMapsError | None = None
 
@@ -37,7 +37,7 @@ class Told:
         """Return the data of the 3D view, if the page is to hold it."""
         if self.shown is None or not self.settings.page.viewer:
             return None
-        return page_data.text(self.shown, self.settings, report_page.title_of(self.described), progress)
+        return page_data.to_json(self.shown, self.settings, report_page.title_of(self.described), progress)
 
 
 def described(piece: Piece | bpy.types.Object) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def write(piece: Piece | bpy.types.Object, out: Path, guard: Guard, progress: Pr
     guard.check([*report_page.stale(out), out / "report.json"], out)
     content = _content_of(piece)
     view = content.piece(progress.part(0.0, 0.9))
-    with files.replacing_many(report_page.stale(out), out, guard) as new:
+    with files.write_all_atomically(report_page.stale(out), out, guard) as new:
         report_page.write(content.described, content.drawn, out, new, progress=progress.part(0.9, 1.0), piece=view)
         new(out / "report.json").write_text(json.dumps(content.described, indent=2) + "\n", encoding="utf-8")
     return content.described
@@ -92,9 +92,9 @@ def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -
     if content.shown is None:
         raise content.lost or FlexMapsError(stages.MISSING["design"])
     title = report_page.title_of(content.described)
-    view = page_data.text(content.shown, content.settings, title, progress.part(0.0, 0.95))
+    view = page_data.to_json(content.shown, content.settings, title, progress.part(0.0, 0.95))
     text = share_page.page(view, title, content.described, content.drawn)
-    with files.replacing(path, guard) as new:
+    with files.write_atomically(path, guard) as new:
         new.write_text(text, encoding="utf-8")
     return path
 
@@ -102,8 +102,8 @@ def save(content: Told, path: Path, guard: Guard, progress: Progress = SILENT) -
 def _content_of(piece: Piece | bpy.types.Object) -> Told:
     if isinstance(piece, Piece):
         figures = described(piece)
-        drawn = report_page.drawings(piece.result, figures, piece.settings.layout.distortion_limit)
-        return Told(figures, drawn, Shown.from_result(piece.result), piece.settings)
+        drawn = report_page.draw_plots(piece.result, figures, piece.settings.layout.distortion_limit)
+        return Told(figures, drawn, ViewContent.from_result(piece.result), piece.settings)
     read = held.taken(piece)
     return of_object(read.taken.result(), read)
 

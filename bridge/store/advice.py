@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ...engine.figures import format_figure
-from ...engine.materials import STRAINED
+from ...engine.materials import OVERSTRAIN_SHARE
 from ...engine.optimisation import remedies
 from ...engine.optimisation.remedies import FINER, LARGER, THINNER, Amounts
 from . import notes
@@ -54,7 +54,7 @@ def helped(brought: dict[str, Any]) -> bool:
     """Return whether the shape came clearly nearer, a strain beyond its limit fell, or fewer slots close than before."""
     far, near = brought["rms_percent"]
     strain, eased = brought["strain_share_max"]
-    relieved = strain is not None and eased is not None and strain > STRAINED and eased < strain
+    relieved = strain is not None and eased is not None and strain > OVERSTRAIN_SHARE and eased < strain
     closed, left = _closed_slots(brought)
     return bool(near < NEARER * far or relieved or left < closed)
 

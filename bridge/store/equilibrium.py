@@ -21,7 +21,7 @@ import numpy as np
 
 from ...engine.arrays import Float
 from ...engine.figures import format_figure
-from ...engine.materials import STRAINED
+from ...engine.materials import OVERSTRAIN_SHARE
 from . import attributes, notes, pose, scans, seen, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
@@ -176,7 +176,7 @@ def _with_full_stop(text: str) -> str:
 
 def strained(block: dict[str, Any]) -> bool:
     """Return whether the largest strain is beyond the material's limit with its margin."""
-    return block.get("strain_share_max", 0.0) > STRAINED
+    return block.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE
 
 
 def remarks(block: dict[str, Any]) -> list[str]:

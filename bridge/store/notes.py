@@ -103,7 +103,7 @@ def missing(mesh: bpy.types.Mesh, member: str) -> str | None:
     mesh : Blender's mesh
     member : name of a member of ``Result``
     """
-    return None if stages.blocks_of((member,)) & read(mesh).keys() else stages.MISSING[member]
+    return None if stages.blocks_describing((member,)) & read(mesh).keys() else stages.MISSING[member]
 
 
 def made_from(mesh: bpy.types.Mesh) -> dict[str, dict[str, str]]:
@@ -120,9 +120,9 @@ def write_made_from(mesh: bpy.types.Mesh, made: dict[str, dict[str, str]]) -> No
 def made_with(mesh: bpy.types.Mesh) -> str:
     """Return the version that made the notes: the newest if it is newer than this program, else the oldest."""
     if unsealed(mesh):
-        return versions.UNSTAMPED
+        return versions.FIRST_VERSION
     made = made_from(mesh)
-    made_by = [str(made.get(name, {}).get(PROGRAM, versions.UNSTAMPED)) for name in read(mesh).keys() - {"checks"}]
+    made_by = [str(made.get(name, {}).get(PROGRAM, versions.FIRST_VERSION)) for name in read(mesh).keys() - {"checks"}]
     newest = max(made_by, key=versions.order, default=VERSION)
     return (
         newest
@@ -141,7 +141,7 @@ def write(mesh: bpy.types.Mesh, stage: str, block: object) -> None:
     block : plain values, which become JSON
     """
     _begin(mesh)
-    gone = stages.blocks_after(stage)
+    gone = stages.stale_blocks(stage)
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone} | {stage: block})
     _note_fresh(mesh, stage)
 
@@ -167,7 +167,7 @@ def drop_from(mesh: bpy.types.Mesh, stage: str) -> None:
     stage : name of the block
     """
     _begin(mesh)
-    gone = stages.blocks_after(stage) | {stage}
+    gone = stages.stale_blocks(stage) | {stage}
     _put(mesh, NAME, {name: value for name, value in read(mesh).items() if name not in gone})
 
 

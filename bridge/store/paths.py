@@ -45,7 +45,7 @@ def _on_disk(name: str) -> str:
 
 
 def _plain(name: str) -> str:
-    return files.named(name) or "flexmaps"
+    return files.safe_file_name(name) or "flexmaps"
 
 
 def picture_file(text: str, film: bool = False) -> Path:

@@ -48,12 +48,12 @@ def keep(name: str, values: Mapping[str, Any]) -> Path:
     """
     from ...engine.extras.calibrating.calibrate import preset
 
-    stem = files.named(name.strip()).strip("_")
+    stem = files.safe_file_name(name.strip()).strip("_")
     if not stem:
         raise FlexMapsError(f"'{name}' is no name for a preset; use letters or numbers")
     folder = bpy.utils.user_resource("SCRIPTS", path=f"presets/{SUBFOLDER}", create=True)
     path = Path(folder) / f"{stem}.py"
-    with files.replacing(path) as new:
+    with files.write_atomically(path) as new:
         new.write_text(preset(values, f"Measured on a calibration sheet: {name}"), encoding="utf-8")
     return path
 

@@ -25,7 +25,7 @@ BY_HAND = {"merged": "seams", "design": "design", "mesh": "shape"}
 
 def _parts(members: Iterable[str], settings: Iterable[str]) -> tuple[str, ...]:
     """Return the parts that a result depends on: those of its members that the user can edit, then the settings."""
-    ingredients = stages.ingredients(members)
+    ingredients = stages.dependencies(members)
     own = tuple(part for member, part in BY_HAND.items() if member in ingredients)
     named = tuple(dict.fromkeys(settings))
     return (*own, *named, *(("down",) if "loads" in named else ()))
@@ -50,7 +50,7 @@ OF_SETTINGS = {
 } - OF_MESH  # includes "down", the direction of gravity
 # block -> blocks of the stages that it builds on
 AFTER = {
-    block: stages.blocks_of(need for stage in stages.writers(block) for need in stage.needs) - {block}
+    block: stages.blocks_describing(need for stage in stages.writers(block) for need in stage.needs) - {block}
     for block in stages.BLOCKS
 }
 WHY = {

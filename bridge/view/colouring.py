@@ -97,44 +97,48 @@ def painted(
     _, label, unit, *_ = KINDS[kind]
     if kind == "PATCH":
         count = int(values.max()) + 1
-        return colours.of_patches(count)[values.astype(int)], Legend("1 panel" if count == 1 else f"{count} panels")
+        return colours.patch_colours(count)[values.astype(int)], Legend("1 panel" if count == 1 else f"{count} panels")
     if kind == "REACH":
         return _limits(values.astype(int))
     if kind in {"ENERGY", "SQUARE"}:
         high = obj.flexmaps.layout.distortion_limit if kind == "ENERGY" else SQUARE_HIGH
-        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.BAD)
-        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+        legend = Legend(f"{label}, largest {values.max():.3f}", "0", f"{high:.3g}", colours.ERROR_SCALE)
+        return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), legend
     if kind == "SAFETY":
-        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
-        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
+        legend = Legend(f"Strain, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.ERROR_SCALE)
+        return colours.map_to_scale(values, 0.0, 1.0, colours.ERROR_SCALE), legend
     if kind == "UTILISATION":
-        legend = Legend(f"Under loads, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.BAD)
-        return colours.on_scale(values, 0.0, 1.0, colours.BAD), legend
+        legend = Legend(
+            f"Under loads, largest {100 * values.max():.0f} % of the limit", "0", "limit", colours.ERROR_SCALE
+        )
+        return colours.map_to_scale(values, 0.0, 1.0, colours.ERROR_SCALE), legend
     low, high = float(values.min()), float(values.max())
     if kind == "STIFFNESS":
-        return colours.on_scale(stiffness_share(values, low, high), 0.0, 1.0, colours.MUCH), stiffness_legend(low, high)
+        return colours.map_to_scale(
+            stiffness_share(values, low, high), 0.0, 1.0, colours.QUANTITY_SCALE
+        ), stiffness_legend(low, high)
     if kind == "SLOT":
         high = max(high, OPEN)
         text = f"Slots in this shape, narrowest {low:.2f} mm"
-        return colours.on_scale(high - values, 0.0, high, colours.BAD), Legend(
-            text, f"{high:.2g} mm", "closed", colours.BAD
+        return colours.map_to_scale(high - values, 0.0, high, colours.ERROR_SCALE), Legend(
+            text, f"{high:.2g} mm", "closed", colours.ERROR_SCALE
         )
     if kind == "SCAN":
         high = max(high, colours.LEAST_DISTANCE)
-        rgb = colours.on_scale(np.maximum(values, 0.0), 0.0, high, colours.BAD)
-        rgb[values < 0] = colours.linear(colours.UNSEEN)
-        return rgb, Legend(f"{label}, grey where there is none", "0", f"{high:.3g} mm", colours.BAD)
+        rgb = colours.map_to_scale(np.maximum(values, 0.0), 0.0, high, colours.ERROR_SCALE)
+        rgb[values < 0] = colours.linear(colours.MISSING_GREY)
+        return rgb, Legend(f"{label}, grey where there is none", "0", f"{high:.3g} mm", colours.ERROR_SCALE)
     if kind == "ANISOTROPY":
         low, high = 0.0, max(high, LEAST_ANISOTROPY)
     if kind == "DISTANCE":
         high = max(high, colours.LEAST_DISTANCE)
-        legend = Legend(label, "0", f"{high:.3g} mm", colours.BAD)
-        return colours.on_scale(values, 0.0, high, colours.BAD), legend
+        legend = Legend(label, "0", f"{high:.3g} mm", colours.ERROR_SCALE)
+        return colours.map_to_scale(values, 0.0, high, colours.ERROR_SCALE), legend
     if kind == "STRAIN_ENERGY":
         low = 0.0
     gap = "" if unit == "\N{DEGREE SIGN}" else " "
-    legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.MUCH)
-    return colours.on_scale(values, low, high, colours.MUCH), legend
+    legend = Legend(label, f"{low:.3g}{gap}{unit}", f"{high:.3g}{gap}{unit}", colours.QUANTITY_SCALE)
+    return colours.map_to_scale(values, low, high, colours.QUANTITY_SCALE), legend
 
 
 def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: float) -> Float[np.ndarray, " quads"]:
@@ -146,14 +150,14 @@ def stiffness_share(values: Shaped[np.ndarray, " quads"], low: float, high: floa
 def stiffness_legend(low: float, high: float) -> Legend:
     """Return the legend of the logarithmic scale."""
     _, label, unit, *_ = KINDS["STIFFNESS"]
-    return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.MUCH)
+    return Legend(f"{label} (logarithmic)", f"{low:.3g} {unit}", f"{high:.3g} {unit}", colours.QUANTITY_SCALE)
 
 
 def _limits(kinds: Int[np.ndarray, " quads"]) -> tuple[Float[np.ndarray, "quads 3"], Legend]:
     """Return colours and legend of what limits every spiral."""
-    from ...engine.optimisation.reach import NAMES
+    from ...engine.optimisation.reach import REASON_NAMES
 
-    looks = [colours.LIMITS[name] for name in NAMES]
+    looks = [colours.LIMITS[name] for name in REASON_NAMES]
     count = np.bincount(kinds, minlength=len(looks))
     entries = tuple((rgb, f"{text}: {n}") for (rgb, text), n in zip(looks, count.tolist(), strict=True) if n)
     rgb = colours.linear(np.array([rgb for rgb, _ in looks]))
@@ -198,7 +202,7 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
 
 def _measure_stiffness(obj: bpy.types.Object) -> None:
     """Compute the stiffness of the object's spirals; remove it where there are none or the model does not cover them."""
-    from ...engine.mechanics.arms.spiral_stiffness import stiffness
+    from ...engine.mechanics.arms.spiral_stiffness import spiral_stiffness
     from ..store import mesh, snapshot
 
     attributes.remove(obj, KINDS["STIFFNESS"].attribute)
@@ -206,7 +210,7 @@ def _measure_stiffness(obj: bpy.types.Object) -> None:
         used = settings.read(obj.flexmaps, ObjectSettings)
         taken = snapshot.take(obj, mesh.read_surface(obj, bpy.context.scene), used, loaded=False)
         design = taken.result().design
-        values = None if design is None else stiffness(design, used.material.chosen)
+        values = None if design is None else spiral_stiffness(design, used.material.chosen)
         if values is not None:
             fields.write_stiffness(obj, values)
 

@@ -70,9 +70,9 @@ class Dabs:
             running.result()
 
     def _paint(self, weights: list[np.ndarray], way: np.ndarray) -> None:
-        from ...engine.spirals.dab import together
+        from ...engine.spirals.dab import combine_weights
         from ...engine.spirals.painting import Stroke
 
         protect = self._brush == "protect"
-        weight = np.max(weights, axis=0) if protect else together(weights)
+        weight = np.max(weights, axis=0) if protect else combine_weights(weights)
         self._easel.paint(self._brush, weight, Stroke(self._inverted, None if protect else way))

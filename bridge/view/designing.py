@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ...engine.progress import Progress
     from ...engine.runs.result import Result
 
-PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
+PALE = 0.5 + 0.5 * colours.QUANTITY_SCALE  # scale lightened so that the dark arms stand out
 LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 
 
@@ -72,6 +72,6 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
             history.append((time.perf_counter() - began, look.rmse))
             return Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
 
-        return job.go_on(start, once, ("optimise",), progress.showing(seen))
+        return job.run_stages(start, once, ("optimise",), progress.showing(seen))
 
     return search

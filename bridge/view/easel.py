@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..store.surface import ObjectSurface
 
 TOOL = "flexmaps.brush"  # the tool in Blender's toolbar
-PALE = 0.5 + 0.5 * colours.MUCH  # scale lightened so that the dark arms stand out
+PALE = 0.5 + 0.5 * colours.QUANTITY_SCALE  # scale lightened so that the dark arms stand out
 LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 PROTECTED = np.array([0.55, 0.60, 0.68])  # sRGB of protected spirals; by eye
 # states of the spirals that an easel recognises after undo; Blender can undo 32 by default. Larger takes memory
@@ -107,7 +107,7 @@ class Easel:
     shape: Painting
 
     def __init__(self, obj: bpy.types.Object, scene: bpy.types.Scene):
-        from ...engine.mechanics.arms.spiral_stiffness import stiffness
+        from ...engine.mechanics.arms.spiral_stiffness import spiral_stiffness
         from ...engine.runs.outputs import DesignVersion, FinalLayout
         from ..store import mesh
         from .painted_panels import PaintedPanels
@@ -119,7 +119,7 @@ class Easel:
         result = taken.result()
         result.needed(FinalLayout)
         self._hold(taken.start(result).needed(DesignVersion).design, taken)
-        measured = stiffness(self.design, self._used.material.chosen)
+        measured = spiral_stiffness(self.design, self._used.material.chosen)
         self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
         self.range = float(self.stiffness.min()), float(self.stiffness.max())
         self._panels = PaintedPanels(obj.name, self.design)
@@ -246,11 +246,11 @@ class Easel:
         self._renew_stiffness(old)
 
     def _renew_stiffness(self, old: SpiralDesign) -> None:
-        from ...engine.mechanics.arms.spiral_stiffness import renewed
+        from ...engine.mechanics.arms.spiral_stiffness import update_stiffness
 
         changed = self.design.unlike(old)
         if changed.any():
-            self.stiffness = renewed(self.stiffness, self.design, self._used.material.chosen, changed)
+            self.stiffness = update_stiffness(self.stiffness, self.design, self._used.material.chosen, changed)
             low, high = self.range
             self.range = min(low, float(self.stiffness.min())), max(high, float(self.stiffness.max()))
 

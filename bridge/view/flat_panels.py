@@ -64,7 +64,7 @@ def show_flat(
     ids, starts, ends = _outline(flat, sides)
     runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
     curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
-    palette = colours.of_seams(len(flat.layout.seams))  # same colours as on the assembly sheet
+    palette = colours.seam_colours(len(flat.layout.seams))  # same colours as on the assembly sheet
     for k, colour in enumerate(palette):
         curve.materials.append(material(f"FlexMaps seam {k + 1:02d}", colour))
     curve.materials.append(material("FlexMaps border", colours.linear(colours.SEAM)))
@@ -85,7 +85,7 @@ def _filled_mesh(
 ) -> bpy.types.Mesh:
     """Make a mesh of the patches as filled shapes, in their colours mixed with a share of white."""
     mesh = quads(name, points, flat.layout.flat_corners)
-    rgb = colours.of_patches(len(flat.layout.patches))[flat.layout.patch_of]
+    rgb = colours.patch_colours(len(flat.layout.patches))[flat.layout.patch_of]
     rgb = white + (1.0 - white) * rgb
     paint(mesh, np.repeat(rgb, 4, axis=0))
     wear(mesh, rgb)
@@ -207,7 +207,7 @@ class PanelDrawing:
         """Return the linear colour of every corner, the colours in use, and each face's index into them."""
         layout = self.design.flat.layout
         # connectors have their seam's colour, as on the assembly sheet
-        palette = np.concatenate([colours.of_patches(len(layout.patches)), colours.of_seams(len(layout.seams))])
+        palette = np.concatenate([colours.patch_colours(len(layout.patches)), colours.seam_colours(len(layout.seams))])
         row = np.where(
             self.solid.seam_of < 0, layout.patch_of[self.solid.quad_of], len(layout.patches) + self.solid.seam_of
         )

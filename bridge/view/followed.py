@@ -10,7 +10,7 @@ from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape
 
-PALE = 0.5 + 0.5 * colours.BAD  # scale lightened so that the lines stand out
+PALE = 0.5 + 0.5 * colours.ERROR_SCALE  # scale lightened so that the lines stand out
 # millimetres, possible upper ends of the scale; a continuous end would make colours flicker while a piece moves
 ENDS = np.array([1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0])
 

@@ -141,7 +141,7 @@ def around(context: bpy.types.Context) -> tuple[Notice, ...]:
     if others:
         sentence = interface("The mesh is shared with {}: seams and results are common to all", others)
         notices.append(Notice("shared", interface("Shared mesh"), sentence, INFORMATION))
-    changed = versions.since(version)
+    changed = versions.changes_between(version)
     if versions.order(version) > versions.order(VERSION):
         sentence = interface(
             "Made with FlexMaps {}, which is newer than this {}: what is new there is not read", version, VERSION

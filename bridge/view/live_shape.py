@@ -139,4 +139,4 @@ def settled(result: Result, settings: ObjectSettings, progress: Progress) -> Res
     from ...engine.runs import job
 
     moving = progress.showing(lambda vertices: LiveShape(vertices, result.mesh.quads))
-    return job.go_on(result, settings, ("simulate",), moving)
+    return job.run_stages(result, settings, ("simulate",), moving)

@@ -211,7 +211,7 @@ def crosses(
 
 def _seam_colours(seams: Int[np.ndarray, " sides"], kind: str) -> Float[np.ndarray, "sides 4"]:
     """Return sRGB of the lines on seams; over patches each seam has its own colour, as on the assembly sheet."""
-    palette = np.clip(colours.of_seams(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
+    palette = np.clip(colours.seam_colours(int(seams.max()) + 1), 0.0, 1.0) ** (1 / 2.2)
     own = (seams >= 0) & (kind == "PATCH")
     rgb = np.tile(colours.SEAM, (len(seams), 1))
     rgb[own] = palette[seams[own]]

@@ -356,7 +356,7 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
             np.concatenate([low, high]),
             np.stack([index, index + 1, index + 42, index + 41], axis=1),
         )
-        meshes.paint(bar, np.repeat(colours.on_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
+        meshes.paint(bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
         bar.materials.append(materials.glowing("FlexMaps scale", None))
         place(bar, left, top - 2.4)
 

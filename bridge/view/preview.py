@@ -92,10 +92,10 @@ def base_of(
     """
     if settings.base.base == "none":
         return None
-    from ...engine.runs.steps import standing
+    from ...engine.runs.steps import make_base_or_eyelets
 
     try:
-        return standing(design, pose, supports, settings)
+        return make_base_or_eyelets(design, pose, supports, settings)
     except FlexMapsError:
         return None
 
@@ -120,10 +120,10 @@ def build(
     """
     from ...engine.display.base_mesh import base_mesh
     from ...engine.display.panel_mesh import DETAILS, panel_mesh
-    from ...engine.mechanics.arms.bent import bent
+    from ...engine.mechanics.arms.bent import bend_arms
 
     began = time.perf_counter()
-    arms = bent(design, pose, progress=progress.part(0.0, 0.4))
+    arms = bend_arms(design, pose, progress=progress.part(0.0, 0.4))
     below = None if base is None or not base.plates else base_mesh(base)
     if detail == "LINES":
         return Built(design, pose, arms, None, wires(design, arms), time.perf_counter() - began, below)

@@ -13,7 +13,7 @@ from ...engine.params import ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ...engine.runs import report, report_page
 from ...engine.runs.outputs import FinalLayout
-from ...engine.runs.page_data import Shown
+from ...engine.runs.page_data import ViewContent
 from ...engine.runs.result import Result
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     return described, report_page.all_drawings(measured, described, taken.settings.layout.distortion_limit)
 
 
-def shown(result: Result, found: Reported) -> Shown | None:
+def shown(result: Result, found: Reported) -> ViewContent | None:
     """Return the content of the page's 3D view of a result that was taken from an object; None without spirals.
 
     Parameters
@@ -132,12 +132,12 @@ def shown(result: Result, found: Reported) -> Shown | None:
     """
     if result.design is None:
         return None
-    return Shown(result.design, _measured_values(result, found), found.pose)
+    return ViewContent(result.design, _measured_values(result, found), found.pose)
 
 
 def _measured_values(result: Result, content: Reported) -> run_plots.MapValues:
     more = {name: values for name, values in content.more.items() if values is not None}
-    measured = replace(report_page.measured(result), more=more)
+    measured = replace(report_page.collect_values(result), more=more)
     if content.shape is None:
         return measured
     to_metres = content.taken.surface.to_metres

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Float, Int
-from ..spirals.spiral import LEFT, RIGHT, Arms, edge
+from ..spirals.spiral import LEFT, RIGHT, Arms, edge_points
 
 # largest number of points of all bands; above it arms get fewer pieces; 1,000 spirals still have the most pieces
 MOST = 250_000
@@ -43,7 +43,7 @@ def bands(
     radius, angle = np.linalg.norm(flat, axis=2), np.arctan2(flat[..., 1], flat[..., 0])
     arms = Arms(np.zeros((count, 2)), radius, angle, wind, width, width, np.zeros_like(flat), np.ones_like(radius))
     t = np.broadcast_to(np.linspace(0.0, 1.0, pieces + 1), (*radius.shape, pieces + 1))
-    edges = np.stack([edge(arms, t, side)[0] for side in (LEFT, RIGHT)], axis=3)  # (F, 4, pieces + 1, 2, 2)
+    edges = np.stack([edge_points(arms, t, side)[0] for side in (LEFT, RIGHT)], axis=3)  # (F, 4, pieces + 1, 2, 2)
     points = (edges.reshape(count, 8 * (pieces + 1), 2) @ axes).reshape(*edges.shape[:-1], 3)
     points += _warp_offsets(points.reshape(count, 8 * (pieces + 1), 3), corners, spokes).reshape(points.shape)
     points += (centre + lift * normal)[:, None, None, None]

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Bool, Float, Int
-from ..spirals.caps import stumps
-from ..spirals.contours import ends, hubs
+from ..spirals.caps import stump_starts
+from ..spirals.contours import arm_starts, find_roots
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import min_slot_width
-from ..spirals.solid import with_solid
+from ..spirals.solid import set_solid_roots
 from ..spirals.spiral import opposite_sides
 from . import arrange
 from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
@@ -51,9 +51,11 @@ class MovingPanels:
         quads = np.flatnonzero(touched)
         arms = design.arms.subset(quads)
         fillet, absent = design.params.fillet, design.absent[quads]
-        root = with_solid(hubs(arms, fillet), arms, fillet, design.solid[quads])
+        root = set_solid_roots(find_roots(arms, fillet), arms, fillet, design.solid[quads])
         begin = np.where(
-            absent, stumps(root), ends(design.flat.layout, design.arms, min_slot_width(design.params))[quads]
+            absent,
+            stump_starts(root),
+            arm_starts(design.flat.layout, design.arms, min_slot_width(design.params))[quads],
         )
         points = arm_edges(arms, root, begin, where.edges.shape[-1])
         points += self.centres[design.flat.layout.patch_of[quads]][:, None, None, None]

@@ -14,13 +14,13 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.solids import places
-from ..mechanics.arms.bent import BentArms, hub_ends
+from ..mechanics.arms.bent import BentArms, hub_edge_of_design
 from ..mechanics.assembly import Pose
-from ..mechanics.vectors import times
+from ..mechanics.vectors import matvec
 from ..progress import SILENT, Progress
 from ..spirals.caps import Cap
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, centre_line, edge, opposite_sides
+from ..spirals.spiral import LEFT, RIGHT, centre_line, edge_points, opposite_sides
 from .rim_mesh import RimMesh
 
 DRAWING = "Drawing the arms"  # text of the progress
@@ -94,10 +94,10 @@ class PanelMesh:
         edges[rows], up[rows] = place[:, None] + self.sides[rows] @ np.swapaxes(turn, 1, 2), turn[:, :, 2]
         alone, alone_up = np.zeros((2, len(self.rim_quad) + len(self.heads.arm), 3))
         rim_quad, heads, later = self.rim_quad[rims], self.heads, len(self.rim_quad) + np.flatnonzero(points)
-        alone[: len(rims)][rims] = pose.centres[rim_quad] + times(pose.rotations[rim_quad], self.rim[rims])
+        alone[: len(rims)][rims] = pose.centres[rim_quad] + matvec(pose.rotations[rim_quad], self.rim[rims])
         alone_up[: len(rims)][rims] = pose.rotations[rim_quad, :, 2]
         head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
-        alone[later], alone_up[later] = head + times(head_turn, heads.side[points]), head_turn[:, :, 2]
+        alone[later], alone_up[later] = head + matvec(head_turn, heads.side[points]), head_turn[:, :, 2]
         made = self._thick(edges, up, alone, alone_up)
         return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.placed(arms))])
 
@@ -207,7 +207,7 @@ def _sections(
     the others are rigid with the hub.
     """
     quad, side = np.divmod(arm, 4)
-    hub, root = hub_ends(design).ravel()[arm], design.roots
+    hub, root = hub_edge_of_design(design).ravel()[arm], design.roots
     share = np.minimum(row / pieces[arm], 1.0)
     # closer together towards the tip, where arms blend
     t = begin[arm] + (hub - begin[arm]) * share * (2.0 + share) / 3.0
@@ -218,7 +218,7 @@ def _sections(
     line[:, :2] = centre - shape.centre
     for k, (way, end) in enumerate(((LEFT, root.left), (RIGHT, np.roll(root.right, 1, axis=1)))):
         at = t + beyond * (end.ravel()[arm] - t)
-        sides[:, k, :2] = edge(shape, at[:, None, None], way)[0][:, 0, 0] - centre
+        sides[:, k, :2] = edge_points(shape, at[:, None, None], way)[0][:, 0, 0] - centre
     return t, line, sides
 
 
@@ -229,8 +229,8 @@ def _rims(design: SpiralDesign, points: int) -> tuple[np.ndarray, np.ndarray]:
     place = np.zeros((count, 4, points, 3))
     if not points:
         return quad, place
-    left = edge(design.arms, root.left[..., None], LEFT)[0][:, :, 0] - root.centre
-    right = np.roll(edge(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
+    left = edge_points(design.arms, root.left[..., None], LEFT)[0][:, :, 0] - root.centre
+    right = np.roll(edge_points(design.arms, np.roll(root.right, 1, axis=1)[..., None], RIGHT)[0][:, :, 0], -1, axis=1)
     right -= root.centre
     begin = np.arctan2(left[..., 1], left[..., 0])
     # the fillet always turns to the right

@@ -299,7 +299,7 @@ def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colour
 
 def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
     """Return (F, 3) sRGB, one colour per patch."""
-    looks = colours.hexadecimal(colours.of_patches(int(patch.max()) + 1))
+    looks = colours.hexadecimal(colours.patch_colours(int(patch.max()) + 1))
     return np.array([rgb(name) for name in looks])[patch]
 
 

@@ -14,7 +14,7 @@ from ..arrays import Complex, Float, Int
 from ..fabrication.writers.solids import places
 from ..mechanics.arms.bent import BentArms
 from ..mechanics.rim import BACKWARDS, FORWARDS, NECK
-from ..mechanics.vectors import times
+from ..mechanics.vectors import matvec
 from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
 
@@ -85,7 +85,7 @@ class RimMesh:
     def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Return middle points, metres, and upward normals in space."""
         place, turn = arms.at(self.arm, self.t, self.line)
-        return place + times(turn, self.side), turn[:, :, 2]
+        return place + matvec(turn, self.side), turn[:, :, 2]
 
     @property
     def flat(self) -> Float[np.ndarray, "points 3"]:

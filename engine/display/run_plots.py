@@ -39,7 +39,7 @@ class MapValues:
     width, anisotropy, twist : mean of the arms in mm; percent, see ``spiral.anisotropy``; degrees
     shape : metres, simulated; distance : mm to the target; strain : share of the material's limit
     slot : mm, narrowest slot beside the arms in that shape
-    kind : what limits the match, index into ``reach.NAMES``
+    kind : what limits the match, index into ``reach.REASON_NAMES``
     more : values of the extras, by name
     """
 
@@ -124,7 +124,7 @@ def _layout(m: MapValues, distortion: float) -> dict[str, Drawing]:
     fills = plots.patch_fills(m.patch)
     high = max(distortion, float(m.distortion.max()))
     bent = Colouring.from_values(
-        "Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.BAD, 0.0, high
+        "Distortion of the flat panels, ARAP energy E", m.distortion, "E", colours.ERROR_SCALE, 0.0, high
     )
     return {
         "surface": plots.shape_map(m.mesh.vertices, m.mesh.quads, sides, Colouring("Surface and panels", fills)),
@@ -146,7 +146,7 @@ def _spirals(m: MapValues) -> dict[str, Drawing]:
         low, high = float(values.min()), float(values.max())
         if name == "anisotropy":
             low, high = 0.0, max(high, LEAST_ANISOTROPY)
-        made = Colouring.from_values(title, values, unit, colours.MUCH, low, high)
+        made = Colouring.from_values(title, values, unit, colours.QUANTITY_SCALE, low, high)
         found[name] = plots.flat_map(m.corners, m.sides, made)
     return found
 
@@ -177,26 +177,28 @@ def _match(m: MapValues, described: Mapping[str, Any]) -> dict[str, Drawing]:
         m.distance, "Distance of the spirals to the target", "Distance (mm)", [(rms, mark)]
     )
     high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
-    far = Colouring.from_values("Distance to the target", m.distance, "mm", colours.BAD, 0.0, high)
+    far = Colouring.from_values("Distance to the target", m.distance, "mm", colours.ERROR_SCALE, 0.0, high)
     if m.shape is not None:
         found["shape"] = plots.shape_map(
             m.shape,
             m.mesh.quads,
             m.sides,
-            Colouring.from_values("Simulated shape", m.distance, "mm", colours.BAD, 0.0, high),
+            Colouring.from_values("Simulated shape", m.distance, "mm", colours.ERROR_SCALE, 0.0, high),
         )
     found["distance"] = plots.flat_map(m.corners, m.sides, far)
     if m.strain is not None:
         share = 100.0 * m.strain
         high = max(100.0, float(share.max()))
-        loaded = Colouring.from_values("Safety: strain of the arms", share, "% of limit", colours.BAD, 0.0, high)
+        loaded = Colouring.from_values(
+            "Safety: strain of the arms", share, "% of limit", colours.ERROR_SCALE, 0.0, high
+        )
         found["safety"] = plots.flat_map(m.corners, m.sides, loaded)
     if m.slot is not None:
         low, high = min(0.0, float(m.slot.min())), max(LEAST_SLOT, float(np.median(m.slot)))
-        room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.BAD[::-1], low, high)
+        room = Colouring.from_values("Slots in the simulated shape", m.slot, "mm", colours.ERROR_SCALE[::-1], low, high)
         found["slots"] = plots.flat_map(m.corners, m.sides, room)
     if m.kind is not None:
-        looks = [colours.LIMITS[name] for name in reach.NAMES]
+        looks = [colours.LIMITS[name] for name in reach.REASON_NAMES]
         counts = np.bincount(m.kind, minlength=len(looks)).tolist()
         named = zip(hexes(np.array([colour for colour, _ in looks])), looks, counts)
         rows = tuple((name, f"{text}: {count}") for name, (_, text), count in named if count)

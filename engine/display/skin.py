@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Float, Int
-from ..mechanics.arms.bent import Bender, BentArms, hub_ends
+from ..mechanics.arms.bent import Bender, BentArms, hub_edge_of_design
 from ..mechanics.assembly import Pose, rest_joints
-from ..mechanics.vectors import exponential, rotation_vector, times
+from ..mechanics.vectors import matvec, rotation_matrix, rotation_vector
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from .panel_mesh import Detail, panel_mesh
@@ -54,7 +54,7 @@ class RimStrip:
         if pose is not None and arms is not None:
             place, normal = (values[order] for values in rim.placed(arms))
             back = np.swapaxes(pose.rotations, 1, 2)[quad]
-            way, up = times(back, place - pose.centres[quad]) - _flat(flat), times(back, normal)
+            way, up = matvec(back, place - pose.centres[quad]) - _flat(flat), matvec(back, normal)
         triangles, walls = new[rim.triangles], new[rim.walls]
         triangles = triangles[np.argsort(quad[triangles[:, 0]], kind="stable")]
         return cls(quad, flat, way, up, triangles, walls[np.argsort(quad[walls[:, 0]], kind="stable")])
@@ -97,7 +97,7 @@ class Skin:
         mesh = design.flat.layout.mesh
         panels = panel_mesh(design, detail_of(design), (), progress.part(0.0, 0.3))
         arm = panels.arm
-        hub = np.maximum(hub_ends(design).ravel()[arm], 1e-9)
+        hub = np.maximum(hub_edge_of_design(design).ravel()[arm], 1e-9)
         flat = panels.line[:, None] + panels.sides
         spokes = 0.5 * (design.flat.corners + np.roll(design.flat.corners, -1, axis=1)) - design.arms.centre[:, None]
         inner = ~mesh.border
@@ -116,11 +116,11 @@ class Skin:
         if pose is None or arms is None:
             return replace(skin, strip=strip)
         place, turn = arms.at(arm, panels.t, panels.line)
-        middle = place + times(turn, panels.sides.mean(axis=1))
+        middle = place + matvec(turn, panels.sides.mean(axis=1))
         full = skin.tips(pose, (partner >= 0).astype(float))
         back = np.swapaxes(pose.rotations, 1, 2)[arm // 4]
         # in the hub's frame
-        own = times(back, middle - pose.centres[arm // 4])
+        own = matvec(back, middle - pose.centres[arm // 4])
         turned = rotation_vector(back @ turn)
         guess, guessed = skin.followed(full)
         return cls(
@@ -136,14 +136,14 @@ class Skin:
         closed : 1 if the tip is half way to its partner's, 0 if it is rigid with its hub, or between
         """
         quad, met = np.arange(len(self.tip)) // 4, np.flatnonzero(self.partner >= 0)
-        end = pose.centres[quad] + times(pose.rotations[quad], _flat(self.tip))
+        end = pose.centres[quad] + matvec(pose.rotations[quad], _flat(self.tip))
         frame = pose.rotations[quad] @ _about_z(self.axis)
         other = self.partner[met]
         out = np.zeros((len(self.tip), 6))
         back = np.swapaxes(pose.rotations, 1, 2)[quad[met]]
-        out[met, :3] = 0.5 * closed[met, None] * times(back, end[other] - end[met])
+        out[met, :3] = 0.5 * closed[met, None] * matvec(back, end[other] - end[met])
         across = rotation_vector(np.swapaxes(frame[met], 1, 2) @ frame[other])
-        out[met, 3:] = times(_about_z(self.axis[met]), 0.5 * closed[met, None] * across)
+        out[met, 3:] = matvec(_about_z(self.axis[met]), 0.5 * closed[met, None] * across)
         return out
 
     def followed(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
@@ -151,7 +151,7 @@ class Skin:
         middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
         way, turn = moved[self.arm, :3], moved[self.arm, 3:]
         share = self.share[:, None]
-        with_tip = tip + way + times(exponential(turn), middle - tip)
+        with_tip = tip + way + matvec(rotation_matrix(turn), middle - tip)
         return (1.0 - share) * middle + share * with_tip, share * turn
 
     def placed(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
@@ -167,11 +167,11 @@ class Skin:
         middle, turn = self.followed(moved)
         measure = self.bends(moved)[self.arm, None]
         quad = self.arm // 4
-        rotation = pose.rotations[quad] @ exponential(turn + measure * self.turn)
-        middle = pose.centres[quad] + times(pose.rotations[quad], middle + measure * self.way)
+        rotation = pose.rotations[quad] @ rotation_matrix(turn + measure * self.turn)
+        middle = pose.centres[quad] + matvec(pose.rotations[quad], middle + measure * self.way)
         half = _flat(0.5 * (self.left - self.right))
         up = 0.5 * thickness * rotation[:, :, 2]
-        left, right = middle + times(rotation, half), middle - times(rotation, half)
+        left, right = middle + matvec(rotation, half), middle - matvec(rotation, half)
         return np.stack([left + up, right + up, left - up, right - up], axis=1)
 
     def bends(self, moved: Float[np.ndarray, "arms 6"]) -> Float[np.ndarray, " arms"]:
@@ -204,4 +204,4 @@ def _flat(points: Float[np.ndarray, "points 2"]) -> Float[np.ndarray, "points 3"
 
 def _about_z(angle: Float[np.ndarray, " angles"]) -> Float[np.ndarray, "angles 3 3"]:
     """Rotation matrices about z."""
-    return exponential(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=1))
+    return rotation_matrix(np.stack([np.zeros_like(angle), np.zeros_like(angle), angle], axis=1))

@@ -16,7 +16,7 @@ from ..fabrication.writers.solids import places
 from ..spirals.caps import Cap
 from ..spirals.contours import SlotRoots
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, Arms, edge, opposite_sides
+from ..spirals.spiral import LEFT, RIGHT, Arms, edge_points, opposite_sides
 from .rim_mesh import RimMesh
 
 DEGREES = 9.5  # degrees of an arm's twist per step
@@ -264,8 +264,8 @@ def arm_edges(arms: Arms, root: SlotRoots, begin: Float[np.ndarray, "quads 4"], 
     (F, 4, 2, steps, 2) metres
     """
     share, first = np.linspace(0.0, 1.0, steps), begin[..., None]
-    left = edge(arms, first + (root.left[..., None] - first) * share, LEFT)[0]
-    right = edge(arms, first + (np.roll(root.right, 1, axis=1)[..., None] - first) * share, RIGHT)[0]
+    left = edge_points(arms, first + (root.left[..., None] - first) * share, LEFT)[0]
+    right = edge_points(arms, first + (np.roll(root.right, 1, axis=1)[..., None] - first) * share, RIGHT)[0]
     return np.stack([left, right], axis=2)
 
 

@@ -317,7 +317,7 @@ class Assembly:
         return replace(self, lever=lever, axes=axes)
 
 
-def of_design(design: SpiralDesign) -> Assembly:
+def assembly_from_design(design: SpiralDesign) -> Assembly:
     """Build the assembly of a design: one joint per edge between two quads, within patches and across seams.
 
     A quad that shares no edge is a spiral without a joint. Raises FlexMapsError with the faces if no quads share an

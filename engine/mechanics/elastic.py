@@ -143,7 +143,9 @@ class JointsOnly:
         return None
 
 
-def summed(blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int) -> Float[np.ndarray, "spirals 6"]:
+def sum_joint_vectors(
+    blocks: np.ndarray, pairs: Int[np.ndarray, "joints 2"], size: int
+) -> Float[np.ndarray, "spirals 6"]:
     """Sum vectors of joints over the spirals.
 
     Parameters

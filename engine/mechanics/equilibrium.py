@@ -15,11 +15,11 @@ import numpy as np
 
 from ..arrays import Float
 from ..newton import (
+    AT_ROUNDING,
     CONVERGED,
     INDEFINITE,
     ITERATIONS,
     NO_DESCENT,
-    ROUNDED,
     SADDLE,
     Iteration,
     LineSearch,
@@ -34,7 +34,7 @@ from ..surface.checking.finding import counted
 from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
-from .loads import Loads, between
+from .loads import Loads, joints_between_hubs
 from .newton_system import NewtonSystem
 
 TURN_CAP = 0.5  # radians, largest turn of a hub in one step, so that the expansion holds; chosen by eye
@@ -43,7 +43,7 @@ NUDGE = 0.05  # radians, largest turn of the step that leaves a saddle; chosen b
 REFERENCE_STRAIN = 1e-5
 STATUS = {
     CONVERGED: "Converged in {}.",
-    ROUNDED: "Converged in {}.",
+    AT_ROUNDING: "Converged in {}.",
     SADDLE: "It balances, but the slightest touch would move it on.",
     ITERATIONS: "No equilibrium within {}.",
     INDEFINITE: "The forces are too uneven to be balanced in numbers.",
@@ -109,10 +109,10 @@ def solve(
     ------
     FlexMapsError : forces would carry away a piece without supports
     """
-    return exhausted(settling(model, start, loads, params, progress, system, iterations, step, margins))
+    return exhausted(solve_stepwise(model, start, loads, params, progress, system, iterations, step, margins))
 
 
-def settling(
+def solve_stepwise(
     model: ElasticModel,
     start: Pose,
     loads: Loads,
@@ -208,13 +208,13 @@ class _Balance:
 
     def _residual(self, here: Expansion, gradient: np.ndarray, pose: Pose) -> float:
         """Norm of the unbalanced forces, relative to the largest forces in the joints so far and to the loads."""
-        weight, inner = force_measure(self.model, here, pose)
+        weight, inner = force_scale(self.model, here, pose)
         left = np.linalg.norm((gradient * weight)[~self.system.held])
         self.scale = max(self.scale, inner, float(np.linalg.norm(self.loads.force)))
         return float(left / self.scale)
 
 
-def force_measure(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
+def force_scale(model: ElasticModel, here: Expansion, pose: Pose) -> tuple[Float[np.ndarray, " 6"], float]:
     """Weights that turn forces and moments into forces, and the size of the forces in the joints.
 
     Parameters
@@ -237,7 +237,7 @@ def _make_result(problem: _Balance, run: Run) -> Equilibrium:
     """Collect the result of a run, with its sentence."""
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
-    steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, ROUNDED), 0
+    steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
     sentence = STATUS.get(run.ended, "").format(counted(steps, "iteration", "iterations"))
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
@@ -276,7 +276,7 @@ def other_minima(
         part = progress.part(k / params.restarts, (k + 1) / params.restarts)
         start = _turn_inside_out(found.pose, system.held) if k == 0 else _bend_along_modes(found.pose, modes, k - 1)
         other = solve(model, start, loads, quick, part, system)
-        if other.converged and all(differ(other.pose, known.pose, model.pairs, loads) for known in minima):
+        if other.converged and all(poses_differ(other.pose, known.pose, model.pairs, loads) for known in minima):
             minima.append(other)
     return sorted(minima[1:], key=lambda e: e.energy)
 
@@ -308,7 +308,7 @@ MODE_COUNT = 6  # number of softest modes that starts are bent along; chosen by 
 MIN_BEND = 0.8  # radians, largest turn of the least bent start; chosen by eye
 
 
-def differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
+def poses_differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
     """Return whether any hub differs between two poses by more than a tenth of the distance of neighbours.
 
     Parameters
@@ -317,7 +317,7 @@ def differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
     pairs : (m, 2) int, joined hubs
     loads : the supports
     """
-    placed, pairs = loads.laid(one, pairs, two), between(pairs, len(one.centres))
+    placed, pairs = loads.laid(one, pairs, two), joints_between_hubs(pairs, len(one.centres))
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()
     return bool(apart > 0.1 * spacing)

@@ -13,7 +13,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 from .assembly import Pose
-from .rigid import Freedom, freedoms
+from .rigid import Freedom, free_pieces
 
 GRAVITY = 9.81  # m / s^2
 LOWEST = "lowest"
@@ -86,7 +86,7 @@ class Loads:
         FlexMapsError : forces would carry away or turn a piece; ``faces`` are its spirals
         """
         held = self.fixed.copy()
-        for free in freedoms(self.fixed, between(pairs, len(held)), centres):
+        for free in free_pieces(self.fixed, joints_between_hubs(pairs, len(held)), centres):
             work, most = free.work(centres, self.force)
             shifts = np.linalg.norm(free.motions[:, 3:], axis=1) == 0.0
             moving = np.abs(work) > np.where(shifts, CARRY_TOLERANCE, TURN_TOLERANCE) * most
@@ -103,7 +103,7 @@ class Loads:
         pose, target : the pose to move, and the pose to come close to
         pairs : (m, 2) int, joined hubs
         """
-        for free in freedoms(self.fixed, between(pairs, len(self.fixed)), pose.centres):
+        for free in free_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
             pose = free.laid(pose, target.centres)
         return pose
 
@@ -112,7 +112,7 @@ class Loads:
         return float((self.force * centres).sum())
 
 
-def between(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
+def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:
     """Select the joints between hubs, without those of a rim's nodes.
 
     Parameters
@@ -138,7 +138,7 @@ def _describe_motion(free: Freedom, carried: bool) -> str:
     )
 
 
-def standing(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
+def parse_supports(mesh: QuadMesh, which: str | Sequence[int]) -> Int[np.ndarray, " some"]:
     """Parse which quads are supports.
 
     The lowest quads have at least two corners at the height of the lowest such quad.

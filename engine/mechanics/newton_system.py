@@ -13,7 +13,7 @@ from ..progress import SILENT, Progress
 SHIFT = 1e-9  # share of the diagonal added to make a semi-definite matrix definite
 # relative, of the eigenvalues at a minimum; tight because their derivatives need accurate modes
 INVERSE_TOLERANCE = 1e-7
-DENSE = 60  # largest number of free increments solved densely; Lanczos needs more unknowns than eigenvalues
+MAX_DENSE_SIZE = 60  # largest number of free increments solved densely; Lanczos needs more unknowns than eigenvalues
 
 
 class NewtonSystem:
@@ -103,7 +103,7 @@ class NewtonSystem:
         if not len(self.free):
             return np.zeros((1, *self.held.shape)), np.ones(1)
         metric = self.definite(metric)
-        if len(self.free) <= DENSE:
+        if len(self.free) <= MAX_DENSE_SIZE:
             return self._all_modes(values, metric, count)
         self.cholesky.factor(metric)
         size = (len(self.free),) * 2
@@ -140,7 +140,7 @@ class NewtonSystem:
         (count, n, 6) and (count,) : modes and their lambda
         """
         metric = self.definite(metric)
-        if len(self.free) <= DENSE:
+        if len(self.free) <= MAX_DENSE_SIZE:
             return self._all_modes(values, metric, count)
         size = (len(self.free),) * 2
         inverse = LinearOperator(size, matvec=lambda b: self.cholesky.solve(np.asarray(b).ravel()), dtype=float)

@@ -70,7 +70,7 @@ class Freedom:
         return replace(pose, centres=centres, rotations=rotations)
 
 
-def freedoms(
+def free_pieces(
     fixed: Bool[np.ndarray, "spirals 6"], pairs: Int[np.ndarray, "joints 2"], centres: Float[np.ndarray, "spirals 3"]
 ) -> list[Freedom]:
     """List the pieces that can still move as a whole.

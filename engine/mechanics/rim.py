@@ -20,14 +20,14 @@ from .vectors import skew
 FORWARDS, NECK, BACKWARDS = 0, 1, 2  # arms of a node, counter-clockwise
 # Pieces of half a strip, so that every hole spans several pieces; more are slower. The compliance is within 1e-4 of the
 # result of 2000 pieces.
-PIECES = 200
+STRIP_PIECES = 200
 NECK_PIECES = 24  # pieces of a neck: within 3e-4 of its closed form
 # step of the fourth-order finite differences, as a share of a neck's width: within 1e-11 of the closed form
-STEP = 1e-3
+NECK_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Beams:
+class RimBeams:
     """Arms of N nodes as lines of S pieces, in the flat frame.
 
     lever : metres, from every piece to the arm's tip; tangent : unit vectors, outwards; length : metres, of every piece
@@ -49,13 +49,13 @@ class Beams:
         length: np.ndarray,
         width: np.ndarray,
         bore: np.ndarray,
-    ) -> Beams:
+    ) -> RimBeams:
         """Build from complex positions and directions (N, S) of the pieces and tips (N,)."""
         return cls(_to_space(tip[:, None] - place), _to_space(way), length, np.broadcast_to(width, length.shape), bore)
 
-    def part(self, some: np.ndarray) -> Beams:
+    def part(self, some: np.ndarray) -> RimBeams:
         """Select arms."""
-        return Beams(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
+        return RimBeams(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +76,8 @@ class RimJoints:
     pairs: Int[np.ndarray, "strips 2"]
     strip_lever: Float[np.ndarray, "strips 2 3"]
     strip_axes: Float[np.ndarray, "strips 2 3 3"]
-    necks: Beams
-    strips: Beams
+    necks: RimBeams
+    strips: RimBeams
     width: float
 
     @classmethod
@@ -137,31 +137,31 @@ class RimJoints:
         return np.flatnonzero(there), np.flatnonzero(there[self.pairs].all(axis=1))
 
 
-def _necks(rim: Rim) -> Beams:
+def _necks(rim: Rim) -> RimBeams:
     """Straight necks, from the strip to the tips."""
     share = (np.arange(NECK_PIECES) + 0.5) / NECK_PIECES
     place = (rim.middle + rim.depth * rim.out)[:, None] - rim.depth * share * rim.out[:, None]
     way = np.broadcast_to(-rim.out[:, None], place.shape)
     length = np.full(place.shape, rim.depth / NECK_PIECES)
-    return Beams.from_points(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
+    return RimBeams.from_points(place, way, rim.middle, length, np.ones(1), np.zeros(place.shape))
 
 
-def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> Beams:
+def _strips(rim: Rim, first: np.ndarray, middle: Complex[np.ndarray, " strips"]) -> RimBeams:
     """Both halves of every strip, from its nodes to its middle."""
-    share, whole = (np.arange(PIECES) + 0.5) / PIECES, rim.length[first]
+    share, whole = (np.arange(STRIP_PIECES) + 0.5) / STRIP_PIECES, rim.length[first]
     half = rim.reach[first, 0]
     at = np.stack([half[:, None] * share, whole[:, None] - (whole - half)[:, None] * share], axis=1)
-    place, way = rim.place(np.repeat(first, 2 * PIECES), at.ravel())
+    place, way = rim.place(np.repeat(first, 2 * STRIP_PIECES), at.ravel())
     way = way.reshape(at.shape) * np.array([1.0, -1.0])[:, None]
-    length = np.broadcast_to((np.stack([half, whole - half], axis=1) / PIECES)[..., None], at.shape)
+    length = np.broadcast_to((np.stack([half, whole - half], axis=1) / STRIP_PIECES)[..., None], at.shape)
     count = np.maximum(rim.holes[first], 1)
     between = (whole / count)[:, None, None]
     # distance along the strip from the nearest hole
     apart = np.abs((at % between) - 0.5 * between)
     bore = 2.0 * np.sqrt(np.maximum(0.25 * rim.hole**2 - apart**2, 0.0)) * (rim.holes[first] > 0)[:, None, None]
-    flat = (-1, PIECES)
+    flat = (-1, STRIP_PIECES)
     parts = place.reshape(flat), way.reshape(flat), np.repeat(middle, 2), length.reshape(flat)
-    return Beams.from_points(*parts, np.full(1, rim.width), bore.reshape(flat))
+    return RimBeams.from_points(*parts, np.full(1, rim.width), bore.reshape(flat))
 
 
 def _to_space(numbers: np.ndarray) -> Float[np.ndarray, "*n 3"]:
@@ -176,7 +176,7 @@ def _axes(across: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 3 3"]:
     return np.stack([one, one], axis=1)
 
 
-def tip_compliance(bend: np.ndarray, slide: np.ndarray, lever: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
+def rim_tip_compliance(bend: np.ndarray, slide: np.ndarray, lever: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
     """(N, 6, 6) motion of the tips of arms per wrench there.
 
     bend, slide : (N, S, 3, 6) turns and stretches of the pieces per wrench; lever : (N, S, 3) metres to the tip

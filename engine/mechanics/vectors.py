@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ..arrays import Float
 
 
-def times(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
+def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i"]:
     """Multiply matrices and vectors.
 
     Parameters
@@ -54,7 +54,7 @@ def rotation_vector(matrix: np.ndarray) -> Float[np.ndarray, "joints 3"]:
     return out
 
 
-def exponential(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
+def rotation_matrix(turn: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
     """(..., 3, 3) rotation matrices of rotation vectors (..., 3) (Rodrigues)."""
     square = (turn * turn).sum(axis=-1)
     angle = np.sqrt(square)

@@ -18,15 +18,15 @@ from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign, make_fabricable
-from .codesign_problem import WEIGHT, FlatPoint, FlatProblem, FlatRange
+from .codesign_problem import BARRIER_WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton
+from .optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
 
 MAX_SHIFT = 0.5  # largest shift of a flat vertex along x or y, as a share of the shortest mean edge of its quads
 MAX_SEAM_MISMATCH = (
     0.06  # largest difference between both sides of a seam, as a share of their length, unless it was larger before
 )
-MOVING = "Flat shapes"  # shown with the progress
+FLAT_SHAPES = "Flat shapes"  # shown with the progress
 
 
 def refine_flat_shapes(
@@ -39,7 +39,7 @@ def refine_flat_shapes(
     progress: Progress = SILENT,
     first: FlatPatches | None = None,
 ) -> FlatPoint:
-    """Return the best spirals and flat shapes near a design; ``designed`` turns the result into a design.
+    """Return the best spirals and flat shapes near a design; ``to_design`` turns the result into a design.
 
     Parameters
     ----------
@@ -58,22 +58,22 @@ def refine_flat_shapes(
         raise FlexMapsError(
             "Flat shapes can be moved with the elastic model Arms only; choose it, or leave them as they are"
         )
-    weight, first = WEIGHT * start.mismatch.value, first or design.flat
+    weight, first = BARRIER_WEIGHT * start.mismatch.value, first or design.flat
     limits, free = (params.distortion_limit, MAX_SEAM_MISMATCH), problem.space.free
     # a rim is made for the border's flat shape, so the border must not move
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
-    here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, MOVING))
+    here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, FLAT_SHAPES))
     found = gauss_newton(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)
     return found
 
 
-def between(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
+def interpolate(start: DesignPoint, found: FlatPoint, share: float, progress: Progress = SILENT) -> FlatPoint:
     """Return the point a share of the way from the start of ``refine_flat_shapes`` to its result ``found``."""
     here = found.problem.at(_with_flat_coordinates(start, found.problem.flat.flat), start.equilibrium.pose, progress)
     x = found.problem.within(here.x + share * (found.x - here.x), here)
-    return found.problem.at(x, start.equilibrium.pose, progress, INNER_ITERATIONS)
+    return found.problem.at(x, start.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
 
 
 def _with_flat_coordinates(start: DesignPoint, flat: FlatPatches) -> Float[np.ndarray, " _"]:
@@ -81,17 +81,17 @@ def _with_flat_coordinates(start: DesignPoint, flat: FlatPatches) -> Float[np.nd
     return np.concatenate([start.x, np.full(2 * len(flat.points), 0.5)])
 
 
-def designed(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
+def to_design(point: DesignPoint, design: SpiralDesign) -> SpiralDesign | None:
     """Return the design of a point; None where patches overlap themselves. ``design`` : the one that the search began with.
 
     The design can be cut, except where arms have come too near each other because the flat shapes have moved.
     """
-    flat, (width, twist) = moved_flat(point, design), point.spirals
+    flat, (width, twist) = flat_shapes_of(point, design), point.spirals
     free = point.problem.space.free
     return None if flat is None else make_fabricable(flat, design.params, width, twist, prove=False, free=free)
 
 
-def moved_flat(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
+def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
     """Return the flat shapes of a point, or the design's where the search does not move them.
 
     None where a patch overlaps itself, which no bound of the search prevents.
@@ -100,11 +100,11 @@ def moved_flat(point: DesignPoint, design: SpiralDesign) -> FlatPatches | None:
         return design.flat
     layout = design.flat.layout
     points = point.problem.flat.points(point.flat_x)
-    found = measured(layout, centred(design.flat, points))
+    found = measured(layout, centre_patches(design.flat, points))
     return None if overlapping(found) else found
 
 
-def centred(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
+def centre_patches(flat: FlatPatches, points: np.ndarray) -> np.ndarray:
     """Return points (P, 2) moved so that the area centroid of every patch is at its origin."""
     layout = flat.layout
     u = points[layout.flat_corners]

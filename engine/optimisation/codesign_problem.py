@@ -14,10 +14,10 @@ from scipy.sparse import csr_array, dia_array, diags_array, hstack
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.rest_geometry import RestChanges
-from ..mechanics.arms.strain_changes import by_shapes
+from ..mechanics.arms.strain_changes import strain_by_rest_shape
 from ..mechanics.assembly import Assembly, Pose, rest_joints
 from ..mechanics.stance import Stance
-from ..mechanics.vectors import times
+from ..mechanics.vectors import matvec
 from ..patches.flattening.flatten import FlatPatches
 from ..patches.loops import NEXT
 from ..progress import SILENT, Progress
@@ -28,14 +28,14 @@ from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
-from .terms import Rows
+from .terms import TermRows
 from .work import GEOMETRY, VARIED
 
 # Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
 # next ones: a surface of 986 quads ended at 0.28 mm instead of 0.26
-WEIGHT = 0.5
+BARRIER_WEIGHT = 0.5
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
-WEIGHED = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
+WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +225,7 @@ class FlatPoint(DesignPoint):
 
     def reweighted(self) -> FlatPoint:
         """Return this point with the weight of the barriers set from its mismatch."""
-        flat = replace(self.problem.flat, weight=WEIGHT * self.mismatch.value)
+        flat = replace(self.problem.flat, weight=BARRIER_WEIGHT * self.mismatch.value)
         return self._with_cached(replace(self, problem=replace(self.problem, flat=flat)))
 
     def renewed(self) -> FlatPoint:
@@ -234,7 +234,7 @@ class FlatPoint(DesignPoint):
 
     def _with_cached(self, point: FlatPoint) -> FlatPoint:
         """Copy to ``point``, the same equilibrium with other weights, all cached values that do not depend on the weights."""
-        derived = self.__dict__.keys() - point.__dict__.keys() - WEIGHED
+        derived = self.__dict__.keys() - point.__dict__.keys() - WEIGHT_DEPENDENT
         point.__dict__.update({name: self.__dict__[name] for name in derived})
         return point
 
@@ -321,20 +321,20 @@ class FlatPoint(DesignPoint):
         size = 6 * self.assembly.whole.size
         return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
 
-    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> TermRows:
         assert self.strains is not None
         e, found = arms // 2, self.strains.slopes(arms)
         rows = self._rows_of_spirals(e, found)
         rims = e >= len(self._joint_pairs)  # strips
         e = np.where(rims, 0, e)
-        by = times(self._rest_changes.loads[e, :, arms % 2], found.arms.by_loads)
-        by = by + by_shapes(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
+        by = matvec(self._rest_changes.loads[e, :, arms % 2], found.arms.by_loads)
+        by = by + strain_by_rest_shape(self.strains.assembly, arms, found.arms.by_numbers).reshape(-1, 6)
         column = 6 * e[:, None] + np.arange(6)
         start = np.arange(0, column.size + 1, 6)
         shape = (len(e), self._by_flats.shape[0])
         values = np.where(rims[:, None], 0.0, by)
         by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
-        return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
+        return TermRows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
 
     def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
         hubs, own = super()._by_modes()

@@ -22,7 +22,10 @@ MAX_PARTS = 6  # largest number of parts, and expansions, of a step
 # Share of the decrease so far that a part must bring for another one to follow. With 0.1, steps of slender pieces go farther than the
 # linearised motion of the hubs holds: a saddle of 196 quads ended at 1.26 mm instead of 1.18, a shell of 1296 at 1.58 instead of 1.29
 MIN_GAIN = 0.3
-SHORTER, HALVINGS = 0.4, 5  # factor on a part along which the model does not decrease, and largest number of trials
+SHRINK_FACTOR, HALVINGS = (
+    0.4,
+    5,
+)  # factor on a part along which the model does not decrease, and largest number of trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,5 +105,5 @@ class CompositeModel:
             found = self.after(here.step + share * change, here.moves + share * moves)
             if found.damped < here.damped:
                 return found
-            share *= SHORTER
+            share *= SHRINK_FACTOR
         return None

@@ -17,11 +17,11 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
-from ..spirals.constraints import FREE, Constraints
+from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign, width_range
 from ..spirals.known import SCALE_RANGE, table_twist_limit
 from ..spirals.slots import twist_bound
-from ..spirals.spiral import alike
+from ..spirals.spiral import same_width
 
 # Number of widths at which the largest twist is computed, and interpolated between; more take longer to prepare. Not measured:
 # designs are checked again before they are cut
@@ -74,7 +74,7 @@ class DesignSpace:
         assembly: Assembly,
         groups: int = 1,
         progress: Progress = SILENT,
-        constraints: Constraints = FREE,
+        constraints: Constraints = NO_CONSTRAINTS,
     ) -> DesignSpace:
         """Return the space of all designs that have the patches and settings of a design.
 
@@ -88,7 +88,7 @@ class DesignSpace:
         low, high = width_range(design.flat, design.params)
         low[constraints.wide] = high[constraints.wide]
         widths = low + np.linspace(0.0, 1.0, KNOTS)[:, None] * (high - low)
-        bound = np.stack([twist_bound(design.flat, design.params, alike(w), progress) for w in widths])
+        bound = np.stack([twist_bound(design.flat, design.params, same_width(w), progress) for w in widths])
         # the stiffness table ends at a largest twist, which depends on the shortest arm
         shortest = np.full(len(low), np.inf)
         np.minimum.at(shortest, assembly.pairs, 2.0 * assembly.radius)

@@ -1,7 +1,7 @@
 """Stability barrier: a term of the objective that keeps equilibria away from snapping, by their smallest eigenvalues.
 
 With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the squares of
-log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``LEAST``. By an increment or a coordinate p,
+log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``SINGULAR_EIGENVALUE``. By an increment or a coordinate p,
 
     d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1.
 
@@ -20,20 +20,22 @@ import numpy as np
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Pose
-from ..mechanics.elastic import summed
+from ..mechanics.elastic import sum_joint_vectors
 from ..mechanics.newton_system import NewtonSystem
 from .terms import ScalarChange, Term
 
 # Eigenvalue, relative to the convex part, from which on a shape is stable enough; the second where steps were refused as unstable. Larger
 # ones make short searches of stable pieces worse (two by 10 and 16 %), smaller ones leave shapes some hundredths of the size off the real piece's
-ENOUGH, STRONG_ENOUGH = 0.1, 0.3
-MODES, STRONG_MODES = 4, 8  # numbers of softest modes that count; with fewer, the set changes from step to step
+STABLE_EIGENVALUE, STRONG_ENOUGH = 0.1, 0.3
+MODE_COUNT, STRONG_MODES = 4, 8  # numbers of softest modes that count; with fewer, the set changes from step to step
 # Weight of the barrier, in mismatches of the start of each stage. With it a result with an eigenvalue of 0.01 counts as 1.8 times as far
 # from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
 # as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
-WEIGHT = 0.3
-LEAST = 0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
-TANGENT_BELOW = 0.002  # distance above ``LEAST`` below which the logarithm continues as its tangent
+BARRIER_WEIGHT = 0.3
+SINGULAR_EIGENVALUE = (
+    0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
+)
+TANGENT_BELOW = 0.002  # distance above ``SINGULAR_EIGENVALUE`` below which the logarithm continues as its tangent
 DIFFERENCE_TURN = 3e-3  # size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances
 
 
@@ -45,24 +47,24 @@ class StabilityRequirement:
     """
 
     weight: float
-    enough: float = ENOUGH
-    modes: int = MODES
+    enough: float = STABLE_EIGENVALUE
+    modes: int = MODE_COUNT
 
     @classmethod
     def from_mismatch(cls, mismatch: float, *, strong: bool = False) -> StabilityRequirement:
         """Return the requirement for a stage that starts with this mismatch; strong : steps were refused as unstable before."""
-        return cls(WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(WEIGHT * mismatch)
+        return cls(BARRIER_WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(BARRIER_WEIGHT * mismatch)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return log((enough - m) / (rises - m)), m = ``LEAST``, with its tangent near m, and the derivatives by ``rises``."""
-        room = rises - LEAST
+        """Return log((enough - m) / (rises - m)), m = ``SINGULAR_EIGENVALUE``, with its tangent near m, and the derivatives by ``rises``."""
+        room = rises - SINGULAR_EIGENVALUE
         near = np.maximum(room, TANGENT_BELOW)
-        return np.log((enough - LEAST) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
+        return np.log((enough - SINGULAR_EIGENVALUE) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
 
     def merit(self, rises: Float[np.ndarray, " k"]) -> float:
         """Return the factor on the objective of a result with these eigenvalues, for comparing results; 1 if stable enough."""
-        below = rises[rises < ENOUGH]
-        return 1.0 + 0.5 * WEIGHT * float((self.rows(below, ENOUGH)[0] ** 2).sum())
+        below = rises[rises < STABLE_EIGENVALUE]
+        return 1.0 + 0.5 * BARRIER_WEIGHT * float((self.rows(below, STABLE_EIGENVALUE)[0] ** 2).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,9 +121,9 @@ class SoftModes:
             there = model.start(pose.moved(sign * size * way))
             pull = model.expand(there).hessian @ at
             pull -= 2.0 * rise * np.swapaxes(model.strain_rates(there), 1, 2) @ stress
-            found += sign / (2.0 * size) * summed(pull[..., 0], pairs, len(way))
+            found += sign / (2.0 * size) * sum_joint_vectors(pull[..., 0], pairs, len(way))
         # rotations do not commute: second derivatives along v and along another increment differ by this term
-        turned = summed((np.swapaxes(rates, 1, 2) @ stress)[..., 0], pairs, len(way))[:, 3:]
+        turned = sum_joint_vectors((np.swapaxes(rates, 1, 2) @ stress)[..., 0], pairs, len(way))[:, 3:]
         found[:, 3:] -= 0.5 * rise * np.cross(turned, way[:, 3:])
         return found
 

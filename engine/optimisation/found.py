@@ -8,13 +8,13 @@ import numpy as np
 
 from ..arrays import Bool, Float
 from ..errors import Cancelled, FlexMapsError
-from ..materials import STRAINED
+from ..materials import OVERSTRAIN_SHARE
 from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..progress import Progress
 from ..simulation.simulate import Simulation
 from ..spirals.design import SpiralDesign, resolve_contacts
 from .inverse import DesignPoint
-from .optimisers import STOPPED
+from .optimisers import CANCELLED
 from .search import Search, StageResult
 from .terms import LOOSE
 
@@ -65,7 +65,7 @@ class SimulatedResult:
         if before is None or strain is None:
             return np.zeros(len(self.simulation.design.twist), bool)
         worst = float(before.max())
-        return strain > (STRAINED if worst <= STRAINED else MAX_GROWTH * worst)
+        return strain > (OVERSTRAIN_SHARE if worst <= OVERSTRAIN_SHARE else MAX_GROWTH * worst)
 
 
 def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:
@@ -83,7 +83,7 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
         design = resolve_contacts(best.simulation.design, progress, free=found.point.problem.space.free)
         best = best if design is best.simulation.design else _with_design(search, best, design, progress)
     except Cancelled:
-        search.trace.ended = STOPPED
+        search.trace.ended = CANCELLED
         return found
     except FlexMapsError:
         return found

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import JointChanges
+from ..mechanics.arms.sensitivity import JointDerivatives
 from ..mechanics.arms.strain_changes import Strains, StrainSlopes
 from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.assembly import Assembly, Pose
@@ -31,12 +31,25 @@ from .factors import Factors
 from .firmness import SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
-from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
+from .terms import (
+    WEIGHT,
+    MismatchTerm,
+    ScalarChange,
+    StrainLimit,
+    StrainTerm,
+    Term,
+    TermRows,
+    rows_in_runs,
+    total,
+    turning,
+)
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
 # Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
 MIN_STABILITY = 0.01
-NEARLY = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
+NEARLY_CLOSED = (
+    1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +143,9 @@ class InverseProblem:
 
     def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
-        terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), below=NEARLY, quads=quads, least=True))
+        terms = narrowest_per_pair(
+            self._room(x).terms(*self.space.design(x), below=NEARLY_CLOSED, quads=quads, least=True)
+        )
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
@@ -324,7 +339,7 @@ class DesignPoint:
         return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
-    def _changes(self) -> JointChanges | None:
+    def _changes(self) -> JointDerivatives | None:
         return None if self.arms is None else self.arms.changes(self._state)
 
     @cached_property
@@ -364,17 +379,17 @@ class DesignPoint:
         """Derivatives (6 n, coordinates) of the supports' poses by the coordinates; None where these do not move."""
         return None
 
-    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> TermRows:
         """Return the derivatives of the strains of some arms, numbered 2 e + side of the joint e."""
         assert self.strains is not None
         return self._rows_of_spirals(arms // 2, self.strains.slopes(arms))
 
-    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
+    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> TermRows:
         """Return the derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
         problem, whole = self.problem, self.problem.assembly.whole
         hubs = rows_in_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
-        return Rows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
+        return TermRows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:

@@ -20,12 +20,22 @@ from ..mechanics.arms.tip_motion import TipMotions, tip_motions
 from ..mechanics.assembly import Assembly, Pose
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..spirals.blends import ANGLE, MATE_LEAN, MATE_WIDTH, MATE_WIND, NUMBERS, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
+from ..spirals.blends import (
+    ANGLE,
+    MATE_LEAN,
+    MATE_WIDTH,
+    MATE_WIND,
+    N_PARAMETERS,
+    OWN_LEAN,
+    OWN_WIDTH,
+    OWN_WIND,
+    RADIUS,
+)
 from ..spirals.design import SpiralDesign
-from ..spirals.lines import COUNT
+from ..spirals.lines import N_ARM_PARAMETERS
 from ..spirals.shapes import ArmGeometry
 from ..spirals.slots import min_slot_width
-from .terms import Rows, ScalarChange, Term
+from .terms import ScalarChange, Term, TermRows
 
 # Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a
 # sphere of 150 spirals ended at 1.03 times the error, and the worst of its closed slots, all between different spirals, overlapped
@@ -98,7 +108,7 @@ class SlotRequirement:
         shapes, assembly = self.shapes, model.assembly
         n = assembly.spirals
         width, wind = assembly.width[:n].ravel(), self.sign * np.repeat(assembly.twist[:n], 4)
-        out = np.empty((len(width), NUMBERS))
+        out = np.empty((len(width), N_PARAMETERS))
         for own, mate, values, sign in (
             (OWN_WIDTH, MATE_WIDTH, width, 1.0),
             (OWN_WIND, MATE_WIND, wind, shapes.sign),
@@ -204,8 +214,8 @@ class NarrowSlots:
         column = 6 * (np.maximum(joint, 0) // 2)[..., None] + np.arange(6)
         out = self._rows(through, column, geometry_by_points.shape[0]) @ geometry_by_points
         for side in (0, 1):
-            numbers = np.zeros((len(self.found.values), COUNT))
-            numbers[:, :NUMBERS] = self.found.slopes[1][:, side]
+            numbers = np.zeros((len(self.found.values), N_ARM_PARAMETERS))
+            numbers[:, :N_PARAMETERS] = self.found.slopes[1][:, side]
             out = out + self.opening.shapes.by_points(self.found.arms[:, side], numbers)
         return csr_array(out)
 
@@ -269,9 +279,9 @@ class SlotPenalty(Term):
         return rows.backward(weight * rows.forward(moves, change))
 
     @cached_property
-    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
+    def _curved(self) -> tuple[Float[np.ndarray, " k"], TermRows]:
         """Second derivatives of the penalty by the widths, where they are not 0, and the Jacobian of these widths."""
-        return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
+        return TermRows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> SlotPenalty:
         ahead = SlotPenalty(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))

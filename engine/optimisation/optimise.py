@@ -17,7 +17,7 @@ from ..progress import SILENT, Progress
 from ..simulation.other_rests import find_other_rests
 from ..simulation.rests import snapping_spirals
 from ..simulation.simulate import Simulation, move_vertices
-from ..spirals.constraints import FREE, Constraints
+from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable, resolve_contacts
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
@@ -25,8 +25,8 @@ from ..threads import one_thread
 from . import codesign
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
-from .optimisers import STOPPED, SearchRecord
-from .search import FARTHER, NEAR, Search, StageResult, Task
+from .optimisers import CANCELLED, SearchRecord
+from .search import FARTHER, MIN_ALLOWED_DISTANCE, Search, StageResult, Task
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
 from .work import FIT, Work
@@ -98,7 +98,7 @@ class Optimisation:
     @property
     def finished(self) -> bool:
         """Whether the search ended by itself, not by a cancel."""
-        return self.ended != STOPPED
+        return self.ended != CANCELLED
 
     @cached_property
     def end(self) -> str:
@@ -162,11 +162,11 @@ def optimise(
     supports: np.ndarray | None = None,
     force: np.ndarray | None = None,
     prove: bool = True,
-    constraints: Constraints = FREE,
+    constraints: Constraints = NO_CONSTRAINTS,
     wishes: Wishes | None = None,
     progress: Progress = SILENT,
 ) -> Optimisation:
-    """Improve a design, or one of ``starts``, until the match or the time limit is reached; the result is never worse than ``design``.
+    """Improve a design, or one of ``find_starts``, until the match or the time limit is reached; the result is never worse than ``design``.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def optimise(
     work = Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = starts(problem, design, target, params, progress.part(0.0, 0.1))
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
@@ -205,10 +205,10 @@ def optimise(
         name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
         found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
     except Cancelled:
-        trace.ended, found = STOPPED, _best_so_far(search, *latest)
+        trace.ended, found = CANCELLED, _best_so_far(search, *latest)
     found = _better(found, SimulatedResult(before, given, search.farthest), trace)
     after = found.simulation
-    if prove and trace.ended != STOPPED:
+    if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, name, found.point, trace.ended)
 
@@ -221,9 +221,9 @@ def _snapshot(point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: 
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
     """Return the result of the search if it is better than the given design, else the given design, and note so in ``trace.ended``."""
-    strictness = LOOSE if trace.ended == STOPPED else LENIENT
+    strictness = LOOSE if trace.ended == CANCELLED else LENIENT
     if found is None or not found.merit(strictness) < given.merit(strictness):
-        trace.ended = STOPPED if trace.ended == STOPPED else "nothing"
+        trace.ended = CANCELLED if trace.ended == CANCELLED else "nothing"
         return given
     return found
 
@@ -251,7 +251,7 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
 
 def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
     """Return the largest allowed RMS distance of a result from the target, in distances of neighbours; infinite without a given design."""
-    return np.inf if given is None else max(FARTHER * given.distance, NEAR) + problem.target.reach
+    return np.inf if given is None else max(FARTHER * given.distance, MIN_ALLOWED_DISTANCE) + problem.target.reach
 
 
 def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
@@ -327,13 +327,13 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
             SimulatedResult(task.rested(search.best.design, search.best.point), search.best.point, search.farthest)
         )
     if not found or found[0].merit(LOOSE) > (1.0 + RESULT_TOL) * point.merit(LOOSE):
-        latest = codesign.designed(point, design)
+        latest = codesign.to_design(point, design)
         if latest is not None:
             found.append(SimulatedResult(task.rested(latest, point), point, search.farthest))
     return min(found, key=lambda one: one.merit(LOOSE))
 
 
-def starts(
+def find_starts(
     problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Float
-from ..newton import ITERATIONS, TIME, TINY, Damped, Iteration, Local, minimise
+from ..newton import ITERATIONS, NEGLIGIBLE, TIME, Damped, Iteration, Local, minimise
 from ..params import OptimiseParams
 from ..progress import SILENT, Progress
 from ..threads import one_thread
@@ -26,12 +26,12 @@ from .scaling import CurvatureEstimate
 # refused beyond four times as much
 MAX_TURN = 0.3
 EXACT_RMSE = 1e-3  # RMSE, in distances of neighbours, below which cutting is less exact than the match
-STOPPED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
+CANCELLED = "stopped"  # ``SearchRecord.ended`` of a cancelled search
 EXACT_MISMATCH = 0.5 * EXACT_RMSE**2  # mismatch at that RMSE
 MAX_JUMP = 0.5  # distance of a hub from its predicted place, in distances of neighbours, beyond which the piece counts as snapped
 # Newton iterations after which an equilibrium is given up: a piece that snaps takes many. Of 400 accepted steps from predicted poses, on
 # 8 surfaces, none took more than 8; those given up took up to half of the time. The first number is for starts without a prediction
-INNER_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
+MAX_NEWTON_ITERATIONS, PREDICTED_ITERATIONS = 30, 12
 CG_ITERATIONS = 40  # most conjugate gradient steps in a Gauss-Newton step: more take longer and are nearer to the exact step; not measured
 
 
@@ -42,7 +42,7 @@ class SearchRecord:
     began : time of the start, seconds; rows : seconds, objective and RMSE (metres) of every accepted point
     evaluations : number of trial points; rejected : number of steps refused because the objective rose
     unstable : number of steps refused because there was no equilibrium, or only one beyond a snap
-    ended : reason for the end of the last stage, a word of ``newton`` or ``STOPPED``
+    ended : reason for the end of the last stage, a word of ``newton`` or ``CANCELLED``
     bending, damping : curvature estimates and damping by the number of coordinates, which later stages start from
     """
 
@@ -151,7 +151,7 @@ class _GaussNewtonProblem:
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
             return None
-        if not np.abs(step).max() > TINY:
+        if not np.abs(step).max() > NEGLIGIBLE:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         moves = point.moves(step)
         return _Proposal(step, moves, point.value - model.after(step, moves).value)

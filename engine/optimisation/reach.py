@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Bool, Float, Int
-from ..materials import STRAINED
+from ..materials import OVERSTRAIN_SHARE
 from ..mechanics.laplacian import laplacian_difference
 from ..progress import SILENT, Progress
 from ..simulation.rests import snapping_spirals
@@ -27,7 +27,7 @@ MAJORITY = 0.5  # share of the quads above which one body counts as most of the 
 STRETCHED_ABOVE = 0.5  # share of in-plane energy in a spiral's elastic energy above which it counts as stretched
 
 # name, predicate of the advice, and the remedies in it that a button offers
-KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+REASONS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("matched", "bends as the target does", ()),
     ("softest", "spirals are as soft as they may be: a larger object, a thinner sheet, narrower arms or more twist would help",
      (LARGER, THINNER)),
@@ -38,14 +38,14 @@ KINDS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("free", "spirals have room left to change but are pulled by their neighbours: optimise (further), or have other panels "
      "proposed", ()),
 )  # fmt: skip
-NAMES = tuple(name for name, _, _ in KINDS)
+REASON_NAMES = tuple(name for name, _, _ in REASONS)
 
 
 @dataclass(frozen=True, eq=False)
 class MatchLimits:
     """Why each spiral misses the target.
 
-    kind : (F,) reason of every spiral, index into ``NAMES``; share : (kinds,) of the squared mismatch, by reason; advice : a sentence
+    kind : (F,) reason of every spiral, index into ``REASON_NAMES``; share : (kinds,) of the squared mismatch, by reason; advice : a sentence
     remedies : the remedies in the advice that a button offers, and their amounts, see ``remedies.remedy_amounts``
     prospects : RMS distance from the target, in percent of the size, that a cut or supports would reach, see ``choosing.prospects``;
         None before they are computed
@@ -59,10 +59,10 @@ class MatchLimits:
 
     def report(self) -> dict[str, Any]:
         """Return the ``reach`` block of report.json."""
-        counts = np.bincount(self.kind, minlength=len(NAMES))
+        counts = np.bincount(self.kind, minlength=len(REASON_NAMES))
         return {
-            "spirals": dict(zip(NAMES, counts.tolist(), strict=True)),
-            "mismatch_share": dict(zip(NAMES, np.round(self.share, 4).tolist(), strict=True)),
+            "spirals": dict(zip(REASON_NAMES, counts.tolist(), strict=True)),
+            "mismatch_share": dict(zip(REASON_NAMES, np.round(self.share, 4).tolist(), strict=True)),
             "advice": self.advice,
             "remedies": self.remedies,
             **({} if self.prospects is None else {"prospects": dict(self.prospects)}),
@@ -70,7 +70,7 @@ class MatchLimits:
 
 
 def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, remedies: bool = True) -> MatchLimits:
-    """Return the reason why each spiral of a design misses the target: the first that applies, in the order of ``KINDS``.
+    """Return the reason why each spiral of a design misses the target: the first that applies, in the order of ``REASONS``.
 
     Parameters
     ----------
@@ -86,17 +86,19 @@ def find_limits(of: Simulation | Optimisation, progress: Progress = SILENT, *, r
     mismatch = np.linalg.norm(difference, axis=1)
     a, b = simulation.assembly.pairs.T
     spacing = np.linalg.norm(simulation.target.centroids[b] - simulation.target.centroids[a], axis=1).mean()
-    kind = np.full(len(mismatch), NAMES.index("free"))
+    kind = np.full(len(mismatch), REASON_NAMES.index("free"))
     reasons = _reasons(simulation, within)
     if isinstance(of, Optimisation):
         within(0.0)
         reasons |= _bounds(of)
-    for name in reversed(NAMES):
+    for name in reversed(REASON_NAMES):
         if name in reasons:
-            kind[reasons[name]] = NAMES.index(name)
-    kind[mismatch <= MATCHED_BELOW * spacing] = NAMES.index("matched")
+            kind[reasons[name]] = REASON_NAMES.index(name)
+    kind[mismatch <= MATCHED_BELOW * spacing] = REASON_NAMES.index("matched")
     within(0.0)
-    share = np.bincount(kind, weights=mismatch**2, minlength=len(NAMES)) / max(float((mismatch**2).sum()), 1e-300)
+    share = np.bincount(kind, weights=mismatch**2, minlength=len(REASON_NAMES)) / max(
+        float((mismatch**2).sum()), 1e-300
+    )
     advice = _advice(kind, share, simulation.shortfalls) + _strain_advice(simulation)
     return MatchLimits(kind, share, advice, _remedies(share, simulation) if remedies else {})
 
@@ -159,7 +161,7 @@ def _stays_flat(shortfalls: list[FarBody], quads: int) -> bool:
 
 def _strain_advice(simulation: Simulation) -> str:
     """Return the advice on overstrained arms, with a leading blank; "" if there are none."""
-    over = 0 if simulation.strain is None else int((simulation.strain > STRAINED).sum())
+    over = 0 if simulation.strain is None else int((simulation.strain > OVERSTRAIN_SHARE).sum())
     if not over:
         return ""
     return (
@@ -174,14 +176,12 @@ def _worst_kind_sentence(kind: np.ndarray, share: np.ndarray) -> str:
     if worst is None:
         return "Every spiral bends as the target asks."
     count = int((kind == worst).sum())
-    return (
-        f"{100 * share[worst]:.0f} % of the mismatch sits in {counted(count, 'spiral', 'spirals')}: {KINDS[worst][1]}."
-    )
+    return f"{100 * share[worst]:.0f} % of the mismatch sits in {counted(count, 'spiral', 'spirals')}: {REASONS[worst][1]}."
 
 
 def _worst_kind(share: np.ndarray) -> int | None:
     """Return the kind with most of the mismatch; None if all spirals match."""
-    rest = np.where(np.arange(len(share)) == NAMES.index("matched"), 0.0, share)
+    rest = np.where(np.arange(len(share)) == REASON_NAMES.index("matched"), 0.0, share)
     return int(rest.argmax()) if rest.sum() > 0.0 else None
 
 
@@ -194,18 +194,18 @@ def _remedies(share: np.ndarray, simulation: Simulation) -> Amounts:
     short, worst = simulation.shortfalls[:1], _worst_kind(share)
     if _stays_flat(short, simulation.assembly.size):
         worst = None  # the advice on a flat piece does not mention kinds
-    kind, _, names = KINDS[0] if worst is None else KINDS[worst]
+    kind, _, names = REASONS[0] if worst is None else REASONS[worst]
     strain = None if simulation.strain is None else float(simulation.strain.max())
-    strained = strain is not None and strain > STRAINED
+    strained = strain is not None and strain > OVERSTRAIN_SHARE
     advised = [*names, *(CUT for piece in short if len(piece.line)), *((LARGER, THINNER) if strained else ())]
     if strained:
         advised = [name for name in advised if name != FINER]
     ease = forecast_strain(simulation) if strained else None
     return remedy_amounts(
         dict.fromkeys(advised),
-        strain=None if strain is None else strain / STRAINED,
+        strain=None if strain is None else strain / OVERSTRAIN_SHARE,
         soft=kind == "softest",
         thickness=simulation.assembly.thickness,
         quads=simulation.assembly.size,
-        eased=None if ease is None else lambda times, thickness: ease(times, thickness) / STRAINED,
+        eased=None if ease is None else lambda times, thickness: ease(times, thickness) / OVERSTRAIN_SHARE,
     )

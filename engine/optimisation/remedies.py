@@ -21,7 +21,7 @@ StrainForecast = Callable[[float, float], float]
 # Factor on the size where no strain determines it, a step of the R10 series of preferred sizes. A dome of 192 quads whose spirals are as
 # soft as possible ends at 3.0 % of its size from the target, and at 1.3 % when 1.5 times as large; the first step is half of that
 FIRST_FACTOR = 1.25
-MOST = 2.0  # largest factor on the size in one step; pressing again continues from there. Not measured
+MAX_FACTOR = 2.0  # largest factor on the size in one step; pressing again continues from there. Not measured
 MAX_SIZES = 3  # largest number of sizes whose strain is computed; strain is nearly inverse to size, so the second is mostly right
 MAX_SHEETS = 6  # largest number of thinner sheets whose strain is computed, down to a quarter of the thickness
 STEP = 0.05  # factors on the size are rounded up to a multiple of it
@@ -33,12 +33,12 @@ DENSER = 2
 SERIES = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 MILLIMETRES = SHOWN["m"][0]
 # RMS distance from the target, in percent of the size, up to which a piece needs no remedy: 5 mm on half a metre. Chosen by eye
-WANTED = 1.0
+WANTED_PERCENT = 1.0
 
 
 def wanted_percent(choose: Any) -> float:
     """Return the wanted RMS distance from the target, in percent of the size; ``choose`` : the settings of the layout."""
-    return float(choose.match) if choose.goal == "match" else WANTED
+    return float(choose.match) if choose.goal == "match" else WANTED_PERCENT
 
 
 def remedy_amounts(
@@ -77,7 +77,7 @@ def remedy_amounts(
 
 
 def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], float] | None = None) -> float:
-    """Return the factor on the size that brings the strain below its limit, at most ``MOST``.
+    """Return the factor on the size that brings the strain below its limit, at most ``MAX_FACTOR``.
 
     A sheet of thickness h bent to a radius R is strained by h / 2R (Euler and Bernoulli); a strip of length l whose ends rotate by an
     angle against each other, by h / 2l times the angle. Both are inverse to the size, so the factor is the strain over its limit.
@@ -102,8 +102,8 @@ def size_factor(strain: float | None, *, soft: bool, eased: Callable[[float], fl
 
 
 def _round_up(times: float) -> float:
-    """Round a factor on the size up to a multiple of ``STEP``, at most ``MOST``."""
-    return round(min(MOST, STEP * math.ceil(times / STEP - 1e-6)), 2)
+    """Round a factor on the size up to a multiple of ``STEP``, at most ``MAX_FACTOR``."""
+    return round(min(MAX_FACTOR, STEP * math.ceil(times / STEP - 1e-6)), 2)
 
 
 def thinner_sheet(thickness: float, times: float, *, eased: Callable[[float], float] | None = None) -> float | None:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..materials import STRAIN_MARGIN, STRAINED, Material
-from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN, Material
+from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.loads import Loads
 from ..mechanics.stance import Stance
@@ -22,7 +22,7 @@ from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
-from ..spirals.constraints import FREE, Constraints
+from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
 from ..spirals.room import ClearanceModel
 from ..surface.mesh import QuadMesh
@@ -32,14 +32,14 @@ from .design_space import DesignSpace
 from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
-from .optimisers import EXACT_MISMATCH, INNER_ITERATIONS, Accepted, SearchRecord, gauss_newton
-from .remedies import WANTED
+from .optimisers import EXACT_MISMATCH, MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
+from .remedies import WANTED_PERCENT
 from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
 from .work import CURVING, SLOW, SPACE, Work
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-GROUPS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
+GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
 COARSE_TOLERANCE = 1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; not measured
 ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
@@ -62,7 +62,7 @@ TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the
 OVERTIME, RELIEF_STEPS = 0.25, 1
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
-NEAR, FARTHER = 0.2, 1.1
+MIN_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Task:
     supports: np.ndarray | None
     force: np.ndarray | None
     work: Work
-    constraints: Constraints = FREE
+    constraints: Constraints = NO_CONSTRAINTS
     wishes: Wishes | None = None
 
     def problem(
@@ -95,7 +95,7 @@ class Task:
         progress : reports progress and raises Cancelled
         space : coordinates of the spirals; the space of ``design`` by default
         """
-        assembly, physics, params = of_design(design), self.physics, self.params
+        assembly, physics, params = assembly_from_design(design), self.physics, self.params
         mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
         loads = Loads.for_spirals(
             assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass
@@ -123,8 +123,8 @@ class Task:
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
         """Return the design space of this design's patches."""
         self.work.add(SPACE, len(design.width))
-        groups = GROUPS[self.params.arms]
-        space = DesignSpace.from_design(design, of_design(design), groups, progress, self.constraints)
+        groups = GROUP_COUNTS[self.params.arms]
+        space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
@@ -148,7 +148,7 @@ class Task:
         design : made from the point
         point : converged point of the search
         """
-        assembly, found, loads = of_design(design), point.equilibrium, point.problem.loads
+        assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
         if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):
             return self.simulated(design, found.pose, SILENT)
         found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
@@ -207,7 +207,7 @@ class StageResult:
     @property
     def strained(self) -> bool:
         """Whether any arm is strained so far beyond its limit that a message would say so."""
-        return self._largest_strain > STRAIN_MARGIN * STRAINED
+        return self._largest_strain > STRAIN_MARGIN * OVERSTRAIN_SHARE
 
     @property
     def _largest_strain(self) -> float:
@@ -285,7 +285,7 @@ class Search:
         for k in range(most):
             if self.task.work.over:
                 break
-            self.task.work.factor = max(1.0, here.percent / WANTED)
+            self.task.work.factor = max(1.0, here.percent / WANTED_PERCENT)
             start = here.pressed().firmed(strong=self.trace.unstable > MAX_UNSTABLE)
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
@@ -337,24 +337,24 @@ class Search:
         if not self.trace.rows[steps:]:
             return here  # the time ended before the first step, or no step was accepted
         within, other = (
-            progress.at(0.9, codesign.MOVING),
-            self._as_design(here, found, progress.at(0.9, codesign.MOVING)),
+            progress.at(0.9, codesign.FLAT_SHAPES),
+            self._as_design(here, found, progress.at(0.9, codesign.FLAT_SHAPES)),
         )
         for share in BACKTRACK_SHARES:
             if other is not None and other.value < here.value:
                 break
-            less = codesign.between(start, found, share, within)
+            less = codesign.interpolate(start, found, share, within)
             other = self._as_design(here, less, within) if less.equilibrium.converged else None
         return other or here
 
     def _as_design(self, here: StageResult, found: FlatPoint, progress: Progress) -> StageResult | None:
         """Turn a point with moved flat shapes into a design, and append it to ``held``; None if a patch overlaps itself."""
-        design = codesign.designed(found, here.design)
+        design = codesign.to_design(found, here.design)
         if design is None:
             return None
         space = found.problem.space.including(design)
         problem = self.task.problem(design, progress, space)
         problem = replace(problem, bearing=found.problem.bearing, firmness=found.problem.firmness)
         x = space.coordinates(design.width, design.twist)
-        point = problem.at(x, found.equilibrium.pose, progress, INNER_ITERATIONS)
+        point = problem.at(x, found.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
         return self.hold(design, point)

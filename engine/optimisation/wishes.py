@@ -11,8 +11,8 @@ from ..errors import FlexMapsError
 from ..surface.mesh import QuadMesh
 
 # Elastic energy, joules a spiral, below which a piece counts as unstrained: on 12 surfaces flat pieces of one panel had 1e-28, others 1e-3
-SLACK = 1e-12
-UNSTRAINED = (
+MIN_ENERGY = 1e-12
+UNSTRAINED_MESSAGE = (
     "Other spirals cannot bring the piece to where you dragged it: nothing bends it, so it rests as it is cut. "
     "Hold or pull it somewhere, or cut it into more panels."
 )
@@ -48,7 +48,7 @@ class Wishes:
 
         energy : of the equilibrium, joules; count : number of spirals
         """
-        return UNSTRAINED if energy < SLACK * count else ""
+        return UNSTRAINED_MESSAGE if energy < MIN_ENERGY * count else ""
 
     def check(self, count: int) -> None:
         """Raise FlexMapsError if a wish names a spiral beyond ``count``, or a place is not finite."""

@@ -1,15 +1,23 @@
 """All settings of the program, each declared once; the sidebar and the command line are generated from them."""
 
-from .fields import SHOWN, Params, setting, shown
+from .fields import SHOWN, Params, format_value, setting
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams
 from .pictures import PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
-from .settings import BOUNDS, ObjectSettings, Settings, refuse_crossed, shown_values, wish, with_values
+from .settings import (
+    ORDERED_ACROSS_SECTIONS,
+    ObjectSettings,
+    Settings,
+    goal_values,
+    refuse_crossed,
+    values_in_shown_units,
+    with_values,
+)
 from .spirals import ConnectorParams, SpiralParams
 from .surface import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
 
 __all__ = [
-    "BOUNDS",
+    "ORDERED_ACROSS_SECTIONS",
     "SHOWN",
     "BaseParams",
     "ChooseParams",
@@ -32,10 +40,10 @@ __all__ = [
     "SheetParams",
     "SimulateParams",
     "SpiralParams",
+    "format_value",
+    "goal_values",
     "refuse_crossed",
     "setting",
-    "shown",
-    "shown_values",
-    "wish",
+    "values_in_shown_units",
     "with_values",
 ]

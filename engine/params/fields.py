@@ -53,17 +53,17 @@ LARGEST = 1e300  # largest magnitude of any setting, which also refuses infinity
 SLACK = 1e-6  # relative tolerance of bounds, because Blender stores values in single precision
 
 
-def wanted(f: Field) -> str:
+def describe_numbers(f: Field) -> str:
     """Return the numbers that a field takes, in words, e.g. "a whole number from 0 to 50"."""
     whole = isinstance(f.default, int)
-    kind, tell = ("a whole number", str) if whole else ("a number", lambda bound: shown(f, bound))
+    kind, tell = ("a whole number", str) if whole else ("a number", lambda bound: format_value(f, bound))
     low, high = (None if f.metadata[k] is None else tell(f.metadata[k]) for k in ("low", "high"))
     if low is not None and high is not None:
         return f"{kind} from {low} to {high}"
     return kind if low is None else f"{kind} from {low} on"
 
 
-def shown(f: Field, value: float) -> str:
+def format_value(f: Field, value: float) -> str:
     """Return the SI value of a field as text in its shown unit, e.g. "2 mm"."""
     factor, symbol = SHOWN[f.metadata["unit"]]
     return f"{value * factor:g}{' ' if symbol.isalpha() else ''}{symbol}"
@@ -82,10 +82,10 @@ class Params:
         for f in known.values():
             _refuse_wrong(f, getattr(self, f.name))
         for name, other in self.ORDERED:
-            refuse_above(self, name, self, other, "exchange them, or change one of them")
+            refuse_if_above(self, name, self, other, "exchange them, or change one of them")
 
 
-def refuse_above(block: Params, name: str, other: Params, limit: str, remedy: str) -> None:
+def refuse_if_above(block: Params, name: str, other: Params, limit: str, remedy: str) -> None:
     """Raise FlexMapsError if the setting ``name`` of a block is above the setting ``limit`` of ``other``.
 
     remedy : end of the message: what the user should do
@@ -94,7 +94,7 @@ def refuse_above(block: Params, name: str, other: Params, limit: str, remedy: st
     if value > most + SLACK * abs(most):
         low, high = (next(f for f in fields(b) if f.name == n) for b, n in ((block, name), (other, limit)))  # type: ignore[arg-type]
         raise FlexMapsError(
-            f"{low.metadata['label']} {shown(low, value)} is above {high.metadata['label']} {shown(high, most)}; {remedy}"
+            f"{low.metadata['label']} {format_value(low, value)} is above {high.metadata['label']} {format_value(high, most)}; {remedy}"
         )
 
 
@@ -103,7 +103,7 @@ def is_number(value: Any, *, whole: bool = False) -> bool:
     return isinstance(value, Integral if whole else Real) and not isinstance(value, bool) and abs(value) <= LARGEST  # type: ignore[operator]
 
 
-def quoted(value: Any) -> str:
+def quote(value: Any) -> str:
     """Return a value in quotes for a message, in one line and shortened to 60 characters."""
     try:
         text = value if isinstance(value, str) else repr(value)
@@ -119,18 +119,22 @@ def _refuse_wrong(f: Field, value: Any) -> None:
     if meta["choices"]:
         names = [choice[0] for choice in meta["choices"]]
         if not isinstance(value, str) or value not in names:
-            raise FlexMapsError(f"{meta['label']}: {quoted(value)} is not one of {', '.join(names)}")
+            raise FlexMapsError(f"{meta['label']}: {quote(value)} is not one of {', '.join(names)}")
     elif isinstance(default, str):
         if not isinstance(value, str):
-            raise FlexMapsError(f"{meta['label']} {quoted(value)}: give a text")
+            raise FlexMapsError(f"{meta['label']} {quote(value)}: give a text")
     elif isinstance(default, bool):
         if not isinstance(value, bool):
-            raise FlexMapsError(f"{meta['label']} {quoted(value)}: give on or off")
+            raise FlexMapsError(f"{meta['label']} {quote(value)}: give on or off")
     elif not is_number(value, whole=isinstance(default, int)):
-        raise FlexMapsError(f"{meta['label']} {quoted(value)}: give {wanted(f)}")
+        raise FlexMapsError(f"{meta['label']} {quote(value)}: give {describe_numbers(f)}")
     else:
         low, high = meta["low"], meta["high"]
         if low is not None and value < low - SLACK * abs(low):
-            raise FlexMapsError(f"{meta['label']} {shown(f, value)} is below its smallest value {shown(f, low)}")
+            raise FlexMapsError(
+                f"{meta['label']} {format_value(f, value)} is below its smallest value {format_value(f, low)}"
+            )
         if high is not None and value > high + SLACK * abs(high):
-            raise FlexMapsError(f"{meta['label']} {shown(f, value)} is above its largest value {shown(f, high)}")
+            raise FlexMapsError(
+                f"{meta['label']} {format_value(f, value)} is above its largest value {format_value(f, high)}"
+            )

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from ..errors import FlexMapsError
 from ..extras import registry
-from .fields import SHOWN, Params, is_number, quoted, refuse_above, wanted
+from .fields import SHOWN, Params, describe_numbers, is_number, quote, refuse_if_above
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams
 from .pictures import PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
@@ -52,7 +52,7 @@ class Settings:
 
 
 # pairs of settings from different sections, the first must not be above the second, and the remedy for the message
-BOUNDS = (
+ORDERED_ACROSS_SECTIONS = (
     ("cut.kerf_outline", "sheet.spacing", "the panels lie too close together for the cutter; make the spacing larger"),
     ("cut.mill", "sheet.spacing", "the panels lie too close together for the mill; make the spacing larger"),
     ("cut.kerf_outline", "spiral.slot_min", "the cutter leaves no such slot; make the smallest slot at least as wide"),
@@ -62,17 +62,17 @@ BOUNDS = (
 
 
 def refuse_crossed(blocks: Mapping[str, Params], sections: Collection[str]) -> None:
-    """Raise FlexMapsError if two settings are in a wrong order by ``BOUNDS``.
+    """Raise FlexMapsError if two settings are in a wrong order by ``ORDERED_ACROSS_SECTIONS``.
 
     Parameters
     ----------
     blocks : settings by section
     sections : only pairs with a setting in one of these are checked
     """
-    for low, high, remedy in BOUNDS:
+    for low, high, remedy in ORDERED_ACROSS_SECTIONS:
         (block, name), (other, limit) = low.split("."), high.split(".")
         if {block, other} <= blocks.keys() and not {block, other}.isdisjoint(sections):
-            refuse_above(blocks[block], name, blocks[other], limit, remedy)
+            refuse_if_above(blocks[block], name, blocks[other], limit, remedy)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
         if not isinstance(block, Params):
             names = ", ".join(f.name for f in fields(settings))
             raise FlexMapsError(
-                f"There is no setting {quoted(key)}; give it as section.name, with one of the sections {names}"
+                f"There is no setting {quote(key)}; give it as section.name, with one of the sections {names}"
             )
         known = {f.name: f for f in fields(block)}  # type: ignore[arg-type]
         if name in block.WERE:
@@ -120,13 +120,13 @@ def with_values(settings: S, values: Mapping[str, Any]) -> S:
         if name in block.GONE:
             continue
         if name not in known:
-            raise FlexMapsError(f"There is no setting {quoted(key)}; the settings of {section} are {', '.join(known)}")
+            raise FlexMapsError(f"There is no setting {quote(key)}; the settings of {section} are {', '.join(known)}")
         blocks.setdefault(section, {})[name] = _from_shown(known[name], value)
     made = {section: _replace_values(section, getattr(settings, section), given) for section, given in blocks.items()}
     return replace(settings, **made)
 
 
-def wish(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
+def goal_values(*, goal: str | None = None, panels: Any = None, match: Any = None) -> dict[str, Any]:
     """Return the settings of the goal of a layout, as ``with_values`` takes them.
 
     Parameters
@@ -147,7 +147,7 @@ def _replace_values(section: str, block: Any, given: dict[str, Any]) -> Any:
         raise FlexMapsError(f"In the settings of {section}: {error}") from None
 
 
-def shown_values(settings: Settings) -> dict[str, dict[str, Any]]:
+def values_in_shown_units(settings: Settings) -> dict[str, dict[str, Any]]:
     """Return all settings in shown units, by section and name."""
     return {
         block.name: {
@@ -169,7 +169,7 @@ ON_OFF_WORDS = {"true": True, "yes": True, "on": True, "1": True, "false": False
 def _parse_switch(label: str, value: Any) -> bool:
     """Return True or False from a value that a user gives, such as "on" or 0."""
     if not isinstance(value, bool | str | Integral) or str(value).lower() not in ON_OFF_WORDS:
-        raise FlexMapsError(f"{label} {quoted(value)}: give on or off")
+        raise FlexMapsError(f"{label} {quote(value)}: give on or off")
     return ON_OFF_WORDS[str(value).lower()]
 
 
@@ -188,9 +188,9 @@ def _from_shown(f: Field, value: Any) -> Any:
         except ValueError:
             number = None
     if not is_number(number):
-        raise FlexMapsError(f"{label} {quoted(value)}: give {wanted(f)}")
+        raise FlexMapsError(f"{label} {quote(value)}: give {describe_numbers(f)}")
     if not isinstance(default, int):
         return float(number) / SHOWN[f.metadata["unit"]][0]
     if number != int(number):
-        raise FlexMapsError(f"{label} {quoted(value)}: give {wanted(f)}")
+        raise FlexMapsError(f"{label} {quote(value)}: give {describe_numbers(f)}")
     return int(number)

@@ -33,20 +33,20 @@ from .stages import STAGES, TABLE, TRACED
 from .steps import at_rest, function_of, simulated
 
 __all__ = [
-    "NAMES",
+    "STAGE_NAMES",
     "Result",
     "begin",
-    "completed",
-    "enlarged",
-    "go_on",
-    "go_to",
     "run",
-    "simulated_at",
+    "run_quick_stages",
+    "run_stages",
+    "run_until",
+    "scale_piece",
+    "simulate_from_pose",
     "stages",
 ]
 
 CHECK, CHECK_SHARE = "check", 0.05  # the step before the stages of the table, and its share of the progress bar
-NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
+STAGE_NAMES = (CHECK, *(stage.name for stage in TABLE if not stage.quick))
 
 
 class _Stages:
@@ -78,7 +78,7 @@ def run(
     *,
     edge: float | None = None,
     height: float | None = None,
-    stop_after: str = NAMES[-1],
+    stop_after: str = STAGE_NAMES[-1],
     optimised: bool = False,
     chosen: bool = False,
     structured: bool = False,
@@ -93,9 +93,9 @@ def run(
     settings : of all stages
     edge : wanted median quad edge, metres
     height : wanted extent along z, metres
-    stop_after : the last stage, one of ``NAMES``
+    stop_after : the last stage, one of ``STAGE_NAMES``
     optimised, chosen, structured : whether to run the optional stages, see ``stages``
-    supports : quads that are held in place, see ``loads.standing``
+    supports : quads that are held in place, see ``loads.parse_supports``
     progress : reports and cancels
 
     Returns
@@ -119,19 +119,19 @@ def stages(stop_after: str, optimised: bool = False, chosen: bool = False, struc
 
     Parameters
     ----------
-    stop_after : the last stage, one of ``NAMES``; it is always included
+    stop_after : the last stage, one of ``STAGE_NAMES``; it is always included
     optimised, chosen, structured : include "optimise", "choose" and "structure", which run only on request
 
     Raises
     ------
     FlexMapsError : there is no stage ``stop_after``, or the extra of a requested one is missing
     """
-    if stop_after not in NAMES:
-        raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(NAMES)}")
+    if stop_after not in STAGE_NAMES:
+        raise FlexMapsError(f"There is no stage '{stop_after}'; the stages are {', '.join(STAGE_NAMES)}")
     for folder, is_so in (("choosing", chosen), ("structure", structured)):
         if is_so:
             registry.need(folder)
-    first = NAMES[: NAMES.index(stop_after) + 1]
+    first = STAGE_NAMES[: STAGE_NAMES.index(stop_after) + 1]
     asked = {"optimise": optimised, "choose": chosen, "structure": structured}
     wanted = {CHECK, stop_after, *(name for name, is_so in asked.items() if is_so)}
     return [name for name in first if name in wanted or not STAGES[name].asked]
@@ -149,12 +149,12 @@ def begin(
     source = check.scaled(polygons, edge=edge, height=height)
     findings = check.everything(source)
     mesh = check.as_quad_mesh(source, findings)
-    held = None if supports is None else loads.standing(mesh, supports)
+    held = None if supports is None else loads.parse_supports(mesh, supports)
     surface = Surface(source, findings, mesh, edge, height)
     return Result(surface, UserInput(supports=held), seconds={CHECK: time.perf_counter() - start})
 
 
-def go_on(
+def run_stages(
     result: Result, settings: Settings, wanted: Sequence[str], progress: Progress = SILENT, *, lenient: bool = False
 ) -> Result:
     """Run stages on a result; outputs of later stages, now out of date, are dropped.
@@ -175,7 +175,7 @@ def go_on(
     return _through(result, settings, wanted, _Stages(list(wanted), progress), lenient)
 
 
-def go_to(
+def run_until(
     result: Result,
     settings: Settings,
     name: str,
@@ -197,14 +197,14 @@ def go_to(
 
     Raises
     ------
-    FlexMapsError, Cancelled : as in ``go_on``
+    FlexMapsError, Cancelled : as in ``run_stages``
     """
     names = result.missing(name)
     first = ("regularise",) if fresh and "trace" in names else ()
-    return go_on(result, settings, (*first, *names, *after), progress)
+    return run_stages(result, settings, (*first, *names, *after), progress)
 
 
-def enlarged(
+def scale_piece(
     result: Result, factor: float, about: Float[np.ndarray, " 3"], settings: Settings, progress: Progress = SILENT
 ) -> Result:
     """Scale the piece: the cuts stay, and panels that become too large for their sheet are split.
@@ -222,7 +222,7 @@ def enlarged(
 
     Raises
     ------
-    FlexMapsError, Cancelled : as in ``go_on``
+    FlexMapsError, Cancelled : as in ``run_stages``
     """
     version = result.needed(DesignVersion)
     design, flat = version.design, version.design.flat
@@ -231,7 +231,7 @@ def enlarged(
     notes = dict(flat.layout.notes)
     notes.pop("expected_percent", None)  # it holds for the former size only
     larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
-    made = go_on(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
+    made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
     flat = made.needed(FinalLayout).flat
     again = make_fabricable(flat, settings.spiral, design.width, design.twist, prove=False, progress=last)
@@ -239,7 +239,7 @@ def enlarged(
 
 
 @one_thread
-def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
+def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress: Progress = SILENT) -> Result:
     """Simulate again from a pose at equilibrium, for stages that need the forces there.
 
     The analyses of real sheets, of the match and of other equilibria are skipped: they were reported with that pose.
@@ -261,7 +261,7 @@ def simulated_at(result: Result, pose: Pose, settings: Settings, progress: Progr
     return result.with_outputs(simulated(result, found, None, settings))
 
 
-def completed(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
+def run_quick_stages(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
     """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name."""
     if result.get(FinalLayout) is None:
         result = _with_flat(result, settings, progress)
@@ -300,7 +300,7 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
     for name in wanted:
         with stage(name) as part:
             result = _done(STAGES[name], result, settings, part, lenient and name != wanted[-1])
-    result = completed(result, settings, stage.end)
+    result = run_quick_stages(result, settings, stage.end)
     return replace(result, seconds=result.seconds | stage.seconds)
 
 

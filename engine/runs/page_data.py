@@ -23,7 +23,7 @@ from ..display.skin import Skin
 from ..extras import registry
 from ..fabrication.panels.labels import panel_name, seam_labels, seam_name
 from ..materials import Material
-from ..mechanics.arms.spiral_stiffness import stiffness
+from ..mechanics.arms.spiral_stiffness import spiral_stiffness
 from ..mechanics.assembly import Pose, target_pose
 from ..params import ObjectSettings
 from ..patches import joining
@@ -41,7 +41,7 @@ SHADES = 500  # distinct values on a colour scale, more than a screen shows
 
 
 @dataclass(eq=False)
-class Packed:
+class ArrayPacker:
     """Builder of the packed block; ``listed``: offset, width, shape and step of each array in the inflated block."""
 
     parts: list[bytes] = field(default_factory=list)
@@ -66,7 +66,7 @@ class Packed:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ViewContent:
     """Content of the 3D view.
 
     design : the spirals
@@ -79,7 +79,7 @@ class Shown:
     pose: Pose | None = None
 
     @classmethod
-    def from_result(cls, result: Result) -> Shown | None:
+    def from_result(cls, result: Result) -> ViewContent | None:
         """Collect the content from the products of the stages; None if there are no spirals."""
         if result.design is None:
             return None
@@ -87,7 +87,7 @@ class Shown:
         simulation = result.simulation
         return cls(result.design, measured, None if simulation is None else simulation.equilibrium.pose)
 
-    def near(self) -> Shown:
+    def near(self) -> ViewContent:
         """Return the content moved to the origin if it lies so far away that packed numbers would overflow."""
         layout = self.design.flat.layout
         moved = near(layout.mesh)
@@ -97,10 +97,10 @@ class Shown:
         flat = replace(self.design.flat, layout=replace(layout, mesh=moved))
         measured = replace(self.measured, mesh=moved)
         pose = None if self.pose is None else replace(self.pose, centres=self.pose.centres + way)
-        return Shown(replace(self.design, flat=flat), measured, pose)
+        return ViewContent(replace(self.design, flat=flat), measured, pose)
 
 
-def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
+def to_json(shown: ViewContent, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> str:
     """Return the data as JSON that is safe inside a script element, whatever the title is.
 
     Parameters
@@ -114,15 +114,15 @@ def text(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
     ------
     FlexMapsError : a spiral is outside the elastic model's range
     """
-    made = data(shown, settings, title, progress)
+    made = view_data(shown, settings, title, progress)
     # escape "<", so that no text ends the element or begins a comment
     return json.dumps(made, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
-def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
-    """Return the data of the view as a mapping that JSON can hold; parameters and errors as in ``text``."""
+def view_data(shown: ViewContent, settings: ObjectSettings, title: str, progress: Progress = SILENT) -> dict[str, Any]:
+    """Return the data of the view as a mapping that JSON can hold; parameters and errors as in ``to_json``."""
     shown = shown.near()
-    design, pose, packed = shown.design, shown.pose, Packed()
+    design, pose, packed = shown.design, shown.pose, ArrayPacker()
     material = settings.material.chosen
     layout = design.flat.layout
     steps = joining.steps(layout)
@@ -159,7 +159,7 @@ def data(shown: Shown, settings: ObjectSettings, title: str, progress: Progress 
     return described | {"arrays": packed.listed, "block": packed.block()}
 
 
-def _skin(packed: Packed, skin: Skin) -> None:
+def _skin(packed: ArrayPacker, skin: Skin) -> None:
     quads = len(skin.tip) // 4
     packed.add("sections", np.bincount(skin.arm, minlength=4 * quads))
     packed.add("share", skin.share, SHARE)
@@ -177,7 +177,7 @@ def _skin(packed: Packed, skin: Skin) -> None:
         packed.add("rim_walls", skin.strip.walls)
 
 
-def _target(packed: Packed, measured: MapValues) -> None:
+def _target(packed: ArrayPacker, measured: MapValues) -> None:
     packed.add("target", MM * measured.mesh.vertices, PLACE)
     packed.add("quads", measured.mesh.quads)
 
@@ -185,7 +185,7 @@ def _target(packed: Packed, measured: MapValues) -> None:
 def _panels(design: SpiralDesign, joined: list[int]) -> list[dict[str, Any]]:
     """Return, for each patch: panel's name and colour, the quad where its label stands, and its step of the assembly."""
     layout = design.flat.layout
-    shades, numbers = colours.hexadecimal(colours.of_patches(len(layout.patches))), joining.panel_numbers(layout)
+    shades, numbers = colours.hexadecimal(colours.patch_colours(len(layout.patches))), joining.panel_numbers(layout)
     found = []
     for patch, quads in enumerate(layout.patches):
         centres = design.arms.centre[quads]
@@ -200,7 +200,7 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
     """Return, for each step, the seams it closes: letter, colour, panel on the other side, arm and name of every joint."""
     layout = design.flat.layout
     mesh, names, numbers = layout.mesh, seam_labels(layout), joining.panel_numbers(layout)
-    shades = colours.hexadecimal(colours.of_seams(max(len(layout.seams), 1)))
+    shades = colours.hexadecimal(colours.seam_colours(max(len(layout.seams), 1)))
     found = []
     for step in steps:
         row = []
@@ -215,7 +215,7 @@ def _seams(design: SpiralDesign, steps: list[joining.Step]) -> list[list[dict[st
     return found
 
 
-def _still(packed: Packed, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
+def _still(packed: ArrayPacker, design: SpiralDesign, pose: Pose) -> list[dict[str, Any]]:
     """Return tracks of panels that do not move."""
     patch, found = design.flat.layout.patch_of, []
     for panel in range(len(design.flat.layout.patches)):
@@ -232,7 +232,7 @@ def _on_table(design: SpiralDesign, table: np.ndarray) -> Pose:
     return Pose(flat, np.broadcast_to(np.eye(3), (len(flat), 3, 3)))
 
 
-def _tracks(packed: Packed, hubs: Any, shots: Any) -> list[dict[str, Any]]:
+def _tracks(packed: ArrayPacker, hubs: Any, shots: Any) -> list[dict[str, Any]]:
     """Return the tracks of the panels in the order of assembly."""
     found = []
     for one in shots.tracks:
@@ -242,7 +242,9 @@ def _tracks(packed: Packed, hubs: Any, shots: Any) -> list[dict[str, Any]]:
     return found
 
 
-def _poses(packed: Packed, panel: int, centres: np.ndarray, rotations: Float[np.ndarray, "shapes hubs 3 3"]) -> None:
+def _poses(
+    packed: ArrayPacker, panel: int, centres: np.ndarray, rotations: Float[np.ndarray, "shapes hubs 3 3"]
+) -> None:
     packed.add(f"centres {panel}", MM * centres, FINE)
     packed.add(f"turns {panel}", _quaternions(rotations), QUATERNION)
 
@@ -270,19 +272,21 @@ def _quaternions(rotations: Float[np.ndarray, "times ... 3 3"]) -> Float[np.ndar
     return np.concatenate([found[:1], found[1:] * np.cumprod(turned, axis=0)])
 
 
-def _colourings(packed: Packed, shown: Shown, material: Material) -> list[dict[str, Any]]:
+def _colourings(packed: ArrayPacker, shown: ViewContent, material: Material) -> list[dict[str, Any]]:
     """Pack the values per spiral that colours can show; return their names, units and colour scales."""
     m, found = shown.measured, []
     values: list[tuple[str, str, str, np.ndarray | None, float, np.ndarray]] = []
     if shown.pose is not None and m.distance is not None:
         high = max(float(m.distance.max()), colours.LEAST_DISTANCE)
-        values.append(("distance", "Distance to the target", "mm", m.distance, high, colours.BAD))
+        values.append(("distance", "Distance to the target", "mm", m.distance, high, colours.ERROR_SCALE))
     if shown.pose is not None and m.strain is not None:
         high = max(100.0, 100.0 * float(m.strain.max()))
-        values.append(("strain", "Strain", "% of the limit", 100.0 * m.strain, high, colours.BAD))
-    stiff = stiffness(shown.design, material)
+        values.append(("strain", "Strain", "% of the limit", 100.0 * m.strain, high, colours.ERROR_SCALE))
+    stiff = spiral_stiffness(shown.design, material)
     if stiff is not None:
-        values.append(("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.MUCH))
+        values.append(
+            ("stiffness", "Stiffness of the arms", "N\u00b7mm/rad", stiff, float(stiff.max()), colours.QUANTITY_SCALE)
+        )
     for name, label, unit, numbers, high, scale in values:
         assert numbers is not None
         if not np.isfinite(numbers).all():  # the attribute was edited in a .blend file

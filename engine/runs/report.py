@@ -18,7 +18,7 @@ from .. import MARK
 from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
-from ..params import Settings, shown_values
+from ..params import Settings, values_in_shown_units
 from ..patches.flattening.report import layout_report
 from ..progress import SILENT, Progress
 from ..spirals.design_report import design_report
@@ -66,7 +66,7 @@ def build(
     if result.supports is not None:
         report["input"]["supports"] = len(result.supports)
     if settings is not None:
-        report["settings"] = shown_values(settings)
+        report["settings"] = values_in_shown_units(settings)
     report["seconds"] = {stage: round(seconds, 3) for stage, seconds in result.seconds.items()}
     peak = peak_memory()
     if peak is not None:

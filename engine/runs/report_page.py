@@ -1,6 +1,6 @@
 """The report of a run as one self-contained HTML page, which opens without a network.
 
-The text and style of the page are in the templates and style sheets of the folder ``page``.
+The text and style of the page are in the templates and style sheets of the folder ``render_page``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .stages import OF_EXTRAS
 PAGE, PLOTS = "report.html", "plots"
 
 
-def drawings(result: Result, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
+def draw_plots(result: Result, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
     """Draw the plots of a run.
 
     Parameters
@@ -40,18 +40,18 @@ def drawings(result: Result, described: Mapping[str, Any], distortion: float) ->
     -------
     drawings by name
     """
-    return all_drawings(measured(result), described, distortion)
+    return all_drawings(collect_values(result), described, distortion)
 
 
 def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Draw the plots of the road's stages and of the extras; parameters as of ``run_plots.drawings``."""
+    """Draw the plots of the road's stages and of the extras; parameters as of ``run_plots.draw_plots``."""
     found = run_plots.drawings(shown, described, distortion)
     for stage in OF_EXTRAS:
         found |= registry.load(stage.code).drawings(shown, described)
     return found
 
 
-def measured(result: Result) -> MapValues:
+def collect_values(result: Result) -> MapValues:
     """Collect the values per quad that the plots of a run show."""
     found = MapValues.from_results(result.mesh, result.flat, result.design, result.simulation, result.limits)
     more = [output.map_values() for output in result.outputs.values()]
@@ -72,12 +72,12 @@ def write(
     Parameters
     ----------
     described : the report, see ``report.build``
-    drawn : plots by name, see ``drawings``
+    drawn : plots by name, see ``draw_plots``
     out : folder to write to
-    new : maps a wanted file to the path to write, see ``files.replacing_many``
+    new : maps a wanted file to the path to write, see ``files.write_all_atomically``
     pictures : captions and PNG files
     progress : reports and cancels
-    piece : from ``page_data.text``; if given, the page shows the piece in 3D, and ``share.html`` is written too
+    piece : from ``page_data.to_json``; if given, the page shows the piece in 3D, and ``share.html`` is written too
 
     Returns
     -------
@@ -85,7 +85,7 @@ def write(
     """
     plots = {name: svg(drawn[name]) for name in progress.each([*drawn], "Writing the page")}
     shown = [(text, file.read_bytes()) for text, file in pictures]
-    texts = {out / PAGE: page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"), piece)}
+    texts = {out / PAGE: render_page(described, plots, shown, datetime.now().strftime("%Y-%m-%d %H:%M"), piece)}
     if piece is not None:
         texts[out / share_page.SHARE] = share_page.page(piece, title_of(described), described, drawn)
     texts |= {out / PLOTS / f"{name}.svg": text for name, text in plots.items()}
@@ -100,7 +100,7 @@ def stale(out: Path) -> list[Path]:
     return [out / PAGE, out / share_page.SHARE, *(out / PLOTS / f"{name}.svg" for name in names)]
 
 
-def page(
+def render_page(
     described: Mapping[str, Any],
     plots: Mapping[str, str],
     pictures: Sequence[tuple[str, bytes]] = (),
@@ -112,10 +112,10 @@ def page(
     Parameters
     ----------
     described : the report, see ``report.build``
-    plots : SVG texts by name, see ``run_plots.drawings``
+    plots : SVG texts by name, see ``run_plots.draw_plots``
     pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is large
     made : date and time, as text
-    piece : from ``page_data.text``; if given, the page shows the piece in 3D
+    piece : from ``page_data.to_json``; if given, the page shows the piece in 3D
     """
     environment = share_page.environment()
     environment.filters["sheet_size"] = _sheet_size

@@ -39,7 +39,7 @@ from .outputs import (
     TracedLayout,
     UserInput,
 )
-from .stages import MISSING, OF_EXTRAS, STAGES, TABLE, made_from
+from .stages import MISSING, OF_EXTRAS, STAGES, TABLE, dependents
 
 O = TypeVar("O", bound=StageOutput)
 _MADE_BY_EXTRAS = {member for stage in OF_EXTRAS for member in stage.makes}
@@ -133,7 +133,7 @@ class Result:
         return replace(self, outputs=kept)._failures_forgotten(names)._pruned()
 
     def _failures_forgotten(self, names: Iterable[str]) -> Result:
-        gone = {*names} | made_from(names)
+        gone = {*names} | dependents(names)
         lost = {name: why for name, why in self.lost.items() if name not in gone}
         undone = {stage: why for stage, why in self.undone.items() if not gone.intersection(STAGES[stage].makes)}
         return replace(self, lost=lost, undone=undone)

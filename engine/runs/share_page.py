@@ -65,7 +65,7 @@ def page(
 
     Parameters
     ----------
-    piece : from ``page_data.text``
+    piece : from ``page_data.to_json``
     title : name of the piece
     described : the report, for the line of figures
     drawn : plots by name
@@ -84,7 +84,7 @@ def page(
 
 
 def steps_in_words(piece: str) -> list[str]:
-    """Describe every step of the assembly in words, for the printed page; ``piece`` is from ``page_data.text``."""
+    """Describe every step of the assembly in words, for the printed page; ``piece`` is from ``page_data.to_json``."""
     held = json.loads(piece)
     names = {panel["step"]: panel["name"] for panel in held["panels"]}
     found = []

@@ -67,7 +67,7 @@ for _folder in _EXTRA:
 # -- derived from the table --------------------------------------------------------------------------------------------
 
 
-def made_from(members: Iterable[str], after: str = "", *, may_use: bool = True) -> set[str]:
+def dependents(members: Iterable[str], after: str = "", *, may_use: bool = True) -> set[str]:
     """Return the outputs that may depend on some inputs or outputs, directly or not.
 
     Parameters
@@ -94,19 +94,19 @@ def writers(block: str) -> tuple[Stage, ...]:
     return tuple(stage for stage in TABLE if block in stage.blocks)
 
 
-def blocks_of(members: Iterable[str]) -> set[str]:
+def blocks_describing(members: Iterable[str]) -> set[str]:
     """Return the blocks that describe some members."""
     named = set(members)
     return {block for stage in TABLE if named.intersection(stage.makes) for block in stage.blocks}
 
 
-def blocks_after(block: str) -> set[str]:
+def stale_blocks(block: str) -> set[str]:
     """Return the other blocks that become stale when a block is written anew."""
     members = {member for stage in writers(block) for member in stage.makes}
-    return blocks_of(made_from(members, may_use=False)) - {block}
+    return blocks_describing(dependents(members, may_use=False)) - {block}
 
 
-def ingredients(members: Iterable[str]) -> set[str]:
+def dependencies(members: Iterable[str]) -> set[str]:
     """Return some members and everything that they are made from."""
     found = set(members)
     for stage in reversed(TABLE):

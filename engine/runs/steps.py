@@ -23,7 +23,7 @@ from ..patches.splitting import split
 from ..patches.tracing import trace
 from ..progress import Progress
 from ..simulation import simulate
-from ..simulation.real_sheets import MOST, tolerance_band
+from ..simulation.real_sheets import MAX_SPIRALS, tolerance_band
 from ..simulation.simulate import Simulation
 from ..spirals import design
 from ..spirals.constraints import Constraints
@@ -91,7 +91,7 @@ def _spirals(result: Result, layout: FinalLayout, settings: Settings, progress: 
         progress(0.0, "Measuring curvature")
         spirals, origin = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh)), CURVED
     asked = _constraints(result, settings)
-    made = design.from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
+    made = design.design_from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
     return result.with_outputs(DesignVersion(made, origin, **made_by("spirals", settings, result.inputs("flat"))))
 
 
@@ -174,7 +174,7 @@ def at_rest(
 
 def _with_band(simulation: Simulation, settings: Settings, progress: Progress) -> Simulation:
     """Add the range of outcomes with real sheets; leave it out for large pieces and if the user cancels."""
-    if not simulation.equilibrium.converged or simulation.assembly.size > MOST:
+    if not simulation.equilibrium.converged or simulation.assembly.size > MAX_SPIRALS:
         return simulation
     try:
         return replace(simulation, band=tolerance_band(simulation, settings.simulate, progress))
@@ -203,10 +203,10 @@ def _base(result: Result, design: SpiralDesign, settings: Settings) -> Base:
         raise FlexMapsError(
             f"A base is made for the simulated shape, and there is none; press Simulate first, or choose no base{why}"
         )
-    return standing(design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
+    return make_base_or_eyelets(design, simulation.equilibrium.pose, result.supports, settings, simulation.reactions)
 
 
-def standing(
+def make_base_or_eyelets(
     design: SpiralDesign, pose: Pose, supports: np.ndarray | None, settings: Settings, pull: np.ndarray | None = None
 ) -> Base:
     """Make the base that a piece stands on, or the eyelets that it hangs by.

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..mechanics.assembly import Pose, target_pose
-from ..mechanics.equilibrium import Equilibrium, differ, solve
-from ..mechanics.loads import between
+from ..mechanics.equilibrium import Equilibrium, poses_differ, solve
+from ..mechanics.loads import joints_between_hubs
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from .simulate import Simulation
@@ -40,7 +40,9 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
     assembled: Equilibrium | None = None
     for k, start in enumerate((aim, _perturb(aim, simulation))):
         other = solve(model, start, loads, quick, progress.part(0.5 * k, 0.5 * (k + 1)))
-        if other.converged and all(differ(other.pose, one.pose, model.pairs, loads) for one in (equilibrium, *others)):
+        if other.converged and all(
+            poses_differ(other.pose, one.pose, model.pairs, loads) for one in (equilibrium, *others)
+        ):
             others.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
             assembled = others[-1] if start is aim else assembled
     return replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
@@ -48,7 +50,7 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
 
 def _perturb(pose: Pose, simulation: Simulation) -> Pose:
     """Move and turn the hubs of a pose at random; degrees of freedom that supports hold stay."""
-    pairs = between(simulation.model.pairs, len(pose.centres))
+    pairs = joints_between_hubs(simulation.model.pairs, len(pose.centres))
     length = float(np.linalg.norm(np.diff(pose.centres[pairs], axis=1), axis=2).mean())
     step = PERTURBATION * np.random.default_rng(0).normal(size=(len(pose.centres), 6)) * np.repeat([length, 1.0], 3)
     return pose.moved(np.where(simulation.loads.fixed, 0.0, step))

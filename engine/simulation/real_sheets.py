@@ -22,7 +22,7 @@ from .simulate import Simulation
 PLYWOOD_THICKNESS, THICKNESS = 0.10, 0.05
 WIDTH = 5e-5  # tolerance of the arms' width, metres: the kerf changes this much
 STIFFNESS = 0.03  # uncertainty of the elastic model's ratio of bending to stretching stiffness, as a share
-MOST = 3000  # most spirals for which the band is computed unasked; with more, six equilibria take too long
+MAX_SPIRALS = 3000  # most spirals for which the band is computed unasked; with more, six equilibria take too long
 
 
 def tolerance_band(simulation: Simulation, params: SimulateParams, progress: Progress = SILENT) -> ToleranceBand:

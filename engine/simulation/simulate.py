@@ -10,12 +10,12 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..errors import FlexMapsError
-from ..materials import FILLET_STRAIN, STRAINED, Material
-from ..mechanics.arms.bent import bent
+from ..materials import FILLET_STRAIN, OVERSTRAIN_SHARE, Material
+from ..mechanics.arms.bent import bend_arms
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
-from ..mechanics.arms.strain_changes import KINKED, KINKED_STRAIN, kinks, largest
-from ..mechanics.assembly import Assembly, Pose, of_design, target_pose
+from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_angles, strain_by_spiral
+from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
 from ..mechanics.laplacian import laplacian_rmse
@@ -88,17 +88,17 @@ class Simulation:
     def strain(self) -> Float[np.ndarray, " quads"] | None:
         """(F,) largest surface strain of every spiral's arms, without fillets, over the strain limit; None for the rod model.
 
-        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.largest``).
+        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.strain_by_spiral``).
         """
         if self.joint_strain is None:
             return None
-        return largest(self.model.assembly, self.joint_strain) / self.material.strain_limit
+        return strain_by_spiral(self.model.assembly, self.joint_strain) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
         """Measure the slots between the bent arms, at the first call only; None without an equilibrium."""
         if not self.seen and self.equilibrium.converged:
             pose = self.equilibrium.pose
-            arms = bent(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
+            arms = bend_arms(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
             self.seen.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
         return self.seen[0] if self.seen else None
 
@@ -176,7 +176,7 @@ class Simulation:
             )
             findings.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
         strain = np.zeros(0) if self.strain is None else self.strain
-        strained = np.flatnonzero(strain > STRAINED)
+        strained = np.flatnonzero(strain > OVERSTRAIN_SHARE)
         if len(strained):
             text = (
                 f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
@@ -203,14 +203,14 @@ class Simulation:
             return []
         assembly = self.model.assembly
         share = self.joint_strain.max(axis=1) / self.material.strain_limit
-        share = np.where(kinks(assembly) < KINKED, 0.0, share)
-        doubtful = (share <= STRAINED) & (KINKED_STRAIN * share > STRAINED)
+        share = np.where(kink_angles(assembly) < KINK_LIMIT, 0.0, share)
+        doubtful = (share <= OVERSTRAIN_SHARE) & (KINK_STRAIN_FACTOR * share > OVERSTRAIN_SHARE)
         if not doubtful.any():
             return []
         spirals = np.unique(assembly.pairs[doubtful])
         text = (
             f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
-            f"of {self.material.bears}, the true one can be {KINKED_STRAIN:g} times as large; make neighbours more alike to be sure"
+            f"of {self.material.bears}, the true one can be {KINK_STRAIN_FACTOR:g} times as large; make neighbours more alike to be sure"
         )
         return [Finding("kinked", "warning", text, tuple(spirals[spirals < assembly.spirals].tolist()))]
 
@@ -342,7 +342,7 @@ def simulate(
     ------
     FlexMapsError if the loads would carry an unsupported body away, or ``supports`` names spirals that do not exist.
     """
-    assembly = of_design(design)
+    assembly = assembly_from_design(design)
     within = progress.at(0.0, "Stiffness of the arms")
     model = build_model(assembly, material, params.model, quick=quick, slopes=False, progress=within)
     progress(0.0, "Loads")

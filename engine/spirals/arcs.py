@@ -198,7 +198,7 @@ SPANS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32, 48, 64)  # numbers of biarcs t
 BATCH = 1500  # curves to fit at once, a quarter of a second of work; larger batches need more than 40 MB
 
 
-def fit(
+def fit_biarcs(
     evaluate: Evaluate, ends: Float[np.ndarray, "curves 2"], tolerance: float, progress: Progress = SILENT
 ) -> FittedArcs:
     """Fit C curves by as few biarcs as possible; spans are chosen so that all deviate equally.

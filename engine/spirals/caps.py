@@ -18,7 +18,7 @@ from ..params import SpiralParams
 from ..surface.mesh import QuadMesh
 from .arcs import Curve
 from .contours import SlotRoots
-from .spiral import LEFT, RIGHT, Arms, edge
+from .spiral import LEFT, RIGHT, Arms, edge_points
 
 # t at which an arm that is left out ends, as a share of the t of its root: 0.2 mm of 10 mm remain, so that both of its edges
 # exist; larger values shorten the stump
@@ -49,17 +49,17 @@ class Cap:
         return shapely.Polygon(self.across.sampled(POLYGON_TOLERANCE))
 
 
-def left_out(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"]:
+def left_out_arms(mesh: QuadMesh, params: SpiralParams) -> Bool[np.ndarray, "quads 4"]:
     """Return a mask of the arms that are left out: the arms at an open border, if the settings say so."""
     return mesh.border[mesh.quad_edges] & (params.border == "left_out")
 
 
-def stumps(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
+def stump_starts(root: SlotRoots) -> Float[np.ndarray, "quads 4"]:
     """Return the t (F, 4) where arms end that are left out."""
     return STUMP * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
 
-def caps(
+def make_caps(
     arms: Arms, begin: Float[np.ndarray, "quads 4"], absent: Bool[np.ndarray, "quads 4"], patch_of: np.ndarray
 ) -> tuple[Cap, ...]:
     """Put a half circle over the end of every arm that is left out.
@@ -73,7 +73,7 @@ def caps(
     """
     quad, side = np.nonzero(absent)
     some, t = arms.one_by_one(quad, side), begin[quad, side][:, None, None]
-    right, left = (edge(some, t, way)[0][:, 0, 0] for way in (RIGHT, LEFT))
+    right, left = (edge_points(some, t, way)[0][:, 0, 0] for way in (RIGHT, LEFT))
     return tuple(
         Cap(4 * f + k, int(patch_of[f]), float(begin[f, k]), Curve(np.stack(both), np.array([1.0, 0.0]), closed=False))
         for f, k, *both in zip(quad.tolist(), side.tolist(), right, left, strict=True)

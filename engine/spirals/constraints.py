@@ -27,4 +27,4 @@ class Constraints:
     kept: Int[np.ndarray, " kept"] = field(default_factory=_no_quads)
 
 
-FREE = Constraints()
+NO_CONSTRAINTS = Constraints()

@@ -19,10 +19,10 @@ from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
-from .arcs import Curve, FittedArcs, fit
+from .arcs import Curve, FittedArcs, fit_biarcs
 from .rim import Rim
-from .slots import PARALLEL, clockwise, slot_widths
-from .spiral import LEFT, RIGHT, Arms, centre_line, edge, opposite_sides, widening
+from .slots import PARALLEL_COSINE, is_clockwise, slot_widths
+from .spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, widening
 
 # Largest t at which a slot may end. The edges of a wide arm between thin ones can end beyond the centre: in 1 of 100
 # spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.
@@ -53,7 +53,7 @@ class SlotRoots:
     missed: Bool[np.ndarray, "quads 4"]
 
 
-def hubs(arms: Arms, fillet: float) -> SlotRoots:
+def find_roots(arms: Arms, fillet: float) -> SlotRoots:
     """Find the roots of all slots: the places where a fillet with radius ``fillet`` (metres) touches both edges.
 
     Newton's method follows each root from straight arms (twist 0) to the full twist. If it misses the first such place,
@@ -80,7 +80,7 @@ def hubs(arms: Arms, fillet: float) -> SlotRoots:
         for whole, part in zip((left, right, miss), again, strict=True):
             whole[quads] = np.where(doubtful[quads], part, whole[quads])
     radius = _enlarge_fillets(arms, left, right, miss, fillet)
-    centre = edge(arms, left[..., None], LEFT, radius[..., None])[0][:, :, 0]
+    centre = edge_points(arms, left[..., None], LEFT, radius[..., None])[0][:, :, 0]
     missed = ~(miss < 1e-9) | (left < 0.02) | (right < 0.02)
     return SlotRoots(left, right, centre, radius, missed)
 
@@ -116,7 +116,7 @@ def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray)
     out = ~(miss < 1e-9) | (np.maximum(left, right) > 1.0)
     for way, t in ((LEFT, left), (RIGHT, np.roll(right, 1, axis=1))):
         t = np.minimum(t, 1.0)[..., None]
-        back = (edge(arms, t, way)[1] * centre_line(arms, t)[1]).sum(axis=-1)[..., 0] < 0.0
+        back = (edge_points(arms, t, way)[1] * centre_line(arms, t)[1]).sum(axis=-1)[..., 0] < 0.0
         out |= back if way == LEFT else np.roll(back, -1, axis=1)
     return out
 
@@ -124,7 +124,7 @@ def _is_wrong(arms: Arms, left: np.ndarray, right: np.ndarray, miss: np.ndarray)
 def _slot_minimum(arms: Arms, left: np.ndarray, right: np.ndarray, share: np.ndarray) -> Float[np.ndarray, "quads 4"]:
     """Return the least width of every slot in metres, over the shares (N,) of its length where its sides are nearly parallel."""
     apart, lean = slot_widths(arms, left, right, share)[:2]
-    return np.where(lean > PARALLEL, apart, np.inf).min(axis=-1)
+    return np.where(lean > PARALLEL_COSINE, apart, np.inf).min(axis=-1)
 
 
 def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -132,11 +132,13 @@ def _scan_inwards(arms: Arms, fillet: float) -> tuple[np.ndarray, np.ndarray, np
     far = np.full(arms.radius.shape, 0.999)
     apart, lean, outer, inner = slot_widths(arms, far, far, np.linspace(0.0, 1.0, 129))
     # the added last column ends every scan
-    narrow = np.concatenate([(apart < 2.0 * fillet) & (lean > PARALLEL), np.ones((*far.shape, 1), dtype=bool)], axis=-1)
+    narrow = np.concatenate(
+        [(apart < 2.0 * fillet) & (lean > PARALLEL_COSINE), np.ones((*far.shape, 1), dtype=bool)], axis=-1
+    )
     first = np.clip(narrow.argmax(axis=-1) - 1, 0, outer.shape[-1] - 1)[..., None]
     outer, inner = np.take_along_axis(outer, first, axis=-1)[..., 0], np.take_along_axis(inner, first, axis=-1)[..., 0]
     # the outer arm of slot k is arm k + 1, or arm k if the spirals wind clockwise
-    left, right = (outer, inner) if clockwise(arms) else (inner, outer)
+    left, right = (outer, inner) if is_clockwise(arms) else (inner, outer)
     left, right, miss = _newton(arms, left, right, fillet, rounds=40, step=0.01)
     return left, right, np.where(narrow[..., 0], 1.0, miss)
 
@@ -147,9 +149,10 @@ def _newton(
     """Improve both t (F, 4) of every root; also return the distance (F, 4) in metres before the last iteration."""
     miss = np.empty(0)
     for _ in range(rounds):
-        a, da = (x[:, :, 0] for x in edge(arms, left[..., None], LEFT, fillet))
+        a, da = (x[:, :, 0] for x in edge_points(arms, left[..., None], LEFT, fillet))
         b, db = (
-            np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet)
+            np.roll(x[:, :, 0], -1, axis=1)
+            for x in edge_points(arms, np.roll(right, 1, axis=1)[..., None], RIGHT, fillet)
         )
         gap = b - a
         miss = np.linalg.norm(gap, axis=-1)
@@ -198,7 +201,7 @@ class Tips:
         )
 
 
-def ends(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "quads 4"]:
+def arm_starts(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "quads 4"]:
     """Return the t where every arm begins: 0, or slightly more at cuts inside a patch.
 
     At a cut inside a patch, two arm ends face each other in one panel, and need a gap of at least ``slot`` metres.
@@ -213,7 +216,7 @@ def ends(layout: PatchLayout, arms: Arms, slot: float) -> Float[np.ndarray, "qua
     if not inside.any():
         return begin
     speed = centre_line(arms, begin[..., None])[1][:, :, 0]
-    own = np.stack([edge(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
+    own = np.stack([edge_points(arms, begin[..., None], way)[0][:, :, 0] for way in (RIGHT, LEFT)], axis=2)
     own, facing = own[inside], own[quad, side][inside]
     apart = np.minimum(_from_segment(own, facing), _from_segment(facing, own))
     begin[inside] = 0.5 * np.maximum(1.02 * slot - apart, 0.0) / np.linalg.norm(speed, axis=-1)[inside]
@@ -227,7 +230,7 @@ def _from_segment(points: Float[np.ndarray, "n k 2"], segment: Float[np.ndarray,
     return np.linalg.norm(points - a - share[..., None] * along, axis=-1).min(axis=1)
 
 
-def edges(
+def fit_edges(
     layout: PatchLayout,
     arms: Arms,
     root: SlotRoots,
@@ -264,14 +267,14 @@ def edges(
     def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         added = None if tips is None else tips.wider(new[which], t)
         wider = None if added is None else (added[0][:, None], added[1][:, None])
-        point, tangent = edge(each.subset(which), t[:, None], side[which], wider=wider)
+        point, tangent = edge_points(each.subset(which), t[:, None], side[which], wider=wider)
         return point[:, 0], tangent[:, 0]
 
-    fitted = fit(evaluate, np.concatenate([left, right])[new], tolerance, progress)
+    fitted = fit_biarcs(evaluate, np.concatenate([left, right])[new], tolerance, progress)
     return fitted if known is None else known.replaced(new, fitted)
 
 
-def outlines(
+def draw_outlines(
     layout: PatchLayout,
     arms: Arms,
     root: SlotRoots,
@@ -282,7 +285,7 @@ def outlines(
     caps: Mapping[int, Curve] = {},
     rim: tuple[Rim, float] | None = None,
 ) -> list[Outline]:
-    """Assemble one outline per patch from the ``edges`` of all arms, with ``tips`` at the cuts or plain ends at the t ``plain``.
+    """Assemble one outline per patch from the ``fit_edges`` of all arms, with ``tips`` at the cuts or plain ends at the t ``plain``.
 
     ``caps`` are end curves of other arms, as in ``Tips.across``; ``rim`` is the rim with the fillet of its necks in metres.
 
@@ -329,13 +332,13 @@ def _pieces(
     If side ``corner`` is cut, the end of arm ``corner`` follows.
     """
     t_left, t_right = root.left[..., None], np.roll(root.right, 1, axis=1)[..., None]
-    p_left, d_left = (x[:, :, 0] for x in edge(arms, t_left, LEFT))
-    _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge(arms, t_right, RIGHT))
+    p_left, d_left = (x[:, :, 0] for x in edge_points(arms, t_left, LEFT))
+    _, d_right = (np.roll(x[:, :, 0], -1, axis=1) for x in edge_points(arms, t_right, RIGHT))
     # from inwards on the left edge to outwards on the right edge of the next arm: always a turn to the right
     turn = np.arctan2(d_left[..., 0] * -d_right[..., 1] + d_left[..., 1] * d_right[..., 0], -(d_left * d_right).sum(-1))
     turn = np.where(turn > 0.5 * np.pi, turn - 2.0 * np.pi, np.minimum(turn, 0.0))
     bulge = np.tan(0.25 * turn)
-    end = edge(arms, begin[..., None], RIGHT)[0][:, :, 0]
+    end = edge_points(arms, begin[..., None], RIGHT)[0][:, :, 0]
     start, count = fitted.start, arms.radius.size
     pieces = []
     for f in range(len(arms.centre)):

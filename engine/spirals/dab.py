@@ -50,7 +50,7 @@ class PaintSurface:
         return np.where(self.normals @ facing > 0.0, share**2 * (3.0 - 2.0 * share), 0.0)
 
 
-def together(weights: list[Float[np.ndarray, " quads"]]) -> Float[np.ndarray, " quads"]:
+def combine_weights(weights: list[Float[np.ndarray, " quads"]]) -> Float[np.ndarray, " quads"]:
     """Combine the weights of consecutive dabs into one weight; exact if all dabs have the same goal."""
     left = np.ones_like(weights[0])
     for weight in weights:

@@ -16,19 +16,19 @@ from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
 from . import slots
 from .arcs import FittedArcs
-from .caps import Cap, caps, left_out, stumps
-from .constraints import FREE, Constraints
-from .contours import Outline, SlotRoots, Tips, edges, ends, hubs, outlines
+from .caps import Cap, left_out_arms, make_caps, stump_starts
+from .constraints import NO_CONSTRAINTS, Constraints
+from .contours import Outline, SlotRoots, Tips, arm_starts, draw_outlines, find_roots, fit_edges
 from .opening import open_gaps
 from .rim import Rim
 from .room import ClearanceModel
-from .slots import CLEAR, PARALLEL, THINNEST, beside, slot_widths, too_small, width_range
-from .solid import fewer, no_spiral, refuse_many, solid, with_solid, without_room, without_spiral
-from .spiral import LEFT, RIGHT, Arms, alike, arms, edge, opposite_sides
+from .slots import MIN_WIDTH_SHARE, NO_NEIGHBOUR, PARALLEL_COSINE, beside_absent, slot_widths, too_small, width_range
+from .solid import fewer_quads, no_spiral, refuse_many, set_solid, set_solid_roots, without_room, without_spiral
+from .spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides, same_width
 from .touching import find_contacts
 from .wider import enlarge_quads
 
-__all__ = ["SpiralDesign", "from_curvature", "uniform", "width_range"]
+__all__ = ["SpiralDesign", "design_from_curvature", "uniform_design", "width_range"]
 
 BATCH = 500  # spirals measured between two calls of progress: a tenth of a second
 NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
@@ -74,8 +74,8 @@ class SpiralDesign:
     @cached_property
     def roots(self) -> SlotRoots:
         """Roots of all slots."""
-        roots = hubs(self.arms, self.params.fillet)
-        return with_solid(roots, self.arms, self.params.fillet, self.solid)
+        roots = find_roots(self.arms, self.params.fillet)
+        return set_solid_roots(roots, self.arms, self.params.fillet, self.solid)
 
     @cached_property
     def solid(self) -> Bool[np.ndarray, " quads"]:
@@ -85,7 +85,7 @@ class SpiralDesign:
     @cached_property
     def absent(self) -> Bool[np.ndarray, "quads 4"]:
         """Mask of the arms that are left out at the border or replaced by a foot."""
-        mask = left_out(self.flat.layout.mesh, self.params)
+        mask = left_out_arms(self.flat.layout.mesh, self.params)
         mask.ravel()[[foot.arm for foot in self.feet]] = True
         return mask
 
@@ -97,15 +97,15 @@ class SpiralDesign:
     @cached_property
     def begin(self) -> Float[np.ndarray, "quads 4"]:
         """Place t on every arm where it begins, from 0 at the joint to 1 at the centre; without connectors."""
-        plain = ends(self.flat.layout, self.arms, slots.min_slot_width(self.params))
-        return np.where(self.absent, stumps(self.roots), plain)
+        plain = arm_starts(self.flat.layout, self.arms, slots.min_slot_width(self.params))
+        return np.where(self.absent, stump_starts(self.roots), plain)
 
     @cached_property
     def caps(self) -> tuple[Cap, ...]:
         """Ends of the ``absent`` arms: round ends and feet."""
         bare = self.absent.copy()
         bare.ravel()[[foot.arm for foot in self.feet]] = False
-        return (*caps(self.arms, self.begin, bare, self.flat.layout.patch_of), *self.feet)
+        return (*make_caps(self.arms, self.begin, bare, self.flat.layout.patch_of), *self.feet)
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """Draw the outline of every panel as arcs within ``tolerance`` metres; results without ``tips`` are cached."""
@@ -114,10 +114,10 @@ class SpiralDesign:
             return plain[tolerance][1]
         known = plain[tolerance][0] if tolerance in plain else None
         shapes = self.flat.layout, self.arms, self.roots, self.begin
-        fitted = edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), known)
+        fitted = fit_edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), known)
         capped = {cap.arm: cap.across for cap in self.caps}
         rim = None if self.rim is None else (self.rim, self.params.fillet)
-        drawn = outlines(*shapes, fitted, tips, progress.part(0.7, 1.0), capped, rim)
+        drawn = draw_outlines(*shapes, fitted, tips, progress.part(0.7, 1.0), capped, rim)
         if tips is None:
             plain[tolerance] = fitted, drawn
         return drawn
@@ -133,8 +133,8 @@ class SpiralDesign:
         share = np.linspace(0.0, 1.0, 33)
         begin = np.where(self.absent, self.begin, 0.0)[..., None]
         inner = np.roll(self.roots.right, 1, axis=1)[..., None]
-        right = edge(self.arms, begin + (inner - begin) * share[::-1], RIGHT)[0]
-        left = edge(self.arms, begin + (self.roots.left[..., None] - begin) * share, LEFT)[0]
+        right = edge_points(self.arms, begin + (inner - begin) * share[::-1], RIGHT)[0]
+        left = edge_points(self.arms, begin + (self.roots.left[..., None] - begin) * share, LEFT)[0]
         round_about = np.concatenate([right, left], axis=2).reshape(len(self.width), -1, 2) - self.arms.centre[:, None]
         following = np.roll(round_about, -1, axis=1)
         area = 0.5 * (round_about[..., 0] * following[..., 1] - round_about[..., 1] * following[..., 0]).sum(axis=1)
@@ -182,7 +182,9 @@ class SpiralDesign:
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
         apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
-        least = np.where((lean > PARALLEL) & ~beside(self.absent)[..., None], apart, CLEAR).min(axis=(1, 2))
+        least = np.where((lean > PARALLEL_COSINE) & ~beside_absent(self.absent)[..., None], apart, NO_NEIGHBOUR).min(
+            axis=(1, 2)
+        )
         quads, gap = self._gaps(width)
         np.minimum.at(least, quads, gap[:, None])
         return np.flatnonzero(least < 0.999 * width)
@@ -194,7 +196,7 @@ class SpiralDesign:
         return arms[cut] // 4, gap[cut]
 
 
-def uniform(
+def uniform_design(
     flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
 ) -> SpiralDesign:
     """Make a design of equal spirals; where a quad lacks room, arms become thinner and twists smaller.
@@ -209,7 +211,7 @@ def uniform(
     return make_fabricable(flat, params, np.full((count, 4), float(width)), np.full(count, float(twist)))
 
 
-def from_curvature(
+def design_from_curvature(
     flat: FlatPatches,
     params: SpiralParams,
     curvature: Float[np.ndarray, " quads"],
@@ -220,17 +222,17 @@ def from_curvature(
     curvature : RMS curvature, 1/m
     Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
     """
-    return from_spirals(flat, params, *curvature_adjusted(params, curvature), progress)
+    return design_from_spirals(flat, params, *curvature_adjusted(params, curvature), progress)
 
 
-def from_spirals(
+def design_from_spirals(
     flat: FlatPatches,
     params: SpiralParams,
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
     progress: Progress = SILENT,
     *,
-    constraints: Constraints = FREE,
+    constraints: Constraints = NO_CONSTRAINTS,
 ) -> SpiralDesign:
     """Make a start near given widths (metres) and twists (radians) that can be cut and meets the constraints.
 
@@ -270,7 +272,7 @@ def curvature_adjusted(
     top = float(np.percentile(curvature, params.curvature_top))
     c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
     width = params.width_max - c * (params.width_max - params.width_min)
-    return alike(width), params.twist_min + c * (params.twist_max - params.twist_min)
+    return same_width(width), params.twist_min + c * (params.twist_max - params.twist_min)
 
 
 def make_fabricable(
@@ -306,7 +308,7 @@ def make_fabricable(
     most = np.where(free, high, np.inf)
     width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
-    width, twist = solid(params, width, twist, (small | without_spiral(width, params)) & free)
+    width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
     shut = room.closed(width, twist) & free
     if shut.any():  # a good first guess for spirals with far too much twist
         twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
@@ -324,7 +326,7 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
     finite = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
     width, twist = np.where(finite[:, None], design.width, low[:, None]), np.where(finite, design.twist, 0.0)
     slack = 1e-3  # for rounding, and for limits from iterations
-    least, most = (1.0 - slack) * np.minimum(low, THINNEST * design.params.width_min), (1.0 + slack) * high
+    least, most = (1.0 - slack) * np.minimum(low, MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # arms without room for connectors can be glued, and spirals outside the model's range can be cut
@@ -346,7 +348,7 @@ def resolve_contacts(
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]
-    thinnest = THINNEST * design.params.width_min
+    thinnest = MIN_WIDTH_SHARE * design.params.width_min
     free = np.ones(len(design.twist), dtype=bool) if free is None else free
     start, culprits = design, np.empty(0, dtype=np.int64)
     for turn in range(rounds):
@@ -373,11 +375,11 @@ def resolve_contacts(
             culprits = np.flatnonzero(given_up | design.solid)
             refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
             # restore the spirals that were unwound for these quads
-            begun = solid(design.params, start.width, start.twist, given_up | design.solid)
+            begun = set_solid(design.params, start.width, start.twist, given_up | design.solid)
             restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
             width, twist = restored.width, restored.twist
         design = replace(design, twist=twist, width=width)
-    raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer(len(design.twist)))
+    raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer_quads(len(design.twist)))
 
 
 def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:

@@ -13,9 +13,9 @@ import numpy as np
 
 from ..arrays import Complex, Float, Int
 from .blends import ANGLE, OWN_WIND, RADIUS
-from .lines import ArmCurves, bent
-from .pairs import BESIDE, DEPTHS, ROUND, Pairs
-from .spiral import widths
+from .lines import ArmCurves, blend_offset
+from .pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
+from .spiral import arm_widths
 
 _PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
 _COARSE = 25  # points of the second arm that start the search for the nearest point; more start nearer and take longer
@@ -64,7 +64,7 @@ def narrow(
     least : return only the narrowest place of every pair, which is faster; if any arms overlap, return all places
     """
     which, t, s = _near(lines, pairs, below)
-    beside = pairs.kind[which] == BESIDE
+    beside = pairs.kind[which] == SAME_QUAD
     s[beside] = _estimate_beside(lines, pairs, which[beside], t[beside], clockwise)
     s, gap, less = _nearest(lines, pairs, which, t, s, _FIRST)
     between = _BETWEEN * (lines.width[pairs.one[which]] + lines.width[pairs.two[which]])
@@ -89,7 +89,7 @@ def narrow(
     if not (gaps.side < 0.0).any():
         return gaps
     # on the wrong side of the other arm, the distance between the centre lines counts as negative
-    half = [0.5 * widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in gaps.both(pairs)]
+    half = [0.5 * arm_widths(lines.width[a], lines.end.width[a], lines.end.share[a], x)[0] for a, x in gaps.both(pairs)]
     return replace(gaps, gap=gaps.side * (gaps.gap + half[0] + half[1]) - half[0] - half[1])
 
 
@@ -128,7 +128,7 @@ def _passes_outside(lines: ArmCurves, pairs: Pairs, which: np.ndarray, t: np.nda
     one, two = pairs.one[which], pairs.two[which]
     level = t + _opening(lines, one, two, clockwise) / np.maximum(np.abs(lines.wind[one]), 1e-9)
     beyond = lines.radius[two] * (1.0 - level) > lines.radius[one] * (1.0 - t)
-    return (pairs.kind[which] == BESIDE) & (level < 1.0) & beyond
+    return (pairs.kind[which] == SAME_QUAD) & (level < 1.0) & beyond
 
 
 def _near(lines: ArmCurves, pairs: Pairs, below: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -195,7 +195,7 @@ def _sample(lines: ArmCurves, arms: np.ndarray, t: Float[np.ndarray, " m"]) -> C
         np.multiply(1.0 - place, spoke, out=row)
         row += centre
         if place < longest:
-            row += slope * bent(share, place)
+            row += slope * blend_offset(share, place)
         spoke *= further
     return out
 
@@ -336,7 +336,7 @@ def gap_slopes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the derivatives of K gaps, and the nearest points on the second arms.
 
-    The derivatives are by the first arm's parameters and by the second arm's parameters, each (K, lines.COUNT), and by the
+    The derivatives are by the first arm's parameters and by the second arm's parameters, each (K, lines.N_ARM_PARAMETERS), and by the
     nearest points. Points are complex, in the first arm's frame.
     """
     (one, t), (two, s) = gaps.both(pairs)

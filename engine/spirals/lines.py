@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Complex, Float, Int
-from .blends import ANGLE, NUMBERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blends
-from .spiral import curve, widths
+from .blends import ANGLE, N_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
+from .spiral import arm_widths, curve_points
 
-# Columns of the derivatives with respect to an arm's parameters: the columns of ``blends``, then the quad's centre.
-CENTRE_X, CENTRE_Y = NUMBERS, NUMBERS + 1
-COUNT = NUMBERS + 2  # number of these columns
+# Columns of the derivatives with respect to an arm's parameters: the columns of ``blend_joints``, then the quad's centre.
+CENTRE_X, CENTRE_Y = N_PARAMETERS, N_PARAMETERS + 1
+N_ARM_PARAMETERS = N_PARAMETERS + 2  # number of these columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,13 @@ class ArmCurves:
         Parameters
         ----------
         centre, radius, angle : as the attributes
-        both : widths, winds and leans of the arms and of their mates, as in ``blends.blends``
+        both : widths, winds and leans of the arms and of their mates, as in ``blends.blend_joints``
         shortest : length of the blend of an arm that hardly turns, in t
         """
         width, wind, lean = both
-        return cls(centre, radius, angle, wind[:, 0], width[:, 0], blends(width, wind, lean, radius, angle, shortest))
+        return cls(
+            centre, radius, angle, wind[:, 0], width[:, 0], blend_joints(width, wind, lean, radius, angle, shortest)
+        )
 
     def at(
         self, i: Int[np.ndarray, "*arms"], t: Float[np.ndarray, "*m"]
@@ -61,15 +63,15 @@ class ArmCurves:
         Return points and their first and second derivatives by t, then half widths and their first and second derivatives.
         """
         end = self.end
-        p, d1, d2 = curve(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
-        w, w1, w2 = widths(self.width[i], end.width[i], end.share[i], t)
+        p, d1, d2 = curve_points(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
+        w, w1, w2 = arm_widths(self.width[i], end.width[i], end.share[i], t)
         return self.centre[i] + p, d1, d2, 0.5 * w, 0.5 * w1, 0.5 * w2
 
     def points(self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]) -> Complex[np.ndarray, "*m"]:
         """Return the points of the arms i at t."""
         end = self.end
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
-        return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * bent(end.share[i], t)
+        return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * blend_offset(end.share[i], t)
 
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
@@ -81,16 +83,16 @@ class ArmCurves:
         value = u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))
         change = 1.0 + uu * (-18.0 + u * (32.0 - 15.0 * u))
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
-        point = np.zeros((len(i), COUNT))
+        point = np.zeros((len(i), N_ARM_PARAMETERS))
 
         def project(move: np.ndarray) -> np.ndarray:
             return move.real * along.real + move.imag * along.imag
 
         by_slope, by_share = (share * value), project(slope) * (value - u * change)
-        point[:, :NUMBERS] = by_slope[:, None] * (
+        point[:, :N_PARAMETERS] = by_slope[:, None] * (
             end.slope_by[i].real * along.real[:, None] + end.slope_by[i].imag * along.imag[:, None]
         )
-        point[:, :NUMBERS] += by_share[:, None] * end.share_by[i]
+        point[:, :N_PARAMETERS] += by_share[:, None] * end.share_by[i]
         radial = project(turn) * (1.0 - t)
         across = project(1j * turn) * (1.0 - t) * self.radius[i]
         point[:, OWN_WIND] += t * across
@@ -99,9 +101,9 @@ class ArmCurves:
         point[:, CENTRE_X], point[:, CENTRE_Y] = along.real, along.imag
         joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
         narrows = -30.0 * (u * (1.0 - u)) ** 2 * -u / share
-        half = np.zeros((len(i), COUNT))
-        half[:, :NUMBERS] = 0.5 * joint[:, None] * end.width_by[i]
-        half[:, :NUMBERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
+        half = np.zeros((len(i), N_ARM_PARAMETERS))
+        half[:, :N_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
+        half[:, :N_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
         half[:, OWN_WIDTH] += 0.5 * (1.0 - joint)
         return point, half
 
@@ -132,7 +134,7 @@ class ArmCurves:
         radial = along * rest + aside1 * level - along1
         across = radius * (aside * rest - along1 * level - aside1)
         by_t = radius * (level * (aside - wind * along1) - along - 2.0 * wind * aside1)
-        out = np.zeros((len(t), NUMBERS))
+        out = np.zeros((len(t), N_PARAMETERS))
         out[:, RADIUS], out[:, ANGLE] = radial.sum(1), across.sum(1)
         out[:, OWN_WIND] = (t * across + radius * aside1 * rest).sum(1)
         out[:, OWN_WIDTH] = 0.5 * half.sum(1)
@@ -162,8 +164,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (np.conj(a) * b).real
 
 
-def bent(share: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the offset of points at t due to a blend of length ``share``, per ``Blends.slope``; both broadcast (see ``spiral.curve``)."""
+def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Return the offset of points at t due to a blend of length ``share``, per ``Blends.slope``; both broadcast (see ``spiral.curve_points``)."""
     u = np.minimum(t / share, 1.0)
     uu = u * u
     return share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))

@@ -12,13 +12,13 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import lean_angles
 from .lines import ArmCurves
-from .spiral import mirrored, opposite_sides, spokes
+from .spiral import mirror_quads, opposite_sides, spokes
 
 # Kinds of pairs: two arms of one quad; an arm and the arms beside its mate, across the joint; all other arms of quads that
 # share an edge or a vertex
-BESIDE, ACROSS, ROUND = range(3)
+SAME_QUAD, ACROSS, ROUND = range(3)
 # Largest t that counts on the first and on the second arm, for each kind. The slot beside an arm must be open over the outer
-# third (``slots.DEPTH``); at t beyond 0.4, 0.9 and 0.8, arms of other quads were never nearest.
+# third (``slots.SLOT_DEPTH``); at t beyond 0.4, 0.9 and 0.8, arms of other quads were never nearest.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.4, 0.9], [0.8, 0.8]])
 # Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from blends,
 # arms with less twist lie within the region that arms with the largest twist surround.
@@ -80,7 +80,7 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
     first, second = _arms_around(flat)
     identity = np.ones(4 * count, dtype=complex), np.zeros(4 * count, dtype=complex), np.zeros(4 * count, dtype=bool)
     groups = [
-        (arm.ravel(), facing.ravel(), BESIDE, *identity),
+        (arm.ravel(), facing.ravel(), SAME_QUAD, *identity),
         (own, other, ACROSS, turn, shift, cut),
         (own[inside], other[inside], ACROSS, 1.0, 0.0, False),
         (first, second, ROUND, 1.0, 0.0, False),
@@ -91,7 +91,7 @@ def pairs_of(flat: FlatPatches, params: SpiralParams, near: float) -> Pairs:
         for c in range(6)
     ]
     pairs = Pairs(*columns)
-    return pairs.subset((pairs.kind == BESIDE) | _can_meet(flat, params, pairs, near))
+    return pairs.subset((pairs.kind == SAME_QUAD) | _can_meet(flat, params, pairs, near))
 
 
 def _align_sides(flat: FlatPatches, own: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +150,7 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     """Return how far an arm's centre line can reach from its quad's centre in any design, in evenly spaced directions, metres."""
     _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
-    lean, sign = lean_angles(flat.corners, angle), mirrored(flat.layout.mesh, params)
+    lean, sign = lean_angles(flat.corners, angle), mirror_quads(flat.layout.mesh, params)
     width = np.full((radius.size, 2), params.width_max)
     both = np.stack([lean, sign * lean[mate, side]], axis=-1).reshape(-1, 2)
     t = np.broadcast_to(_REACH_T, (radius.size, len(_REACH_T)))

@@ -26,11 +26,11 @@ from ..patches.flattening.flatten import FlatPatches
 from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
 from .known import twist_margin
-from .lines import COUNT, ArmCurves
-from .pairs import BESIDE, ROUND, Pairs, pairs_of
+from .lines import N_ARM_PARAMETERS, ArmCurves
+from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .shapes import ArmGeometry
 from .slots import min_slot_width, width_range
-from .spiral import alike
+from .spiral import same_width
 
 # clearance below which the barrier is not 0, by default; larger values keep designs farther from their limits
 SUPPORT = 0.5
@@ -105,7 +105,7 @@ class ClearanceModel:
         mesh = flat.layout.mesh
         joined = ~mesh.border[mesh.quad_edges].ravel()
         room = cls(params, pairs, shapes, np.where(seam, wide, slot), np.full(arms, _SHARPEST), joined)
-        lines, need = room._lines(alike(width_range(flat, params)[0]), np.zeros(arms // 4)), room.need.copy()
+        lines, need = room._lines(same_width(width_range(flat, params)[0]), np.zeros(arms // 4)), room.need.copy()
         thin = narrow(lines, pairs, np.where(seam, need / _AT_SEAMS, need), params.clockwise)
         least = _THIN * thin.gap
         least = np.where(seam[thin.pair], np.maximum(_AT_SEAMS * thin.gap, np.minimum(least, slot)), least)
@@ -211,7 +211,7 @@ class ClearanceModel:
         Widths are negative where arms overlap.
         """
         pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
-        pairs = pairs.subset((pairs.kind != BESIDE) & ~pairs.laid)
+        pairs = pairs.subset((pairs.kind != SAME_QUAD) & ~pairs.laid)
         every = np.zeros(len(shapes.mate))
         room = cls(params, pairs, shapes, np.full(len(pairs.one), below), every, every > 0.0)
         gaps = narrow(room._lines(width, twist), pairs, room.need, params.clockwise)
@@ -224,7 +224,7 @@ class ClearanceModel:
         arms = arms[self.joined[arms]]
         spare, by_radius, by_width = twist_margin(self.shapes.radius[arms], width.ravel()[arms], twist[arms // 4])
         some = spare < below
-        by = np.zeros((int(some.sum()), COUNT))
+        by = np.zeros((int(some.sum()), N_ARM_PARAMETERS))
         by[:, RADIUS], by[:, OWN_WIDTH] = by_radius[some], by_width[some]
         by[:, OWN_WIND] = 1.0 if self.params.clockwise else -1.0
         return arms[some], spare[some], by

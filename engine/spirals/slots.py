@@ -24,7 +24,7 @@ from .spiral import (
     Arms,
     arms,
     centre_line,
-    edge,
+    edge_points,
     widest_arms,
     widest_beside_slots,
     width_at,
@@ -32,16 +32,16 @@ from .spiral import (
 
 # share of every arm, from its tip, over which the slot beside it must be open; with more twist, slots of thick spirals close
 # from the hub, and at about this share the free length of the arms is greatest
-DEPTH = 1.0 / 3.0
-PARALLEL = 0.3  # least cosine of the angle between two edges that bound a slot
+SLOT_DEPTH = 1.0 / 3.0
+PARALLEL_COSINE = 0.3  # least cosine of the angle between two edges that bound a slot
 # least arm width in quads without room for the smallest width, as a share of it; quads with even less room get a solid hub
-THINNEST = 0.5
-# arm width at a solid hub, as a share of the smallest width; it differs from ``THINNEST`` by more than single precision
-SOLID = 0.48
+MIN_WIDTH_SHARE = 0.5
+# arm width at a solid hub, as a share of the smallest width; it differs from ``MIN_WIDTH_SHARE`` by more than single precision
+SOLID_WIDTH = 0.48
 # places on the outer part of an arm where its gap is measured for the largest twist, with a parabola between them; more are slower.
 # On five surfaces of 7,722 quads, with eight sets of widths, 18 places lead to the same twists
 GAP_PLACES = 6
-CLEAR = 1.0  # gap that stands for "no neighbour", metres
+NO_NEIGHBOUR = 1.0  # gap that stands for "no neighbour", metres
 
 
 def twist_limit(scale: np.ndarray, width: np.ndarray, slot: float, depth: float = 0.0) -> np.ndarray:
@@ -79,12 +79,12 @@ def width_range(
     params : range of widths, slots and fillets
     """
     widest = widest_arms(flat, params)
-    small = widest < THINNEST * params.width_min
+    small = widest < MIN_WIDTH_SHARE * params.width_min
     # straight arms must leave slots beside their outer thirds, unless they have the smallest width
     wide = np.minimum(
-        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, min_slot_width(params), DEPTH))
+        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, min_slot_width(params), SLOT_DEPTH))
     )
-    high = np.where(small, SOLID * params.width_min, np.minimum(wide, widest))
+    high = np.where(small, SOLID_WIDTH * params.width_min, np.minimum(wide, widest))
     return np.minimum(params.width_min, high), high
 
 
@@ -102,7 +102,7 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
     """Return the narrowest gap in metres between the outer parts of arms and the facing arms, ``step`` sides before them."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
-    t = np.broadcast_to(np.linspace(0.0, DEPTH, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
+    t = np.broadcast_to(np.linspace(0.0, SLOT_DEPTH, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
     p = centre_line(outer, t)[0]
     # the facing arm's parameter at the same angle; the nearest point is close to it
     level = t + opening / np.maximum(np.abs(outer.wind), 1e-9)[:, None, None]
@@ -189,7 +189,7 @@ def _roll(arms: Arms, step: int) -> Arms:
     return replace(arms, **fields)
 
 
-def beside(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
+def beside_absent(absent: Bool[np.ndarray, "quads 4"]) -> Bool[np.ndarray, "quads 4"]:
     """Return a mask of the slots beside absent arms; slot k lies between arm k and arm k + 1."""
     return absent | np.roll(absent, -1, axis=1)
 
@@ -214,15 +214,15 @@ def min_slot_and_bridge(
     # width of the arms themselves, up to the hub
     t = np.linspace(0.0, 0.9, 24) * np.minimum(left, np.roll(right, 1, axis=1))[..., None]
     bridge = _apart(arms, LEFT, t, arms, RIGHT, t, np.full((*left.shape, 1), 0.9999))[0]
-    bridge = np.where(absent[..., None], CLEAR, bridge).min()
+    bridge = np.where(absent[..., None], NO_NEIGHBOUR, bridge).min()
     # a slot without fillet ends in a point: measure its outer half only
     apart, lean = slot_widths(arms, left, right, np.linspace(0.0, 0.97 if fillet > 0.0 else 0.5, 32))[:2]
     # edges at a wide angle bound no slot
-    slot = float(np.where((lean > PARALLEL) & ~beside(absent)[..., None], apart, CLEAR).min())
+    slot = float(np.where((lean > PARALLEL_COSINE) & ~beside_absent(absent)[..., None], apart, NO_NEIGHBOUR).min())
     return (min(slot, 2.0 * fillet) if fillet > 0.0 else slot), float(bridge)
 
 
-def clockwise(arms: Arms) -> bool:
+def is_clockwise(arms: Arms) -> bool:
     """Return whether the spirals wind clockwise from their tips inwards; all spirals of a design wind the same way."""
     return float(arms.wind.sum()) < 0.0
 
@@ -244,7 +244,7 @@ def slot_widths(
     lean : (F, 4, N) cosine of the angle between both edges, negative in the open corner of two arms
     outer, inner : (F, 4, N) t on the outer and on the inner arm
     """
-    step = 1 if clockwise(arms) else -1
+    step = 1 if is_clockwise(arms) else -1
     other = _roll(arms, -1)
     opening = ((other.angle - arms.angle) % (2.0 * math.pi))[..., None]
     turned = opening / np.maximum(np.abs(arms.wind), 1e-9)[:, None, None]
@@ -265,11 +265,11 @@ def _apart(
 
     Return the distance, the cosine of the angle between the inward directions of both edges, and the nearest points' parameter.
     """
-    p, dp = edge(one, t, side)
+    p, dp = edge_points(one, t, side)
     for _ in range(6):
-        q, dq = edge(two, s, other)
+        q, dq = edge_points(two, s, other)
         move = dot(q - p, dq) / np.maximum(dot(dq, dq), 1e-30)
         s = np.clip(s - np.clip(0.8 * move, -0.1, 0.1), 0.0, end)
-    q, dq = edge(two, s, other)
+    q, dq = edge_points(two, s, other)
     lean = dot(dp, dq) / np.sqrt(dot(dp, dp) * dot(dq, dq))
     return np.sqrt(dot(p - q, p - q)), lean, s

@@ -16,11 +16,11 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import Finding, counted, finding, named
-from .contours import SlotRoots, hubs
-from .slots import SOLID, THINNEST, width_range
-from .spiral import LEFT, RIGHT, Arms, alike, arms, centre_line, edge
+from .contours import SlotRoots, find_roots
+from .slots import MIN_WIDTH_SHARE, SOLID_WIDTH, width_range
+from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
 
-# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID`` and ``THINNEST``
+# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID_WIDTH`` and ``MIN_WIDTH_SHARE``
 BELOW = 0.49
 LARGEST_SHARE = 0.01  # largest share of quads without a spiral; with more, the piece would be a different one
 MOST = 20  # largest number of quads without a spiral
@@ -43,22 +43,22 @@ def without_spiral(width: Float[np.ndarray, "quads 4"], params: SpiralParams) ->
 def without_room(flat: FlatPatches, params: SpiralParams) -> Bool[np.ndarray, " quads"]:
     """Return a mask of the quads where even straight arms of the least width leave no slots."""
     low, high = width_range(flat, params)
-    thinnest = np.minimum(low, THINNEST * params.width_min)
-    straight = arms(flat, params, alike(thinnest), np.zeros(len(low)))
-    return hubs(straight, params.fillet).missed.any(axis=1) | without_spiral(alike(high), params)
+    thinnest = np.minimum(low, MIN_WIDTH_SHARE * params.width_min)
+    straight = arms(flat, params, same_width(thinnest), np.zeros(len(low)))
+    return find_roots(straight, params.fillet).missed.any(axis=1) | without_spiral(same_width(high), params)
 
 
-def solid(
+def set_solid(
     params: SpiralParams,
     width: Float[np.ndarray, "quads 4"],
     twist: Float[np.ndarray, " quads"],
     quads: Bool[np.ndarray, " quads"],
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
     """Return widths (metres) and twists (radians) with solid hubs in the quads of a mask."""
-    return np.where(quads[:, None], SOLID * params.width_min, width), np.where(quads, 0.0, twist)
+    return np.where(quads[:, None], SOLID_WIDTH * params.width_min, width), np.where(quads, 0.0, twist)
 
 
-def fewer(count: int) -> int:
+def fewer_quads(count: int) -> int:
     """Return the number of quads to remesh with if some of ``count`` quads have no room for a spiral."""
     return max(round(FEWER * count), 1)
 
@@ -66,7 +66,7 @@ def fewer(count: int) -> int:
 def refuse_many(quads: Int[np.ndarray, " n"], count: int, why: str) -> None:
     """Raise ``FlexMapsError`` (message ``why``) if too many of ``count`` quads are without a spiral."""
     if len(quads) > min(MOST, int(LARGEST_SHARE * count)):
-        raise FlexMapsError(why, faces=quads, quads=fewer(count))
+        raise FlexMapsError(why, faces=quads, quads=fewer_quads(count))
 
 
 def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
@@ -77,7 +77,7 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     return [finding("no-spiral", text, quads, severity="warning")]
 
 
-def with_solid(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
+def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
     """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
 
     Parameters
@@ -92,8 +92,8 @@ def with_solid(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarra
         return root
     part = arms.subset(some)
     t = np.broadcast_to(np.linspace(0.0, DEEPEST, SAMPLES), (len(some), 4, SAMPLES))
-    left = edge(part, t, LEFT)[0]
-    right = np.roll(edge(part, t, RIGHT)[0], -1, axis=1)
+    left = edge_points(part, t, LEFT)[0]
+    right = np.roll(edge_points(part, t, RIGHT)[0], -1, axis=1)
     inwards = centre_line(part, t)[1]
     # seen from an arm, the next one lies on its left
     across = right - left
@@ -114,7 +114,7 @@ def with_solid(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarra
 def _corner_arcs(arms: Arms, depth: Float[np.ndarray, "quads 4"]) -> tuple[np.ndarray, np.ndarray]:
     """Return centre and radius (metres) of the arcs from the left edges at t ``depth`` to the right edges of the next arms."""
     (p, inwards), (q, outwards) = (
-        (x[:, :, 0] @ np.array([1.0, 1j]) for x in edge(arms, t[..., None], side))
+        (x[:, :, 0] @ np.array([1.0, 1j]) for x in edge_points(arms, t[..., None], side))
         for t, side in ((depth, LEFT), (np.roll(depth, 1, axis=1), RIGHT))
     )
     q, outwards = np.roll(q, -1, axis=1), -np.roll(outwards, -1, axis=1)

@@ -16,7 +16,7 @@ from ..arrays import Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
-from .blends import blends, lean_angles
+from .blends import blend_joints, lean_angles
 
 LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards
 
@@ -85,7 +85,7 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
     return np.where(border, own, quad), np.where(border, np.arange(4), side)
 
 
-def mirrored(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
+def mirror_quads(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
     """Return the factor on the mate's wind and lean at every side: -1 at a rim, else 1.
 
     At a rim, the mate is the arm's own mirror image, so that the arm meets the rim at right angles.
@@ -93,7 +93,7 @@ def mirrored(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4
     return np.where(mesh.border[mesh.quad_edges] & (params.border == "rim"), -1.0, 1.0)
 
 
-def alike(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
+def same_width(width: Float[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 4"]:
     """Repeat one width per spiral for its four arms."""
     return np.repeat(np.asarray(width, dtype=float)[:, None], 4, axis=1)
 
@@ -112,10 +112,10 @@ def arms(
     width, lean = np.asarray(width, dtype=float), lean_angles(flat.corners, angle)
     quad, side = opposite_sides(flat.layout.mesh)
     every = np.broadcast_to(wind[:, None], width.shape)
-    sign = mirrored(flat.layout.mesh, params)
+    sign = mirror_quads(flat.layout.mesh, params)
     widths = np.stack([width, width[quad, side]], axis=-1)
     winds, both = (np.stack([own, sign * own[quad, side]], axis=-1) for own in (every, lean))
-    end = blends(widths, winds, both, radius, angle, params.blend)
+    end = blend_joints(widths, winds, both, radius, angle, params.blend)
     return Arms(centre, radius, angle, wind, width, end.width, _pairs(end.slope), end.share)
 
 
@@ -157,12 +157,12 @@ def centre_line(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     """
     slope = _complex(arms.blend_slope)[..., None]
     numbers = arms.radius[..., None], arms.angle[..., None], arms.wind[:, None, None], slope, arms.share[..., None]
-    p, d1, d2 = curve(*numbers, t)
+    p, d1, d2 = curve_points(*numbers, t)
     p += _complex(arms.centre)[:, None, None]
     return _pairs(p), _pairs(d1), _pairs(d2)
 
 
-def curve(
+def curve_points(
     radius: np.ndarray, angle: np.ndarray, wind: np.ndarray, slope: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return centre lines at t relative to their quads' centres, and first and second derivatives, as complex numbers.
@@ -200,10 +200,10 @@ def _pairs(numbers: np.ndarray) -> np.ndarray:
 
 def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the width of the arms at t and its derivative by t, each (F, 4, N), metres."""
-    return widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
+    return arm_widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
 
 
-def widths(
+def arm_widths(
     width: np.ndarray, joint: np.ndarray, share: np.ndarray, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return widths at t and their first and second derivatives by t, metres.
@@ -238,7 +238,7 @@ def widening(extra: Floats, full: Floats, over: Floats, t: np.ndarray) -> tuple[
     return extra * (1.0 + u * u * u * (-10.0 + u * (15.0 - 6.0 * u))), -30.0 * extra * rest * rest / span
 
 
-def edge(
+def edge_points(
     arms: Arms,
     t: np.ndarray,
     side: float | np.ndarray,

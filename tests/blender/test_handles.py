@@ -15,7 +15,7 @@ from flexmaps.bridge.store import handles, states
 from flexmaps.bridge.view import picking
 from flexmaps.command.main import main
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mechanics.loads import standing
+from flexmaps.engine.mechanics.loads import parse_supports
 
 
 def test_a_held_spiral_is_a_support_and_undo_is_one_step(simulated: Any) -> None:
@@ -107,7 +107,7 @@ def test_the_commands_pull_and_wish(tmp_path: Path, capsys: pytest.CaptureFixtur
     made = api.load(again).result
     assert np.flatnonzero(made.force.any(axis=1)).tolist() == [0, 3]
     np.testing.assert_allclose(made.force[3], [0.0, -0.5, 2.0], atol=1e-6)
-    low = set(standing(made.mesh, "lowest").tolist()) - {0}
+    low = set(parse_supports(made.mesh, "lowest").tolist()) - {0}
     assert low and set(made.wishes.quads.tolist()) == low
     np.testing.assert_allclose(made.wishes.offsets(made.mesh)[min(low)], [0.0, 0.0, -0.005], atol=1e-6)
     for wrong in (

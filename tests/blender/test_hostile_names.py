@@ -21,7 +21,7 @@ from flexmaps import api
 from flexmaps.bridge.store.paths import file_name
 from flexmaps.command import main as command
 from flexmaps.engine import MARK
-from flexmaps.engine.extras.exploring.folder import cell
+from flexmaps.engine.extras.exploring.folder import escape_formula
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.surface.checking.finding import finding
 from support.bowl import bowl
@@ -106,7 +106,7 @@ def test_the_name_of_an_object(written: Path, tmp_path: Path) -> None:
 
 
 def test_a_table_holds_no_formulas() -> None:
-    assert [cell(value) for value in ("=1+1", "+1", "-x", "@x", "\t=1", "wood", "", -1.5, None)] == [
+    assert [escape_formula(value) for value in ("=1+1", "+1", "-x", "@x", "\t=1", "wood", "", -1.5, None)] == [
         "'=1+1", "'+1", "'-x", "'@x", "'\t=1", "wood", "", -1.5, None,
     ]  # fmt: skip
 

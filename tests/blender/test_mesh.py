@@ -88,7 +88,7 @@ def test_seams_patches_and_spirals_are_read_as_written(sphere: Any, with_loose: 
     surface, quads = read(sphere)
     flat = flat_of(quads)
     mesh.write_flat(sphere, surface, flat, arrange.side_by_side(flat))
-    made = design.uniform(flat, SpiralParams())
+    made = design.uniform_design(flat, SpiralParams())
     mesh.write_design(sphere, surface, made)
     assert sphere.mode == mode
 

@@ -11,11 +11,11 @@ from flexmaps.bridge.view import colouring, designing, plot
 from flexmaps.engine import colours
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.optimisation import optimise as engine
-from flexmaps.engine.optimisation.reach import NAMES
+from flexmaps.engine.optimisation.reach import REASON_NAMES
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.tracing.trace import make_disks
-from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from support.bowl import EDGE, QUADS, block, spiralled
@@ -121,7 +121,7 @@ def test_limits_as_colours(piece: Any, attribute: Any) -> None:
         assert sorted(int(text.rpartition(": ")[2]) for _, text in legend.entries) == sorted(shown.values())
         rgb = np.round(attribute(piece, "flexmaps_colour", "color", 4)[::4, :3], 5)
         assert len(np.unique(rgb, axis=0)) == len(shown)
-    assert set(colours.LIMITS) == set(NAMES)
+    assert set(colours.LIMITS) == set(REASON_NAMES)
     piece.flexmaps.material.material = "birch"
     with pytest.raises(RuntimeError, match="nothing to show"):
         bpy.ops.flexmaps.overlay(kind="REACH")
@@ -131,7 +131,7 @@ def test_many_panels_are_drawn_light() -> None:
     """The upper side of the panels covers what the design's own outline says."""
     quads = shapes.make("dome")
     surface = make_disks(mesh_layout(quads))
-    made = uniform(flatten(surface, LayoutParams()), SpiralParams(), twist=2.0)
+    made = uniform_design(flatten(surface, LayoutParams()), SpiralParams(), twist=2.0)
     centres = arrange.side_by_side(made.flat)
     assert not solids.light(made, centres, most=10**6).flat
     shape = solids.light(made, centres, most=20_000)

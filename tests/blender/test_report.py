@@ -127,12 +127,15 @@ def test_pictures_are_inside(strip: api.Piece) -> None:
     from flexmaps.engine.runs import report_page
 
     png = b"\x89PNG\r\n\x1a\n" + bytes(range(256))
-    text = report_page.page(api.report(strip), {}, [("A picture", png)])
+    text = report_page.render_page(api.report(strip), {}, [("A picture", png)])
     found = re.search(r'src="data:image/png;base64,([^"]+)"', text)
     assert found is not None and base64.b64decode(found.group(1)) == png
-    assert report_page.page(api.report(strip), {}, [("One", png)] * 3).count("class=wide") == text.count("class=wide")
+    assert report_page.render_page(api.report(strip), {}, [("One", png)] * 3).count("class=wide") == text.count(
+        "class=wide"
+    )
     assert (
-        report_page.page(api.report(strip), {}, [("One", png)] * 4).count("class=wide") == text.count("class=wide") + 1
+        report_page.render_page(api.report(strip), {}, [("One", png)] * 4).count("class=wide")
+        == text.count("class=wide") + 1
     )
 
 
@@ -221,7 +224,7 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
     corners = flat.corners + arrange.side_by_side(flat)[flat.layout.patch_of][:, None]
     sides = np.zeros((len(corners), 4), bool)
     made = plots.flat_map(
-        corners, sides, Colouring.from_values("Numbers", values, "no unit", colours.MUCH, 0.0, values[-1])
+        corners, sides, Colouring.from_values("Numbers", values, "no unit", colours.QUANTITY_SCALE, 0.0, values[-1])
     )
     root = ElementTree.fromstring(drawing.svg(made))
     quads = [
@@ -239,7 +242,7 @@ def test_a_map_has_every_quad_in_its_place_and_colour(strip: api.Piece) -> None:
         middle = (corners[k].mean(axis=0) - [low[0], high[1]]) * factor * [1, -1] + top
         near = min(found, key=lambda at: np.hypot(at[0] - middle[0], at[1] - middle[1]))
         assert np.hypot(near[0] - middle[0], near[1] - middle[1]) < 1.5
-        wanted = [np.interp(k / values[-1], np.linspace(0, 1, 4), colours.MUCH[:, c]) for c in range(3)]
+        wanted = [np.interp(k / values[-1], np.linspace(0, 1, 4), colours.QUANTITY_SCALE[:, c]) for c in range(3)]
         assert drawing.rgb(found[near]) == pytest.approx(wanted, abs=0.02)
 
 

@@ -124,7 +124,7 @@ def test_every_attribute_of_ours_is_known(simulated: Any) -> None:
     ours = {a.name for a in simulated.data.attributes if a.name.startswith(attributes.PREFIX)}
     assert ours <= {attributes.PREFIX + name for name in attributes.OURS}
     assert not attributes.ours(simulated.data)[1]
-    assert attributes.OURS["reach"][3] == len(reach.NAMES) - 1
+    assert attributes.OURS["reach"][3] == len(reach.REASON_NAMES) - 1
 
 
 def test_properties_of_another_kind(spiralled: Any) -> None:

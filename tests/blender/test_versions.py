@@ -49,7 +49,7 @@ def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path)
     obj = first_mesh(path)
     with pytest.warns(versions.OtherVersion, match=r"0\.1, .*grain"):
         piece = api.load(obj)
-    assert notes.made_with(obj.data) == versions.UNSTAMPED
+    assert notes.made_with(obj.data) == versions.FIRST_VERSION
     made = piece.result
     assert made.flat is not None and made.design is not None and made.design.width.shape == (8, 4)
     assert len(made.flat.layout.patches) == 2
@@ -76,7 +76,7 @@ def opened(path: Path) -> Any:
 
 def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) -> None:
     obj = opened(older)
-    assert notes.made_with(obj.data) == versions.UNSTAMPED
+    assert notes.made_with(obj.data) == versions.FIRST_VERSION
     found = states.read_states(obj, bpy.context.scene)
     assert (found["layout"].kind, found["spirals"].kind) == (states.DONE, states.OLD)
     assert found["spirals"].reason == states.PROGRAM
@@ -93,7 +93,7 @@ def test_an_older_file_says_what_changed_and_can_be_gone_on_with(older: Path) ->
 def test_the_command_line_says_it_in_one_line(older: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert command.main(["report", str(older), "--out", str(older.parent / "out")]) == 0
     said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("flexmaps:")]
-    assert len(said) == 1 and versions.CHANGED[0][1] in said[0]
+    assert len(said) == 1 and versions.RESULT_CHANGES[0][1] in said[0]
     assert json.loads((older.parent / "out" / "report.json").read_text())["program"].endswith(VERSION)
 
 
@@ -107,7 +107,7 @@ def test_a_newer_file_says_so(older: Path) -> None:
 
 
 def test_what_changed_between_two_versions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(versions, "CHANGED", (("0.1.0", "a"), ("0.9.0", "b"), ("0.10.0", "c"), ("2.0.0", "d")))
-    assert versions.since("0.1", "0.10.0") == ("a", "b", "c")
-    assert versions.since("0.9.0", "0.10.0") == ("c",) and versions.since("0.10.0", "0.9.0") == ()
+    monkeypatch.setattr(versions, "RESULT_CHANGES", (("0.1.0", "a"), ("0.9.0", "b"), ("0.10.0", "c"), ("2.0.0", "d")))
+    assert versions.changes_between("0.1", "0.10.0") == ("a", "b", "c")
+    assert versions.changes_between("0.9.0", "0.10.0") == ("c",) and versions.changes_between("0.10.0", "0.9.0") == ()
     assert versions.order("rubbish") < versions.order("0.1") < versions.order("0.1.0") < versions.order("0.10.0")

@@ -17,7 +17,7 @@ from flexmaps.database.statics import Model
 from flexmaps.database.validation_cases import MATERIAL, Case, Held, Loading, box, dome, ring, sheet
 from flexmaps.database.validation_rim import every_case
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.newton import Local
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -224,7 +224,7 @@ def test_shapes_of_the_cases():
     assert len(closed.flat.layout.patches) == 1 and closed.flat.energy.max() < 1e-12
     for design in (box(2, 5, 100.0), closed):  # flat quads, joined round corners
         normal = at_rest(design).rotations[..., 2]
-        a, b = of_design(design).pairs.T
+        a, b = assembly_from_design(design).pairs.T
         angle = np.degrees(np.arccos(np.clip((normal[a] * normal[b]).sum(axis=1), -1.0, 1.0)))
         assert set(angle.round(4)) <= {0.0, 45.0, 90.0} and angle.max() > 40.0
 

@@ -98,7 +98,7 @@ def test_slender_arms_agree_with_castigliano(height, twist):
     model = Model(Spiral(80.0, height, twist), 0.3)
     compliance = linear.tip_compliance(model, linear.unit_motions(model))
     assert np.abs(compliance[np.ix_(IN_PLANE, OUT_OF_PLANE)]).max() < 1e-6 * np.abs(compliance).max()
-    base = beams.tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values[..., 0]
+    base = beams.beam_tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values[..., 0]
     for block, rows in zip(base, (IN_PLANE, OUT_OF_PLANE)):
         beam = np.zeros((3, 3))
         for value, (i, j) in zip(block, ENTRIES):

@@ -14,7 +14,7 @@ from flexmaps.engine import cluster as module
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.exploring.candidate import ExplorationInput, StartSurface
 from flexmaps.engine.extras.exploring.explore import explore
-from flexmaps.engine.extras.exploring.space import space
+from flexmaps.engine.extras.exploring.space import make_space
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
@@ -97,9 +97,11 @@ def test_a_killed_worker_costs_nothing(processes):
     """The last of the tests here that use the cluster: a worker less is left."""
     address, made = processes
     settings = ObjectSettings()
-    result = job.go_on(job.begin(PolygonMesh.from_quads(shapes.make("strip")), edge=0.02), settings, ("trace", "merge"))
+    result = job.run_stages(
+        job.begin(PolygonMesh.from_quads(shapes.make("strip")), edge=0.02), settings, ("trace", "merge")
+    )
     base = ExplorationInput({0: StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.02)
-    asked = space({"edge": "15:25", "spiral.thickness": "1:2"}, settings)
+    asked = make_space({"edge": "15:25", "spiral.thickness": "1:2"}, settings)
     found = []
 
     def tell(one):

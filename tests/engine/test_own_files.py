@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.files import replacing, replacing_many
-from flexmaps.engine.own_files import NOTE, Guard, TheirFile, is_ours
+from flexmaps.engine.files import write_all_atomically, write_atomically
+from flexmaps.engine.own_files import CHECKSUM_FILE, ForeignFileError, Guard, is_ours
 
 OUTPUTS = (
     "sheet-01.svg",
@@ -55,7 +55,7 @@ def test_what_is_read_is_never_written_over(tmp_path: Path, name: str, read: str
         guard = Guard([given], overwrite)
         with pytest.raises(FlexMapsError, match=r"is read in this run .* write to .*-2"):
             guard.check([out / name], out)
-        with pytest.raises(FlexMapsError, match="is read"), replacing_many(alone_in=out, guard=guard) as new:
+        with pytest.raises(FlexMapsError, match="is read"), write_all_atomically(alone_in=out, guard=guard) as new:
             new(out / name).write_text("ours")
     assert given.read_text() == (out / name).read_text() == "the user's work"
 
@@ -73,7 +73,7 @@ def test_files_of_others_stay_unless_that_is_allowed(tmp_path: Path, name: str, 
     target = tmp_path / name
     target.parent.mkdir(exist_ok=True)
     if state in {"changed", "renamed"}:
-        with replacing_many(alone_in=tmp_path, guard=Guard()) as new:
+        with write_all_atomically(alone_in=tmp_path, guard=Guard()) as new:
             new(target if state == "changed" else tmp_path / "another.txt").write_text("ours")
     if state == "link to nothing":
         target.symlink_to(tmp_path / "nowhere")
@@ -82,21 +82,21 @@ def test_files_of_others_stay_unless_that_is_allowed(tmp_path: Path, name: str, 
     else:
         target.write_text("the user's work")
     before = None if state == "link to nothing" else target.read_bytes()
-    with pytest.raises(TheirFile, match="--overwrite"):
+    with pytest.raises(ForeignFileError, match="--overwrite"):
         Guard().check([target], tmp_path)
-    with pytest.raises(TheirFile), replacing_many([target], tmp_path, Guard()) as new:
+    with pytest.raises(ForeignFileError), write_all_atomically([target], tmp_path, Guard()) as new:
         new(target)
-    with replacing_many([target], tmp_path, Guard()):
+    with write_all_atomically([target], tmp_path, Guard()):
         pass  # it would be removed if it were ours
     assert os.path.islink(target) if before is None else target.read_bytes() == before
-    with replacing_many(alone_in=tmp_path, guard=Guard(overwrite=True)) as new:
+    with write_all_atomically(alone_in=tmp_path, guard=Guard(overwrite=True)) as new:
         new(target).write_text("ours now")
     assert target.read_text() == "ours now" and is_ours(target, tmp_path)
 
 
 def test_what_the_last_run_wrote_is_replaced_and_removed(tmp_path: Path) -> None:
     for number in range(3):
-        with replacing_many([tmp_path / "sheet-02.svg"], tmp_path, Guard()) as new:
+        with write_all_atomically([tmp_path / "sheet-02.svg"], tmp_path, Guard()) as new:
             for name in ("sheet-01.svg", "sheet-02.svg")[: 2 - number % 2]:
                 new(tmp_path / name).write_text(f"run {number}")
         assert (tmp_path / "sheet-01.svg").read_text() == f"run {number}"
@@ -104,19 +104,22 @@ def test_what_the_last_run_wrote_is_replaced_and_removed(tmp_path: Path) -> None
 
 
 def test_two_kinds_of_files_share_a_note(tmp_path: Path) -> None:
-    with replacing(tmp_path / "a.html", Guard()) as new:
+    with write_atomically(tmp_path / "a.html", Guard()) as new:
         new.write_text("one")
-    with replacing_many(alone_in=tmp_path, guard=Guard()) as new:
+    with write_all_atomically(alone_in=tmp_path, guard=Guard()) as new:
         new(tmp_path / "b.svg").write_text("two")
     assert is_ours(tmp_path / "a.html") and is_ours(tmp_path / "b.svg")
 
 
 @pytest.mark.parametrize("error", [Cancelled("stopped"), FlexMapsError("refused"), OSError(28, "disk full")])
 def test_a_run_that_ends_early_changes_neither_files_nor_note(tmp_path: Path, error: Exception) -> None:
-    with replacing_many(alone_in=tmp_path, guard=Guard()) as new:
+    with write_all_atomically(alone_in=tmp_path, guard=Guard()) as new:
         new(tmp_path / "a.svg").write_text("first")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises((Cancelled, FlexMapsError)), replacing_many([tmp_path / "a.svg"], tmp_path, Guard()) as new:
+    with (
+        pytest.raises((Cancelled, FlexMapsError)),
+        write_all_atomically([tmp_path / "a.svg"], tmp_path, Guard()) as new,
+    ):
         new(tmp_path / "a.svg").write_text("half")
         new(tmp_path / "b.svg").write_text("half")
         raise error
@@ -126,8 +129,8 @@ def test_a_run_that_ends_early_changes_neither_files_nor_note(tmp_path: Path, er
 @pytest.mark.parametrize("note", ["", "no json", "[1]", '{"a.svg": 3}'])
 def test_a_damaged_note_makes_no_file_ours(tmp_path: Path, note: str) -> None:
     (tmp_path / "a.svg").write_text("whose?")
-    (tmp_path / NOTE).write_text(note)
-    with pytest.raises(TheirFile):
+    (tmp_path / CHECKSUM_FILE).write_text(note)
+    with pytest.raises(ForeignFileError):
         Guard().check([tmp_path / "a.svg"], tmp_path)
 
 

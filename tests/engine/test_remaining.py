@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.remaining import FIRST_SECONDS, FIRST_SHARE, Remaining, told
+from flexmaps.engine.remaining import FIRST_SECONDS, FIRST_SHARE, Remaining, format_seconds
 
 
 def test_of_even_work_it_is_exact() -> None:
@@ -40,7 +40,7 @@ def test_nothing_is_told_where_nothing_is_done() -> None:
 
 
 def test_times_are_said_as_people_say_them() -> None:
-    assert [told(s) for s in (0.0, 3.0, 12.0, 58.0, 100.0, 5000.0, 6000.0)] == [
+    assert [format_seconds(s) for s in (0.0, 3.0, 12.0, 58.0, 100.0, 5000.0, 6000.0)] == [
         "5 s",
         "5 s",
         "10 s",

@@ -16,7 +16,7 @@ from flexmaps.engine import workers as module
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.workers import Lost, Workers, as_done
+from flexmaps.engine.workers import WorkerDied, Workers, as_done
 
 needs_python = pytest.mark.skipif(module.python() is None, reason="this program is no Python")
 
@@ -104,7 +104,7 @@ def gone(pid: int) -> bool:
 def test_a_process_that_breaks_off_loses_only_its_item(workers):
     calls = [partial(pow, 2, 5), partial(os._exit, 3), *(partial(pow, 2, k) for k in range(6))]
     found = dict(as_done(workers, operator.call, calls))
-    assert isinstance(found[1].exception(), Lost)
+    assert isinstance(found[1].exception(), WorkerDied)
     assert [found[k].result() for k in (0, *range(2, 8))] == [32, *(2**k for k in range(6))]
 
 

@@ -45,7 +45,7 @@ from importlib import metadata
 import typing_extensions
 from bl_ext.user_default.flexmaps.engine import packages
 print("FOUND", *(f"{{name}}={{metadata.version(name)}}" for name in ("shapely", "typing_extensions", "jinja2")))
-print("STRANGERS", sorted(packages.strangers()))
+print("STRANGERS", sorted(packages.replaced_packages()))
 END
 name=script; say blender -b --python script.py
 install broken

@@ -13,7 +13,7 @@ import pytest
 from flexmaps.engine.display.panel_mesh import panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import detail_of
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.runs import job, page_data, report, report_page
 from flexmaps.engine.runs.result import Result
@@ -37,16 +37,16 @@ def result(name: str) -> Result:
 
 def written(found: Result, folder: Path, name: str) -> Path:
     """The folder with both pages of a result."""
-    shown = page_data.Shown.from_result(found)
+    shown = page_data.ViewContent.from_result(found)
     assert shown is not None
     described = report.build(found, source=f"{name}.obj", settings=SETTINGS)
-    drawn = report_page.drawings(found, described, SETTINGS.layout.distortion_limit)
+    drawn = report_page.draw_plots(found, described, SETTINGS.layout.distortion_limit)
 
     def new(path: Any) -> Path:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         return Path(path)
 
-    report_page.write(described, drawn, folder, new, piece=page_data.text(shown, SETTINGS, name))
+    report_page.write(described, drawn, folder, new, piece=page_data.to_json(shown, SETTINGS, name))
     return folder
 
 
@@ -105,13 +105,13 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         panels = panel_mesh(piece.design, detail_of(piece.design))
         drawn = np.full((4 * len(panels.arm), 3), np.nan)
         used = panels.used < len(drawn)
-        arms = panels.placed(bent(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
+        arms = panels.placed(bend_arms(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
         drawn[panels.used[used]] = arms[used]
         assert 1e3 * np.nanmax(np.linalg.norm(1e-3 * corners[: len(drawn)] - drawn, axis=1)) < 0.05
         rim = RimMesh.from_design(piece.design)
         assert rim is not None
         order = np.argsort(rim.quad, kind="stable")
-        place, up = (values[order] for values in rim.placed(bent(piece.design, pose)))
+        place, up = (values[order] for values in rim.placed(bend_arms(piece.design, pose)))
         lift = 0.5 * piece.design.params.thickness * up
         strip = corners[len(drawn) + 2 * len(pose.centres) :].reshape(-1, 2, 3)
         assert np.abs(strip - 1e3 * np.stack([place + lift, place - lift], axis=1)).max() < 0.05

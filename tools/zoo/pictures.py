@@ -28,7 +28,7 @@ table { border-collapse: collapse; margin: 8px 0 20px } td, th { padding: 2px 14
 
 def strip(result: job.Result, distortion: float) -> bytes:
     """A PNG of the plots in ``SHOWN`` beside each other; white where a stage did not run."""
-    made = report_page.drawings(result, {}, distortion)
+    made = report_page.draw_plots(result, {}, distortion)
     whole = Image.new("RGB", (SIZE[0] * len(SHOWN), SIZE[1]), "white")
     for k, name in enumerate(SHOWN):
         if name in made:

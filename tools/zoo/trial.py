@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.materials import STRAINED
+from flexmaps.engine.materials import OVERSTRAIN_SHARE
 from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
@@ -50,7 +50,7 @@ class Clock:
             self.silence[self.stage] = round(max(self.silence.get(self.stage, 0.0), quiet), 3)
             self.wall[self.stage] = round(now[0] - self._start[0], 3)
             self.busy[self.stage] = round(now[1] - self._start[1], 3)
-        if text in job.NAMES and text != self.stage:
+        if text in job.STAGE_NAMES and text != self.stage:
             self.stage, self._start = text, now
             self._write()
         self._told = told
@@ -165,7 +165,10 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
 def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
     assert result.optimisation is not None
     before, after = result.optimisation.before.report(), result.optimisation.after.report()
-    strained = before.get("strain_share_max", 0.0) > STRAINED and after["strain_share_max"] < before["strain_share_max"]
+    strained = (
+        before.get("strain_share_max", 0.0) > OVERSTRAIN_SHARE
+        and after["strain_share_max"] < before["strain_share_max"]
+    )
     worse = after["laplacian_rmse_mm"] > WORSE * before["laplacian_rmse_mm"] and not strained
     return {
         "rmse_mm_before": before["laplacian_rmse_mm"],

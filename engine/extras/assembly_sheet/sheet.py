@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ...colours import hexadecimal, of_patches, of_seams
+from ...colours import hexadecimal, patch_colours, seam_colours
 from ...fabrication.assembly_check import AssemblyCheck
 from ...fabrication.estimates import Estimates, duration
 from ...fabrication.panels.labels import panel_name, seam_name
 from ...fabrication.sheets import CutSheets
 from ...fabrication.writers.pdf import Page, document, text_width
-from ...files import NewFile, replacing
+from ...files import NewFile, write_atomically
 from ...patches.flattening.flatten import FlatPatches
 from ...patches.joining import Join, Step, panel_numbers, steps
 from ...progress import SILENT, Progress
@@ -59,14 +59,14 @@ def write(
     """Write the assembly sheet of a design and return its path.
 
     title : name of the object
-    new : from ``files.replacing_many``, if the sheet must appear together with other files
+    new : from ``files.write_all_atomically``, if the sheet must appear together with other files
     checked : how hard every seam is to join
 
     Raises ``FlexMapsError`` where it cannot be written.
     """
     data = document(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
     if new is None:
-        with replacing(target) as place:
+        with write_atomically(target) as place:
             place.write_bytes(data)
     else:
         new(target).write_bytes(data)
@@ -84,7 +84,7 @@ def pages(
     """Return the pages: an overview with the places of panels on sheets, then the steps, the first with pictures."""
     flat = design.flat
     look = PatchColours(
-        hexadecimal(of_patches(len(flat.layout.patches))), hexadecimal(of_seams(max(len(flat.layout.seams), 1)))
+        hexadecimal(patch_colours(len(flat.layout.patches))), hexadecimal(seam_colours(max(len(flat.layout.seams), 1)))
     )
     progress(0.0, "the order of the steps")
     order = steps(flat.layout)

@@ -28,7 +28,7 @@ import numpy as np
 
 from ...errors import FlexMapsError
 from ...mechanics.arms.cut import FILLET_REACH, TABLE_FILLET
-from ...mechanics.arms.stiffness import tip_compliance
+from ...mechanics.arms.stiffness import table_tip_compliance
 from .coupons import GRAVITY, Coupons, SpiralCoupon
 
 SOFTEST, STIFFEST = 1e6, 1e12  # bounds of a custom material's modulus, Pa
@@ -104,7 +104,7 @@ def spiral_stiffness(made: Coupons, scale: float, width: float, twist: float, yo
     twist : radians
     youngs : Pa
     """
-    compliance = tip_compliance(
+    compliance = table_tip_compliance(
         np.array([scale]), np.array([width]), np.array([twist]),
         thickness=made.thickness, youngs=youngs, poisson=made.poisson,
     ).values[0]  # fmt: skip

@@ -15,8 +15,8 @@ from ...fabrication.panels.kerf import offset, relieved
 from ...fabrication.panels.lettering import length, strokes
 from ...params import ConnectorParams
 from ...spirals.arcs import Curve, biarcs
-from ...spirals.contours import hubs
-from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge
+from ...spirals.contours import find_roots
+from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
 from .bending import fillet
 from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 
@@ -234,18 +234,18 @@ def _slots(sizes: Coupons, one: SpiralCoupon, arms: Arms) -> list[Curve]:
     A hole runs along one arm to the hub, along the next arm to its end, and back along the frame, which holds the ends
     of the arms with perpendicular teeth.
     """
-    roots = hubs(arms, fillet(sizes, one.width))
+    roots = find_roots(arms, fillet(sizes, one.width))
     if roots.missed.any():
         raise FlexMapsError(
             "The spirals of the calibration sheet have no room; use a thicker sheet or a narrower cutter"
         )
     share = np.linspace(0.0, 1.0, SAMPLES + 1)
-    inwards = edge(arms, roots.left[..., None] * share, LEFT)
+    inwards = edge_points(arms, roots.left[..., None] * share, LEFT)
     right = np.roll(roots.right, 1, axis=1)[..., None]
-    outwards = edge(arms, right * share[::-1], RIGHT)
+    outwards = edge_points(arms, right * share[::-1], RIGHT)
     to_hub, hub_bulge = biarcs(inwards[0][0], inwards[1][0])
     from_hub, tip_bulge = biarcs(outwards[0][0], -outwards[1][0])
-    ends = _complex(np.stack([edge(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
+    ends = _complex(np.stack([edge_points(arms, np.zeros((1, 4, 1)), side)[0][0, :, 0] for side in (LEFT, RIGHT)]))
     middle = _complex(centre_line(arms, np.zeros((1, 4, 1)))[0][0, :, 0])
     reach = max(one.width, 2.0 * max(sizes.kerf_holes, sizes.mill))  # the cutter has to pass around the ends
     made = []

@@ -12,7 +12,7 @@ from ...errors import FlexMapsError
 from ...fabrication.nesting.packing import Packing
 from ...fabrication.panels.toolpath import SheetCuts
 from ...fabrication.writers import dxf, pdf, svg
-from ...files import replacing_many
+from ...files import write_all_atomically
 from ...own_files import Guard
 from ...params import CutParams, Settings, SheetParams
 from ...progress import SILENT, Progress
@@ -101,7 +101,7 @@ def write(
         wrong = f"There is no format '{min(unknown)}' of the calibration sheet" if unknown else "No format is chosen"
         raise FlexMapsError(f"{wrong}; choose among {', '.join(WRITERS)}")
     written = []
-    with replacing_many(alone_in=folder, guard=guard) as new:
+    with write_all_atomically(alone_in=folder, guard=guard) as new:
         for key in dict.fromkeys(formats):
             ending, writer = WRITERS[key]
             written.append(folder / f"{name}{ending}")

@@ -18,7 +18,7 @@ from .judge import JudgedLayout
 FILLED = 0.5
 PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
 STRIDE = 1.6  # times the panels of the proposal before that the next one has at most, where there are such layouts
-GIVEN = "as it was"  # origin of the layout with which choosing began
+INITIAL = "as it was"  # origin of the layout with which choosing began
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +145,7 @@ def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
 
 def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
     """Return the proposals worth showing, fewest panels first: the taken one, the given one, and the way to the nearest."""
-    given = [one for one in made if one.judged.laid.origin == GIVEN]
+    given = [one for one in made if one.judged.laid.origin == INITIAL]
     symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
     nearest = {id(one) for one in front([one.judged for one in made])}
     steps = sorted((one for one in made if id(one.judged) in nearest), key=lambda one: one.panels)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import Cancelled, FlexMapsError
-from ...optimisation.remedies import WANTED
+from ...optimisation.remedies import WANTED_PERCENT
 from ...optimisation.work import Work
 from ...params import ChooseParams, LayoutParams
 from ...patches.flattening.flatten import FlatPatches
@@ -33,14 +33,25 @@ from ...simulation.simulate import Simulation
 from ...surface.symmetry import keeping
 from ...workers import Workers
 from .alike import alike
-from .choice import GIVEN, STRIDE, Choice, front
-from .decide import decided, hopeful
-from .judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, judge, lay, optimised, taken_up
-from .lines import along_folds, completed, drawn, planes, unlike
-from .moves import IDEAS, joined, moves
+from .choice import INITIAL, STRIDE, Choice, front
+from .decide import decide, may_replace_initial
+from .judge import (
+    LONG,
+    WHOLE,
+    FlatLayout,
+    Idea,
+    JudgedLayout,
+    LayoutProblem,
+    judge,
+    judge_optimised,
+    lay_flat,
+    panel_curvature,
+)
+from .lines import along_folds, drop_images, equal_cuts, planes, symmetrised
+from .moves import IDEAS, join_seams, moves
 from .predict import PredictionStart
 from .prospects import WORTH
-from .search import LayoutSearch, Together, creeping, key
+from .search import LayoutSearch, Together, clocked_progress, key
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)
@@ -98,10 +109,10 @@ def choose(
     FlexMapsError : not even the given layout takes a shape
     """
     search = LayoutSearch(piece, params, together or Workers(1))
-    first = Laid(given, GIVEN, 1 + len(keeping(piece.symmetries, given.layout.cut)))
+    first = FlatLayout(given, INITIAL, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
     if reached is not None:
-        search.proved[key(first)] = found = optimised(first, reached)
+        search.proved[key(first)] = found = judge_optimised(first, reached)
         search.piece = replace(piece, spirals=found.spirals)  # predictions begin with them too
     try:
         _begin(search, first, progress.part(0.0, BEGUN))
@@ -115,29 +126,31 @@ def choose(
         finished = False
     if not search.judged:
         raise FlexMapsError("No layout of this surface takes a shape: simulate it first and mend what that reports")
-    return decided(search, first, finished)
+    return decide(search, first, finished)
 
 
 def _cut_there(search: LayoutSearch, progress: Progress) -> None:
     """Cut the best layout where its shape misses the target, until it is near enough or no cut improves it."""
     for turn in range(TURNS):
         best = next(iter(search.judged), None)
-        if best is None or (turn and 100.0 * best.rms <= WANTED):
+        if best is None or (turn and 100.0 * best.rms <= WANTED_PERCENT):
             return
         part = progress.part(turn / TURNS, (turn + 1) / TURNS)
         ideas = list(islice(moves(search.piece, best, fewer=False, more=True), IDEAS))
-        made = search.together(partial(lay, search.piece), ideas, part.part(0.0, 0.2), search.said)
+        made = search.together(partial(lay_flat, search.piece), ideas, part.part(0.0, 0.2), search.said)
         search.judge([one for one in made if one is not None], part.part(0.2, 1.0))
         if search.judged[0] is best:
             return
 
 
-def _sought(search: LayoutSearch, first: Laid, progress: Progress) -> None:
+def _sought(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
     """Lay out, judge and change, fill the gaps between what is found, and prove the best."""
     collected, settled, changed, filled = SHARES_IF_OPTIMISED if search.proved else SHARES_OF_TIME
     _collect(search, first, progress.part(0.0, collected))
     search.judge(search.next(SETTLED), progress.part(collected, settled))
-    if search.start is not None and not any(hopeful(search, one) for one in search.judged if one.share < LONG):
+    if search.start is not None and not any(
+        may_replace_initial(search, one) for one in search.judged if one.share < LONG
+    ):
         return
     turns = progress.part(settled, changed)
     for turn in range(TURNS):
@@ -147,7 +160,7 @@ def _sought(search: LayoutSearch, first: Laid, progress: Progress) -> None:
     _prove(search, progress.part(filled, 1.0))
 
 
-def _begin(search: LayoutSearch, first: Laid, progress: Progress) -> None:
+def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
     """Judge the given layout: by a short search where others are compared with it by such, else by its prediction.
 
     Where it was searched before, that is what it comes to.
@@ -172,22 +185,22 @@ def _begin(search: LayoutSearch, first: Laid, progress: Progress) -> None:
         progress(1.0, search.said)
 
 
-def _collect(search: LayoutSearch, first: Laid, progress: Progress) -> None:
+def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
     """Lay out what geometry finds, and meanwhile give the given layout a long search.
 
     What that makes of the prediction tells what to expect of the others, whose long searches start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
-    sketches = [*along_folds(mesh), *planes(mesh, piece.symmetries), *drawn(mesh, MOST_PARTS, piece.symmetries)]
-    sketched = _promising(search, list(unlike(sketches, piece.symmetries)))
+    sketches = [*along_folds(mesh), *planes(mesh, piece.symmetries), *equal_cuts(mesh, MOST_PARTS, piece.symmetries)]
+    sketched = _promising(search, list(drop_images(sketches, piece.symmetries)))
     others: list[Idea | LayoutParams] = [*_merges(search), *(Idea(cut, name) for name, cut in sketched)]
     if piece.symmetries:
         others += [Idea(cut, name, even=True) for name, cut in sketched]
-    others += [Idea(cut, name) for name, cut in completed(first.cut, mesh, piece.symmetries)]
+    others += [Idea(cut, name) for name, cut in symmetrised(first.cut, mesh, piece.symmetries)]
     unsearched = quick is not None and key(first) not in search.proved
     jobs = [first, *others] if unsearched else others
-    most = CURVED * taken_up(first.flat.layout)
-    began, paced = time.monotonic(), creeping(progress, search.pace) if unsearched else progress
+    most = CURVED * panel_curvature(first.flat.layout)
+    began, paced = time.monotonic(), clocked_progress(progress, search.pace) if unsearched else progress
     made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
     search.pace = time.monotonic() - began if unsearched else search.pace
     slow = made.pop(0) if unsearched else None
@@ -201,7 +214,7 @@ def _collect(search: LayoutSearch, first: Laid, progress: Progress) -> None:
 def _promising(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
     """Return as many sketches as may be judged: those first that leave less curvature within panels than all of as few cuts."""
     mesh = search.piece.mesh
-    worth = [(int(cut.sum()), taken_up(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
+    worth = [(int(cut.sum()), panel_curvature(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
     ranked = sorted(range(len(sketches)), key=lambda k: (sum(_beats(other, worth[k]) for other in worth), worth[k], k))
     return [sketches[k] for k in sorted(ranked[: max(search.left, 0)])]
 
@@ -215,25 +228,25 @@ def _merges(search: LayoutSearch) -> list[LayoutParams]:
     return [layout, *shapes, replace(layout, neck_min=NECK * layout.neck_min)]
 
 
-def _limits(search: LayoutSearch, first: Laid) -> tuple[int, float]:
+def _limits(search: LayoutSearch, first: FlatLayout) -> tuple[int, float]:
     """Return the largest number of panels, and the largest distortion of a quad."""
     params, layout = search.params, search.piece.settings.layout
     panels = params.panels if params.goal == "panels" else max(MOST_PANELS * first.panels, MOST_PARTS)
     return panels, max(layout.distortion_limit, float(first.flat.energy.max()))
 
 
-def _fits(laid: Laid, panels: int, limit: float) -> bool:
+def _fits(laid: FlatLayout, panels: int, limit: float) -> bool:
     return laid.panels <= panels and float(laid.flat.energy.max()) <= limit
 
 
-def _ranked(search: LayoutSearch, found: list[Laid]) -> list[Laid]:
+def _ranked(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
     """Layouts in fronts, those first that no other has both fewer joints and less distortion than, from few to many joints.
 
     Where only the distance counts, those with less distortion come first.
     """
     if search.params.goal == "panels":
         return sorted(found, key=lambda one: _worth(one)[1:])
-    ranked: list[Laid] = []
+    ranked: list[FlatLayout] = []
     left = {key(one): (one, _worth(one)) for one in found}
     while left:
         front = [k for k, (_, worth) in left.items() if not any(_beats(other, worth) for _, other in left.values())]
@@ -241,7 +254,7 @@ def _ranked(search: LayoutSearch, found: list[Laid]) -> list[Laid]:
     return ranked
 
 
-def _spread(ordered: list[Laid]) -> list[Laid]:
+def _spread(ordered: list[FlatLayout]) -> list[FlatLayout]:
     """Reorder so that few of the first ones go from end to end: the ends, then the middle of the largest gap, and so on."""
     taken = sorted({0, len(ordered) - 1})
     while len(taken) < len(ordered):
@@ -254,17 +267,17 @@ def _beats(mine: tuple[float, ...], theirs: tuple[float, ...]) -> bool:
     return mine != theirs and all(a <= b for a, b in zip(mine, theirs, strict=True))
 
 
-def _worth(laid: Laid) -> tuple[float, ...]:
+def _worth(laid: FlatLayout) -> tuple[float, ...]:
     """Return the geometric costs of a layout: joints, mean distortion, symmetries lost."""
     areas = laid.flat.layout.mesh.areas
     return laid.joints, round(float(laid.flat.energy @ areas / areas.sum()), 9), -laid.symmetric
 
 
 def _done(
-    piece: LayoutProblem, params: ChooseParams, most: float, job: Laid | Idea | LayoutParams
-) -> JudgedLayout | list[Laid] | None:
+    piece: LayoutProblem, params: ChooseParams, most: float, job: FlatLayout | Idea | LayoutParams
+) -> JudgedLayout | list[FlatLayout] | None:
     """Run one job in a worker: judge a layout by a long search, lay an idea flat, or merge the surface under some limits."""
-    if isinstance(job, Laid):
+    if isinstance(job, FlatLayout):
         return judge(piece, job, LONG)
     if isinstance(job, Idea):
         ideas = [job]
@@ -278,10 +291,10 @@ def _done(
         except FlexMapsError:
             return []
         ideas, most = [Idea(one.cut, "merged under other limits") for one in merged], np.inf
-    return [laid for idea in ideas if (laid := lay(piece, idea, most)) is not None]
+    return [laid for idea in ideas if (laid := lay_flat(piece, idea, most)) is not None]
 
 
-def _changed(search: LayoutSearch, first: Laid, progress: Progress) -> bool:
+def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> bool:
     """Change the best layouts where they miss the target; return whether that has improved or may still improve them."""
     before = search.key(search.judged[0])
     ideas: list[Idea] = []
@@ -299,11 +312,11 @@ def _changed(search: LayoutSearch, first: Laid, progress: Progress) -> bool:
             ideas += changes
     ideas = ideas if counted else ideas[: BASES * share]
     batch = max(len(ideas), 1) if counted else share  # what is ranked has to be laid flat first
-    sound: list[Laid] = []
+    sound: list[FlatLayout] = []
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
             some = ideas[k : k + batch]
-            made = search.together(partial(lay, search.piece), some, progress.part(0.0, 0.2), search.said)
+            made = search.together(partial(lay_flat, search.piece), some, progress.part(0.0, 0.2), search.said)
             sound += [
                 one for one in made if one is not None and _fits(one, *_limits(search, first)) and search.unknown(one)
             ]
@@ -320,7 +333,7 @@ def _prove(search: LayoutSearch, progress: Progress) -> None:
     once, whether there are as many cores or not, so that the result is the same.
     """
     together = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
-    searched: list[Laid] = []
+    searched: list[FlatLayout] = []
     for turn in range(PROVED // together):
         tries = _better(search, together)
         search.prove(tries, progress.part(0.6 * turn * together / PROVED, 0.6 * (turn + 1) * together / PROVED))
@@ -332,15 +345,15 @@ def _prove(search: LayoutSearch, progress: Progress) -> None:
     search.prove([*_undecided(search), *may_hold][:together], progress.part(0.6, 1.0))
 
 
-def _better(search: LayoutSearch, most: int) -> list[Laid]:
+def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
     """Return layouts that are expected to serve the goal better than all that were searched for; with a number of panels, the best others."""
     found: Iterable[JudgedLayout] = search.judged
     if search.params.goal != "panels":
         found = takewhile(lambda one: one.share < LONG, found)
-    return [one.laid for one in found if one.share < LONG and hopeful(search, one)][:most]
+    return [one.laid for one in found if one.share < LONG and may_replace_initial(search, one)][:most]
 
 
-def _undecided(search: LayoutSearch) -> list[Laid]:
+def _undecided(search: LayoutSearch) -> list[FlatLayout]:
     """Return the nearest layout of those that had one long search, where another one decides whether it is taken."""
     nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.eased, default=None)
     if nearest is None:
@@ -356,10 +369,10 @@ def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
     search.judge(made, progress, more=True)
 
 
-def _between(search: LayoutSearch) -> Iterator[Laid]:
+def _between(search: LayoutSearch) -> Iterator[FlatLayout]:
     """Yield layouts that nobody has judged, of more panels than one proposal and far fewer than the next."""
     for few, many in pairwise(front(search.judged)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
-        made = joined(search.piece, many, most) if many.laid.panels > most else None
+        made = join_seams(search.piece, many, most) if many.laid.panels > most else None
         if made is not None and made.panels > few.laid.panels and search.unknown(made):
             yield made

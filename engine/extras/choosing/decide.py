@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ...surface.checking.finding import counted
-from .choice import GIVEN, Choice, Proposal, proposal, worth_showing
-from .judge import LONG, WHOLE, JudgedLayout, Laid
+from .choice import INITIAL, Choice, Proposal, proposal, worth_showing
+from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
 from .prospects import WORTH
-from .search import EXPECTED, NEARER, LayoutSearch, key, short
+from .search import DUPLICATE_TOL, EXPECTED, LayoutSearch, key, short
 
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 ENOUGH = 1.05
 
 
-def decided(search: LayoutSearch, first: Laid, finished: bool) -> Choice:
+def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     """Return the choice among all judged layouts.
 
     Parameters
@@ -36,7 +36,7 @@ def decided(search: LayoutSearch, first: Laid, finished: bool) -> Choice:
     made = {id(one): proposal(one, settings, settings.material.chosen) for one in judged}
     shown = worth_showing([made[id(one)] for one in judged], made[id(best)])
     reached = search.holds(best)
-    given = next((one for one in made.values() if one.judged.laid.origin == GIVEN), None)
+    given = next((one for one in made.values() if one.judged.laid.origin == INITIAL), None)
     return Choice(
         tuple(shown),
         shown.index(made[id(best)]),
@@ -48,7 +48,7 @@ def decided(search: LayoutSearch, first: Laid, finished: bool) -> Choice:
     )
 
 
-def pick(search: LayoutSearch, judged: list[JudgedLayout], first: Laid) -> JudgedLayout:
+def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
     """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
     # a prediction may promise too much, so that what was searched for comes first
     best = next((one for one in judged if one.share), judged[0])
@@ -63,11 +63,11 @@ def pick(search: LayoutSearch, judged: list[JudgedLayout], first: Laid) -> Judge
         alike = [given] if given is not None and search.holds(given) and given in alike else []
     alike.append(best)
     if given is not None and given.share >= WHOLE and search.holds(given) == search.holds(best):
-        alike = [one for one in alike if one is given or (1.0 + NEARER) * one.eased < given.rms] or [given]
+        alike = [one for one in alike if one is given or (1.0 + DUPLICATE_TOL) * one.eased < given.rms] or [given]
     return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
 
 
-def hopeful(search: LayoutSearch, one: JudgedLayout) -> bool:
+def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
     """Return whether a layout would be taken in place of the given one if a search brought what is expected; true where that was not optimised."""
     given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
     if given is None:

@@ -24,7 +24,7 @@ from ...spirals.design import curvature_adjusted, make_fabricable
 from ...surface import curvature
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
-from .lines import evenly
+from .lines import open_symmetrically
 
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
@@ -73,7 +73,7 @@ class Idea:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class FlatLayout:
     """An idea laid flat, every panel within its sheet."""
 
     flat: FlatPatches
@@ -104,14 +104,14 @@ class JudgedLayout:
     """Match, strains and making figures of a layout's assembled panels.
 
     rms, largest : distance from the target as a share of its size; strain : share of what the material bears
-    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.NAMES``
+    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.REASON_NAMES``
     advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
     share : of the patience that it was given; 0 where the match is predicted, not searched for
     cut_length : metres of cuts, without connectors; contours : how many closed curves they are; None where nobody has drawn them
     spirals : widths and twists, as in ``LayoutProblem``; flat : the panels as the search has left them, which may move their flat shapes
     """
 
-    laid: Laid
+    laid: FlatLayout
     rms: float
     largest: float
     strain: float
@@ -136,7 +136,7 @@ class JudgedLayout:
         return self.rms * max(1.0, self.strain) ** EASED if LONG <= self.share < WHOLE else self.rms
 
 
-def lay(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> Laid | None:
+def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> FlatLayout | None:
     """An idea laid flat: what is no disk is opened, crumbs are joined, what is larger than a sheet is cut. None where that
     cannot be, or where it would be no other than one that is not ``even``.
 
@@ -145,11 +145,11 @@ def lay(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progre
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
         inner = idea.cut & ~piece.mesh.border
-        cut = evenly(inner, piece.mesh, piece.symmetries) if idea.even else inner
+        cut = open_symmetrically(inner, piece.mesh, piece.symmetries) if idea.even else inner
         if cut is None:
             return None
         disks = make_disks(PatchLayout(piece.mesh, cut))
-        if taken_up(disks) > most:
+        if panel_curvature(disks) > most:
             return None
         disks = without_crumbs(disks, layout, piece.symmetries, progress)
         flat = split(flatten(disks, layout, progress), layout, sheet, progress)
@@ -157,16 +157,20 @@ def lay(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progre
         return None
     if overlapping(flat):
         return None
-    return Laid(flat, idea.origin, 1 + len(keeping(piece.symmetries, flat.layout.cut)))
+    return FlatLayout(flat, idea.origin, 1 + len(keeping(piece.symmetries, flat.layout.cut)))
 
 
-def taken_up(layout: PatchLayout) -> float:
+def panel_curvature(layout: PatchLayout) -> float:
     """Return the curvature within the most curved panel, radians."""
     return float(np.bincount(layout.patch_of, angle_defects(layout)).max())
 
 
 def judge(
-    piece: LayoutProblem, laid: Laid, share: float = SHORT, progress: Progress = SILENT, thorough: bool | None = None
+    piece: LayoutProblem,
+    laid: FlatLayout,
+    share: float = SHORT,
+    progress: Progress = SILENT,
+    thorough: bool | None = None,
 ) -> JudgedLayout | None:
     """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
 
@@ -202,13 +206,13 @@ def judge(
         if not found.after.equilibrium.converged:
             return None
         return _drawn(
-            judged(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after
+            judge_shape(laid, found.after, find_limits(found, remedies=False), share, thorough=thorough), found.after
         )
     except FlexMapsError:
         return None
 
 
-def optimised(laid: Laid, found: Simulation) -> JudgedLayout:
+def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
     """Judge a layout whose spirals are optimised already.
 
     Parameters
@@ -216,7 +220,7 @@ def optimised(laid: Laid, found: Simulation) -> JudgedLayout:
     laid : the layout
     found : its spirals at rest
     """
-    return _drawn(judged(laid, found, find_limits(found, remedies=False), WHOLE, thorough=True), found)
+    return _drawn(judge_shape(laid, found, find_limits(found, remedies=False), WHOLE, thorough=True), found)
 
 
 def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
@@ -225,7 +229,9 @@ def _drawn(known: JudgedLayout, found: Simulation) -> JudgedLayout:
     return replace(known, cut_length=sum(curve.length for curve in curves), contours=len(curves))
 
 
-def judged(laid: Laid, found: Simulation, limits: MatchLimits, share: float, *, thorough: bool) -> JudgedLayout:
+def judge_shape(
+    laid: FlatLayout, found: Simulation, limits: MatchLimits, share: float, *, thorough: bool
+) -> JudgedLayout:
     """Judge a layout by its shape at equilibrium, without figures of cutting.
 
     Parameters

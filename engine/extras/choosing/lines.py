@@ -111,7 +111,7 @@ def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray)
     return Family(line_of[strip][inner], at[:-1][inner], length, closed)
 
 
-def drawn(
+def equal_cuts(
     mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Equal strips, rings and petals of up to so many parts, each with its name and where it is cut, (E,) bool.
@@ -170,7 +170,7 @@ def planes(mesh: QuadMesh, symmetries: Sequence[Symmetry]) -> Iterator[tuple[str
         yield "along all mirror planes", np.any(found, axis=0)
 
 
-def unlike(
+def drop_images(
     sketches: Iterable[tuple[str, Bool[np.ndarray, " edges"]]], symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """Drop sketches that are images of earlier ones: two of the sixteen mirror planes along a torus of 32 quads remain."""
@@ -182,7 +182,7 @@ def unlike(
             yield name, cut
 
 
-def completed(
+def symmetrised(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """A layout made symmetric: with its images, or one half of it on both sides of a mirror plane; a name and (E,) bool each."""
@@ -203,7 +203,7 @@ def completed(
         yield from ((name, one) for one in sorted(sound, key=lambda one: int(one.sum()))[:COMPLETED])
 
 
-def evenly(
+def open_symmetrically(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Bool[np.ndarray, " edges"] | None:
     """Symmetric cuts whose tubes and rings are opened in images of one cut, with the fewest of them.

@@ -7,18 +7,18 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...arrays import Float, Int
-from ...optimisation.reach import NAMES
+from ...optimisation.reach import REASON_NAMES
 from ...patches.layout import PatchLayout, straight_on
 from ...patches.merging.dissolve import bounded
 from ...patches.tracing.trace import middle_line
 from ...simulation.shortfall import angle_defects
 from ...surface.symmetry import Symmetry, keeping
-from .judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
+from .judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
 IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
 # reasons that limit a spiral's match (see ``reach``) and that another cut can remove
-MENDED = tuple(NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
+MENDED = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
 OTHERWISE = (
     0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
 )
@@ -38,10 +38,10 @@ def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool
         return Idea(cut & ~layout.mesh.border, origin)
 
     if more:
-        for edges, origin in cuts(layout, blamed(judged)):
+        for edges, origin in cuts(layout, mismatch_weights(judged)):
             yield changed(edges, True, origin)
     if fewer:
-        for edges in weakest(layout, blamed(judged))[:PLACES]:
+        for edges in weakest(layout, mismatch_weights(judged))[:PLACES]:
             joined = changed(edges, False, "joined")
             if PatchLayout(layout.mesh, joined.cut).planar.all():
                 yield joined
@@ -52,12 +52,12 @@ def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry])
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 
-def blamed(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
+def mismatch_weights(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
     """Return (F,) each quad's share in the mismatch, weighted by whether another cut could remove its reason."""
-    return weighed(judged.blame, judged.kind)
+    return weight_mismatch(judged.blame, judged.kind)
 
 
-def weighed(blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]) -> Float[np.ndarray, " quads"]:
+def weight_mismatch(blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]) -> Float[np.ndarray, " quads"]:
     """Weight differences of bending by whether another cut could remove their reason, ``kind`` as in ``reach``."""
     return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
 
@@ -124,12 +124,12 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
                 break
 
 
-def joined(piece: LayoutProblem, judged: JudgedLayout, most: int) -> Laid | None:
+def join_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
     """Return a judged layout with seams opened until it has at most so many panels, within the limits; None where those forbid it.
 
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
     """
-    layout, params, blame = judged.laid.flat.layout, piece.settings.layout, blamed(judged)
+    layout, params, blame = judged.laid.flat.layout, piece.settings.layout, mismatch_weights(judged)
     board = bounded(layout, params, piece.symmetries)
     while len(board.pieces) > most:
         for seam in weakest(board.layout, blame):
@@ -138,7 +138,7 @@ def joined(piece: LayoutProblem, judged: JudgedLayout, most: int) -> Laid | None
                 break
         else:
             return None
-    return lay(piece, Idea(board.cut & ~layout.mesh.border, "joined"))
+    return lay_flat(piece, Idea(board.cut & ~layout.mesh.border, "joined"))
 
 
 def weakest(layout: PatchLayout, blame: np.ndarray) -> list[Int[np.ndarray, " _"]]:

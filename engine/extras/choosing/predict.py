@@ -32,7 +32,7 @@ from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign, curvature_adjusted, make_fabricable
 from ...surface import curvature
-from .judge import JudgedLayout, Laid, LayoutProblem, judged
+from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
 DAMPING = 1e-4  # share of the objective that going from end to end along one coordinate costs
@@ -57,7 +57,7 @@ class PredictionStart:
         return cls((design.width, design.twist), _task(piece).space(design, progress))
 
 
-def predicted(
+def predict(
     piece: LayoutProblem,
     flat: FlatPatches,
     start: PredictionStart | None = None,
@@ -85,8 +85,8 @@ def predicted(
     return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress), further)
 
 
-def foreseen(
-    piece: LayoutProblem, start: PredictionStart, laid: Laid, progress: Progress = SILENT
+def judge_by_prediction(
+    piece: LayoutProblem, start: PredictionStart, laid: FlatLayout, progress: Progress = SILENT
 ) -> JudgedLayout | None:
     """Return a layout judged by its prediction, not by a search; None where it takes no shape.
 
@@ -102,7 +102,7 @@ def foreseen(
         if not np.isfinite(rms):
             return None
         rested = _task(piece).rested(design, point)
-        found = judged(laid, rested, find_limits(rested, remedies=False), 0.0, thorough=False)
+        found = judge_shape(laid, rested, find_limits(rested, remedies=False), 0.0, thorough=False)
     except FlexMapsError:
         return None
     return replace(found, rms=rms, largest=found.largest * rms / max(found.rms, rms))
@@ -119,7 +119,7 @@ def _rest(
     free, movable = problem.space.free, design.rim is None
     shapes = FlatRange.from_patches(
         flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
-    )  # ``renewed`` decides the weight
+    )  # ``update_stiffness`` decides the weight
     whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
     return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()

@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.laplacian import laplacian_difference
-from ...mechanics.loads import LOWEST, standing
+from ...mechanics.loads import LOWEST, parse_supports
 from ...optimisation.optimise import optimise
 from ...optimisation.reach import MatchLimits
 from ...optimisation.remedies import CUT, wanted_percent
@@ -26,9 +26,9 @@ from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation
 from ...surface.checking.folds import rounded
 from ...surface.mesh import PolygonMesh, QuadMesh
-from .judge import SHORT, Idea, LayoutProblem, judge, lay
-from .moves import IDEAS, weighed, with_cuts
-from .predict import PredictionStart, predicted
+from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
+from .moves import IDEAS, weight_mismatch, with_cuts
+from .predict import PredictionStart, predict
 
 BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
 WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; not measured
@@ -61,7 +61,7 @@ def prospects(
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
-    ideas = with_cuts(found.design.flat.layout, weighed(_mismatch(found), limits.kind))
+    ideas = with_cuts(found.design.flat.layout, weight_mismatch(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
     design, smooth = found.design, found.target.moved(rounded(PolygonMesh.from_quads(found.target)))
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
@@ -87,18 +87,18 @@ class _Promise:
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches) -> None:
         self.start = None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat)
-        self.now = predicted(piece, flat, self.start) if self.start else np.inf
+        self.now = predict(piece, flat, self.start) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
         """Return whether it gains enough to be worth a search."""
-        return self.start is None or predicted(piece, flat, self.start) <= WORTH * self.now
+        return self.start is None or predict(piece, flat, self.start) <= WORTH * self.now
 
 
 def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
     """Return the sets of quads at which a piece could be held, if enough quads remain free to bend; each set once."""
     border = np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
     found: dict[bytes, tuple[str, np.ndarray]] = {}
-    for name, quads in ((LOWEST, standing(mesh, LOWEST)), (BORDER, border)):
+    for name, quads in ((LOWEST, parse_supports(mesh, LOWEST)), (BORDER, border)):
         if 0 < len(quads) <= MOST_HELD * len(mesh.quads):
             found.setdefault(np.sort(quads).tobytes(), (name, quads))
     return list(found.values())
@@ -132,7 +132,7 @@ def _held(
 
 def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress) -> float:
     """Percent that a short search comes near in another layout; infinite where none is worth it, or it cannot be laid flat."""
-    laid = lay(piece, idea, progress=progress)
+    laid = lay_flat(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):
         return np.inf
     judged = judge(piece, laid, progress=progress)

@@ -15,8 +15,8 @@ from ...params import ChooseParams
 from ...progress import Progress
 from ...surface.checking.finding import counted
 from ...workers import cores
-from .judge import LONG, JudgedLayout, Laid, LayoutProblem, judge
-from .predict import PredictionStart, foreseen
+from .judge import LONG, FlatLayout, JudgedLayout, LayoutProblem, judge
+from .predict import PredictionStart, judge_by_prediction
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
@@ -26,7 +26,7 @@ PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows 
 # Seconds that a layout takes to judge for one of the given one, by the clock: 1.6 to 2.8 on six surfaces, with two at once
 HARDER = 2.0
 FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
-NEARER = (
+DUPLICATE_TOL = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
 )
 # Expected distance after a long search over the distance after a short one: measured 0.36 to 0.67 for layouts of 986 quads, less for those of 150
@@ -47,7 +47,7 @@ class LayoutSearch:
     first: float = 0.0  # seconds that the given layout took to judge, by the clock
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
     proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
-    waiting: list[Laid] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
+    waiting: list[FlatLayout] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
 
     @property
     def one(self) -> float:
@@ -59,7 +59,7 @@ class LayoutSearch:
         """Number of layouts that may still be judged."""
         return int(np.clip(BUDGET / self.one, FEWEST, MOST)) - len(self.known)
 
-    def unknown(self, laid: Laid) -> bool:
+    def unknown(self, laid: FlatLayout) -> bool:
         """Return whether a layout has not been judged yet."""
         return key(laid) not in self.known
 
@@ -86,14 +86,14 @@ class LayoutSearch:
         if self.params.goal == "panels":
             few = laid.panels <= self.params.panels
             return (0.0, rms, *work) if few else (1.0, float(laid.panels), *work)
-        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + NEARER) * self.reference
+        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + DUPLICATE_TOL) * self.reference
         return (0.0, *work) if rms <= limit else (1.0, rms, *work)
 
     def holds(self, one: JudgedLayout) -> bool:
         """Return whether a layout meets the goal."""
         return self.key(one)[0] == 0.0
 
-    def next(self, share: float) -> list[Laid]:
+    def next(self, share: float) -> list[FlatLayout]:
         """The most promising layouts, as many as a share of what is left; one at least is symmetric, where any is."""
         taken = self.waiting[: int(share * self.left)]
         symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
@@ -101,13 +101,13 @@ class LayoutSearch:
             taken[-1] = symmetric
         return taken
 
-    def judge(self, laid: Iterable[Laid], progress: Progress, *, more: bool = False) -> None:
+    def judge(self, laid: Iterable[FlatLayout], progress: Progress, *, more: bool = False) -> None:
         """Judge layouts that are not known yet, as many as there still may be, or ``more``: by predictions where there is a start."""
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
-        way = partial(judge, self.piece) if self.start is None else partial(foreseen, self.piece, self.start)
+        way = partial(judge, self.piece) if self.start is None else partial(judge_by_prediction, self.piece, self.start)
         ahead = min(1.0, cores() / max(len(fresh), 1))
-        paced = creeping(progress, HARDER * self.first / ahead, ahead)
+        paced = clocked_progress(progress, HARDER * self.first / ahead, ahead)
         found = self.together(way, fresh, paced, self.said)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
@@ -127,7 +127,7 @@ class LayoutSearch:
         self.expect([given])
         self.piece = replace(self.piece, spirals=given.spirals)
 
-    def prove(self, laid: Sequence[Laid], progress: Progress) -> None:
+    def prove(self, laid: Sequence[FlatLayout], progress: Progress) -> None:
         """Judge known layouts by a long search, or go on from the spirals of the one that they have had.
 
         Those that lose their shape by it are known as such, or stay as they were.
@@ -136,7 +136,7 @@ class LayoutSearch:
         for one in laid:
             before = self.proved.get(key(one))
             tries.append((self.piece if before is None else replace(self.piece, spirals=before.spirals), one))
-        found = self.together(_proved, tries, creeping(progress, self.pace), self.said)
+        found = self.together(_proved, tries, clocked_progress(progress, self.pace), self.said)
         for one, made in zip(laid, found, strict=True):
             before = self.proved.get(key(one))
             if made is not None and (before is None or made.eased < before.eased):
@@ -145,11 +145,11 @@ class LayoutSearch:
                 self.known[key(one)] = None
 
 
-def _proved(tried: tuple[LayoutProblem, Laid]) -> JudgedLayout | None:
+def _proved(tried: tuple[LayoutProblem, FlatLayout]) -> JudgedLayout | None:
     return judge(*tried, LONG)
 
 
-def creeping(progress: Progress, seconds: float, ahead: float | None = None) -> Progress:
+def clocked_progress(progress: Progress, seconds: float, ahead: float | None = None) -> Progress:
     """Return a progress that advances with the clock, for work that reports nothing near its end.
 
     Parameters
@@ -174,12 +174,12 @@ def creeping(progress: Progress, seconds: float, ahead: float | None = None) -> 
     return replace(progress, report=tell)
 
 
-def key(laid: Laid) -> bytes:
+def key(laid: FlatLayout) -> bytes:
     """Return a key that identifies a layout of the surface."""
     return np.packbits(laid.cut).tobytes()
 
 
-def short(laid: Laid, rms: float) -> str:
+def short(laid: FlatLayout, rms: float) -> str:
     """Describe a layout by its panels and distance in a few words."""
     panels = counted(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

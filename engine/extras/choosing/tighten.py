@@ -20,9 +20,9 @@ from ...patches.merging.merge import merge
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat
 from ...threads import one_thread
-from .judge import Idea, LayoutProblem, lay
+from .judge import Idea, LayoutProblem, lay_flat
 from .lines import along_folds
-from .predict import PredictionStart, predicted
+from .predict import PredictionStart, predict
 
 SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again
 NEARER = (
@@ -35,7 +35,7 @@ FURTHER = 1
 
 
 @one_thread
-def tightened(
+def tighten(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
     """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
@@ -91,7 +91,7 @@ def tightened(
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
     """Yield the surface cut along its folds, where there are any."""
     for name, cut in along_folds(piece.mesh):
-        laid = lay(piece, Idea(cut, name), progress=progress.quiet())
+        laid = lay_flat(piece, Idea(cut, name), progress=progress.quiet())
         if laid is not None:
             yield laid.flat
 
@@ -118,6 +118,6 @@ def _panels(flat: FlatPatches) -> int:
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
     try:
-        return predicted(piece, flat, start, progress.quiet(), further=FURTHER)
+        return predict(piece, flat, start, progress.quiet(), further=FURTHER)
     except FlexMapsError:
         return np.inf

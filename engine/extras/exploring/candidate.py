@@ -22,7 +22,7 @@ from ...surface.mesh import PolygonMesh, QuadMesh
 from ...workers import Workers
 from ..choosing import choose
 from ..choosing.choice import proposal
-from ..choosing.judge import JudgedLayout, Laid, LayoutProblem, judge
+from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
 # Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
@@ -73,7 +73,7 @@ class Candidate:
         return {**self.values, **self.measures, "advice": self.advice, "fault": self.fault}
 
 
-def evaluate(base: ExplorationInput, values: Values) -> Candidate:
+def evaluate_candidate(base: ExplorationInput, values: Values) -> Candidate:
     """Make and measure the candidate with these values; a FlexMapsError goes into ``Candidate.fault``, other errors propagate."""
     try:
         settings = with_values(base.settings, {name: value for name, value in values.items() if name not in SIZES})
@@ -101,19 +101,21 @@ def _scale_mesh(mesh: QuadMesh, values: Values) -> QuadMesh:
     return mesh
 
 
-def _lay_out(base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values) -> Laid:
+def _lay_out(
+    base: ExplorationInput, start: StartSurface, mesh: QuadMesh, settings: Settings, values: Values
+) -> FlatLayout:
     """Return the flat patches of a candidate, in the layout of ``start`` unless the layout is varied."""
     surface = Surface(PolygonMesh.from_quads(mesh), [], mesh)
     result = Result(surface, UserInput(supports=base.supports, force=base.force))
     if any(name.startswith("layout.") for name in values):
-        result = job.go_on(result, settings, ("trace", "merge", "split"))
+        result = job.run_stages(result, settings, ("trace", "merge", "split"))
     else:
-        result = job.go_on(by_hand.flattened(result, start.cut, settings), settings, ("split",))
+        result = job.run_stages(by_hand.flattened(result, start.cut, settings), settings, ("split",))
     flat = result.needed(FinalLayout).flat
     if any(name.startswith("choose.") for name in values):
         piece = LayoutProblem(mesh, settings, base.supports, base.force)
         flat = choose.choose(piece, flat, settings.choose, together=Workers(1)).best.flat
-    return Laid(flat, "", 1)
+    return FlatLayout(flat, "", 1)
 
 
 def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
@@ -136,7 +138,7 @@ def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> di
     return {name: float(f"{value:.4g}") for name, value in found.items() if math.isfinite(value)}
 
 
-def _draw(laid: Laid) -> str:
+def _draw(laid: FlatLayout) -> str:
     """Draw the surface in the colours of its panels, as SVG."""
     layout = laid.flat.layout
     sides = layout.cut[layout.mesh.quad_edges]

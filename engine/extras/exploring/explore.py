@@ -21,8 +21,8 @@ from ... import MARK
 from ...arrays import Float
 from ...errors import Cancelled, FlexMapsError
 from ...progress import SILENT, Progress
-from ...workers import Lost, as_done
-from .candidate import Candidate, ExplorationInput, evaluate, failed_candidate
+from ...workers import WorkerDied, as_done
+from .candidate import Candidate, ExplorationInput, evaluate_candidate, failed_candidate
 from .space import Space, Values
 
 # The first two were measured on four test functions of two to five variables, mean of six seeds, 60 and 200 candidates: batches of 6
@@ -152,7 +152,7 @@ class _RunningExploration:
             one = future.result() if error is None else failed_candidate(missing[number], _as_exception(error))
             self.known[key(missing[number])] = one
             if not isinstance(
-                error, Lost
+                error, WorkerDied
             ):  # a lost process is not recorded, because with more memory the candidate may succeed
                 self.found(one)
         return len(fresh)
@@ -177,7 +177,7 @@ def explore(
     known: Iterable[Candidate] = (),
     found: OnCandidate = lambda one: None,
     seed: int = 0,
-    task: Callable[[ExplorationInput, Values], Candidate] = evaluate,
+    task: Callable[[ExplorationInput, Values], Candidate] = evaluate_candidate,
 ) -> Exploration:
     """Try up to ``count`` candidates; after a cancel return those tried so far.
 

@@ -19,7 +19,7 @@ from .candidate import Candidate, ExplorationInput
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
 
-TRIED = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
+CANDIDATES_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
 TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
 AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of its values' range; chosen by eye
 
@@ -41,14 +41,18 @@ class Folder:
     def __init__(self, path: str | Path, base: ExplorationInput, space: Space, guard: Guard | None = None):
         self.path, self.guard = Path(path), guard
         if guard is not None:
-            refuse(self.path, guard)
+            refuse_to_replace(self.path, guard)
         self.known: list[Candidate] = []
         mark = {"of": _fingerprint(base), "varied": [variable.name for variable in space.variables]}
         try:
             self.path.mkdir(parents=True, exist_ok=True)
-            lines = (self.path / TRIED).read_text(encoding="utf-8").splitlines() if (self.path / TRIED).exists() else []
+            lines = (
+                (self.path / CANDIDATES_FILE).read_text(encoding="utf-8").splitlines()
+                if (self.path / CANDIDATES_FILE).exists()
+                else []
+            )
         except (OSError, ValueError) as error:
-            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+            raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
         if lines and _parse(lines[0]) != mark:
             raise FlexMapsError(f"Another piece or other variables were explored in {self.path}; give another folder")
         for line in lines[1:]:
@@ -56,9 +60,9 @@ class Folder:
             if isinstance(row, dict) and row.keys() == {"values", "measures", "advice", "fault", "picture"}:
                 self.known.append(Candidate(**row))
         try:
-            self._stream = (self.path / TRIED).open("a", encoding="utf-8")
+            self._stream = (self.path / CANDIDATES_FILE).open("a", encoding="utf-8")
         except OSError as error:
-            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+            raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
         self._append("" if not lines else "\n")  # ends a line that an earlier run has written by half
         if not lines:
             self._append(json.dumps(mark) + "\n")
@@ -76,7 +80,7 @@ class Folder:
     def write(self, made: Exploration) -> dict[str, Any]:
         """Write the table, the report, the plot of the front and a picture of every candidate; return the report."""
         described, front = made.report(), made.front
-        with files.replacing_many(
+        with files.write_all_atomically(
             self.path.glob("candidate-*.svg"), None if self.guard is None else self.path, self.guard
         ) as new:
             names = [variable.name for variable in made.space.variables]
@@ -85,7 +89,7 @@ class Folder:
                 table.writeheader()
                 for number, one in enumerate(made.candidates):
                     row = {"number": number, "front": int(one in front), **one.row()}
-                    table.writerow({name: cell(value) for name, value in row.items()})
+                    table.writerow({name: escape_formula(value) for name, value in row.items()})
             new(self.path / REPORT).write_text(json.dumps(described, indent=2) + "\n", encoding="utf-8")
             new(self.path / PLOT).write_text(svg(plot(made)), encoding="utf-8")
             for number, one in enumerate(made.candidates):
@@ -99,15 +103,15 @@ class Folder:
             self._stream.write(text)
             self._stream.flush()
         except OSError as error:
-            raise FlexMapsError(f"{self.path}: {files.reason(error)}") from None
+            raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
 
 
-def refuse(path: Path, guard: Guard) -> None:
+def refuse_to_replace(path: Path, guard: Guard) -> None:
     """Raise FlexMapsError if an exploration in the folder ``path`` would replace files that ``guard`` keeps."""
     guard.check([*(path / name for name in (TABLE, REPORT, PLOT)), *path.glob("candidate-*.svg")], path)
 
 
-def cell(value: Any) -> Any:
+def escape_formula(value: Any) -> Any:
     """Return a value for a table; texts that a spreadsheet would run as a formula get an apostrophe (owasp.org, CSV Injection)."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...materials import STRAINED
-from ...params import SHOWN, Settings, shown_values, with_values
+from ...materials import OVERSTRAIN_SHARE
+from ...params import SHOWN, Settings, values_in_shown_units, with_values
 from .explore_params import ExploreParams
 
 Values = dict[str, Any]
@@ -37,7 +37,7 @@ MEASURES = {
     "join_minutes": "Joining (min)",
 }
 MINIMISED = ("rms_percent", "strain_share")  # by default
-GOALS = ("rms_percent<=1", f"strain_share<={STRAINED:.2g}")
+GOALS = ("rms_percent<=1", f"strain_share<={OVERSTRAIN_SHARE:.2g}")
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class Space:
         return sum(goal.missed(measures) for goal in self.goals)
 
 
-def variable(name: str, given: Any, settings: Settings) -> Variable:
+def parse_variable(name: str, given: Any, settings: Settings) -> Variable:
     """Return a variable from its name and range.
 
     Parameters
@@ -170,7 +170,7 @@ def variable(name: str, given: Any, settings: Settings) -> Variable:
     return Variable(name, choices=choices)
 
 
-def goal(text: str) -> Goal:
+def parse_goal(text: str) -> Goal:
     """Return a goal from "measure<=number" or "measure>=number"; raise FlexMapsError for any other text."""
     for sign in ("<=", ">="):
         measure, found, limit = text.partition(sign)
@@ -180,26 +180,26 @@ def goal(text: str) -> Goal:
     raise FlexMapsError(f"'{text}' is not a goal; give it as rms_percent<=1")
 
 
-def space(
+def make_space(
     vary: Mapping[str, Any], settings: Settings, goals: Sequence[str] = GOALS, minimised: Sequence[str] = MINIMISED
 ) -> Space:
     """Return the question with these variables, goals and measures.
 
     Parameters
     ----------
-    vary : ranges by the names of variables, as in ``variable``
+    vary : ranges by the names of variables, as in ``parse_variable``
     settings : of the piece
-    goals : as in ``goal``
+    goals : as in ``parse_goal``
     minimised : two names of ``MEASURES``
 
     Raises
     ------
     FlexMapsError : a variable, a goal or a measure cannot be understood, or they contradict each other
     """
-    variables = tuple(variable(name, given, settings) for name, given in vary.items())
+    variables = tuple(parse_variable(name, given, settings) for name, given in vary.items())
     if len(minimised) != 2:
         raise FlexMapsError("Give two measures to minimise, such as rms_percent and join_minutes")
-    return Space(variables, tuple(goal(text) for text in goals), (minimised[0], minimised[1]))
+    return Space(variables, tuple(parse_goal(text) for text in goals), (minimised[0], minimised[1]))
 
 
 # variable of every switch in ``ExploreParams``
@@ -213,7 +213,7 @@ SWITCH_VARIABLES = {
 }
 
 
-def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
+def space_of_switches(params: ExploreParams, settings: Settings, edge: float) -> Space:
     """Return the question of the sidebar's switches.
 
     Parameters
@@ -223,7 +223,7 @@ def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
     edge : present median edge of the quads, millimetres
     """
     vary: dict[str, Any] = {"edge": (edge / params.ratio, edge * params.ratio)} if params.vary_size else {}
-    present, known = shown_values(settings), _fields(settings)
+    present, known = values_in_shown_units(settings), _fields(settings)
     for switch, name in SWITCH_VARIABLES.items():
         if not getattr(params, switch):
             continue
@@ -238,7 +238,7 @@ def usual(params: ExploreParams, settings: Settings, edge: float) -> Space:
             min(value * params.ratio, factor * f.metadata["high"]),
         )
     goals = [f"rms_percent<={params.largest:g}", GOALS[1]] + ([f"sheets<={params.sheets}"] if params.sheets else [])
-    return space(vary, settings, goals, MINIMISED)
+    return make_space(vary, settings, goals, MINIMISED)
 
 
 def _fields(settings: Settings) -> dict[str, Field[Any]]:

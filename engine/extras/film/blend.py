@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from ...arrays import Float, Int
 from ...mechanics.assembly import Pose
-from ...mechanics.vectors import exponential, rotation_vector, times
+from ...mechanics.vectors import matvec, rotation_matrix, rotation_vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,10 @@ class Blend:
         back = np.swapaxes(start.rotations, 1, 2)
         turns = _unwind(rotation_vector(end.rotations @ back), graph, part)
         gaps = np.stack(
-            [times(np.swapaxes(_half_way_frames(pose, pairs), 1, 2), _gap(pose, pairs, lever)) for pose in (start, end)]
+            [
+                matvec(np.swapaxes(_half_way_frames(pose, pairs), 1, 2), _gap(pose, pairs, lever))
+                for pose in (start, end)
+            ]
         )
         # joints connect the hubs, and a weak spring holds each in place
         ends = sparse.coo_matrix(
@@ -58,9 +61,9 @@ class Blend:
     def at(self, share: float) -> Pose:
         """Return the pose at a share of the path."""
         centres = (1.0 - share) * self.start.centres + share * self.end.centres
-        here = Pose(centres, exponential(share * self.turns) @ self.start.rotations)
+        here = Pose(centres, rotation_matrix(share * self.turns) @ self.start.rotations)
         left = (1.0 - share) * self.gaps[0] + share * self.gaps[1]
-        wanted = times(_half_way_frames(here, self.pairs), left) - _gap(here, self.pairs, self.lever)
+        wanted = matvec(_half_way_frames(here, self.pairs), left) - _gap(here, self.pairs, self.lever)
         moved = self.solve(wanted)
         # the mean of each part moves along a straight line
         return Pose(centres + moved - means(moved, self.part)[self.part], here.rotations)
@@ -81,7 +84,7 @@ def _gap(pose: Pose, pairs: np.ndarray, lever: np.ndarray) -> np.ndarray:
 def _half_way_frames(pose: Pose, pairs: np.ndarray) -> np.ndarray:
     """Return (m, 3, 3) the frames half-way between two hubs."""
     first, second = pose.rotations[pairs[:, 0]], pose.rotations[pairs[:, 1]]
-    return first @ exponential(0.5 * rotation_vector(np.swapaxes(first, 1, 2) @ second))
+    return first @ rotation_matrix(0.5 * rotation_vector(np.swapaxes(first, 1, 2) @ second))
 
 
 def _unwind(turns: np.ndarray, graph: sparse.csr_matrix, part: np.ndarray) -> np.ndarray:

@@ -18,9 +18,9 @@ from ...arrays import Float, Int
 from ...display.panel_mesh import Detail, PanelMesh, panel_mesh
 from ...fabrication.connectors.tips import Tip
 from ...materials import Material
-from ...mechanics.arms.bent import CLOSE, Bender
+from ...mechanics.arms.bent import TIP_TOLERANCE, Bender
 from ...mechanics.assembly import Pose, nearest_rotation, rest_joints
-from ...mechanics.vectors import rotation_vector, times
+from ...mechanics.vectors import matvec, rotation_vector
 from ...params import SimulateParams
 from ...patches.joining import steps
 from ...progress import SILENT, Progress
@@ -233,7 +233,7 @@ class _Shooting:
         self.inside &= ~design.flat.layout.cut[inner]
         self.closed = np.zeros(len(self.pairs), bool)
         self.wrench = np.zeros((4 * count, 6))
-        flat_shape, _ = actors.placed(self.pose, self.inside, self.wrench, np.ones(count, bool), CLOSE)
+        flat_shape, _ = actors.placed(self.pose, self.inside, self.wrench, np.ones(count, bool), TIP_TOLERANCE)
         owner = self.patch[actors.vertex_quad]
         self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
@@ -282,7 +282,7 @@ class _Shooting:
         bending = self._bent_panels(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
-        last, wrench = self.actors.placed(end, stage.closed, self.wrench, np.isin(self.patch, bending), CLOSE)
+        last, wrench = self.actors.placed(end, stage.closed, self.wrench, np.isin(self.patch, bending), TIP_TOLERANCE)
         moments: list[Moment] = []
         for k in range(1, count + 1):
             progress((k - 1) / count, "Bending the panels")
@@ -378,13 +378,13 @@ class _Shooting:
         """Return the pose relative to the panels' frames."""
         turns, places = self._frames(pose)
         back = np.swapaxes(turns, 1, 2)[self.patch]
-        return Pose(times(back, pose.centres - places[self.patch]), back @ pose.rotations)
+        return Pose(matvec(back, pose.centres - places[self.patch]), back @ pose.rotations)
 
     def _across_joints(self, pose: Pose) -> np.ndarray:
         """Return (m, 6) translation in quad edges and rotation across every joint."""
         first, second = pose.rotations[self.pairs[:, 0]], pose.rotations[self.pairs[:, 1]]
         back, centres = np.swapaxes(first, 1, 2), pose.centres[self.pairs]
-        return np.hstack([times(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
+        return np.hstack([matvec(back, centres[:, 1] - centres[:, 0]) / self.edge, rotation_vector(back @ second)])
 
 
 def _deviation_from_line(start: np.ndarray, half: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Float
-from ...mechanics.vectors import exponential, rotation_vector
+from ...mechanics.vectors import rotation_matrix, rotation_vector
 
 WAYPOINTS = 9  # points of the arc, joined by straight motion; chosen by eye
 
@@ -24,7 +24,7 @@ def flight(
     """
     share = np.linspace(0.0, 1.0, WAYPOINTS)
     ease = share * share * (3.0 - 2.0 * share)
-    turns = exponential(ease[:, None] * rotation_vector(turn[None])[0])
+    turns = rotation_matrix(ease[:, None] * rotation_vector(turn[None])[0])
     arc = table + ease[:, None] * (place - table)
     arc[:, 2] += 0.35 * size * np.sin(np.pi * ease)
     arc[:, 2] = np.maximum(arc[:, 2], ground - lowest(shape, turns))

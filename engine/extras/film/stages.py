@@ -20,7 +20,7 @@ import numpy as np
 from ...arrays import Bool, Int
 from ...fabrication.panels.labels import panel_name, seam_name
 from ...materials import Material
-from ...mechanics.assembly import Pose, nearest_rotation, of_design
+from ...mechanics.assembly import Pose, assembly_from_design, nearest_rotation
 from ...mechanics.elastic import ElasticModel
 from ...mechanics.equilibrium import solve
 from ...mechanics.loads import Loads
@@ -92,7 +92,7 @@ def find_stages(
     ------
     FlexMapsError : a spiral is outside the elastic model's range
     """
-    model = build_model(of_design(design), material, params.model, slopes=False)
+    model = build_model(assembly_from_design(design), material, params.model, slopes=False)
     search = _Disassembly(design, pose, model, replace(params, restarts=0))
     plan = [(number, k) for number, step in enumerate(search.order) for k in range(max(len(search.batches[number]), 1))]
     found: list[UnfinishedPiece] = []
@@ -135,7 +135,7 @@ class _Disassembly:
 
     def __init__(self, design: SpiralDesign, pose: Pose, model: ElasticModel, params: SimulateParams):
         self.design, self.layout, self.end, self.model, self.params = design, design.flat.layout, pose, model, params
-        self.pairs = of_design(design).pairs
+        self.pairs = assembly_from_design(design).pairs
         self.order = steps(self.layout)
         self.batches = [batches(self.layout, step) for step in self.order]
         self.bodies = _bodies(self.layout)

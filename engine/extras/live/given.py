@@ -48,7 +48,7 @@ class LiveInput:
     def changes(self, since: LiveInput | None) -> dict[str, Any]:
         """Return the fields that differ from an earlier input, by name; all fields if ``since`` is None."""
         own = {one.name: getattr(self, one.name) for one in fields(self)}
-        return own if since is None else {k: v for k, v in own.items() if not same(v, getattr(since, k))}
+        return own if since is None else {k: v for k, v in own.items() if not equal_inputs(v, getattr(since, k))}
 
     @property
     def mark(self) -> bytes:
@@ -61,7 +61,7 @@ class LiveInput:
         return digest.digest()
 
 
-def same(one: Any, two: Any) -> bool:
+def equal_inputs(one: Any, two: Any) -> bool:
     """Return whether two values are equal, arrays included."""
     if isinstance(one, np.ndarray) and isinstance(two, np.ndarray):
         return one.shape == two.shape and bool((one == two).all())

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
-from ...mechanics.equilibrium import Equilibrium, settling
+from ...mechanics.equilibrium import Equilibrium, solve_stepwise
 from ...simulation.simulate import move_vertices
 from ...threads import one_thread
 from .given import LiveInput
@@ -76,7 +76,7 @@ class RigPose:
         """Return a generator that steps to the equilibrium and returns it."""
         rig, physics = self.rig, self.rig.given.simulate
         coarse = replace(physics, tolerance=max(physics.tolerance, TOLERANCE))
-        return settling(rig.model, self.pose, rig.loads, coarse, system=rig.system)
+        return solve_stepwise(rig.model, self.pose, rig.loads, coarse, system=rig.system)
 
 
 class LivePiece:

@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...mechanics.arms.model import ArmModel
 from ...mechanics.arms.with_arms import with_arms
-from ...mechanics.assembly import Assembly, Pose, of_design
+from ...mechanics.assembly import Assembly, Pose, assembly_from_design
 from ...mechanics.elastic import ElasticModel
 from ...mechanics.loads import Loads
 from ...mechanics.newton_system import NewtonSystem
@@ -28,7 +28,7 @@ from ...simulation.simulate import build_model
 from ...spirals.design import SpiralDesign
 from ...surface.checking import check
 from ...surface.mesh import PolygonMesh, QuadMesh
-from .given import LiveInput, same
+from .given import LiveInput, equal_inputs
 
 # joints whose second order of strains is computed in one step: 15 ms of a usual core; larger values make live shapes jerky
 BATCH = 500
@@ -81,7 +81,7 @@ class LiveState:
         old = old if old is not None and mesh.quads is old.mesh.quads else None
         flat = _flat(given, mesh, old)
         design = SpiralDesign(flat, given.spiral, given.width, given.twist)
-        assembly = of_design(design)
+        assembly = assembly_from_design(design)
         model, rough = _model(assembly, given, old)
         area, guessed = _area(design, given, old)
         loads = _loads(given, area)
@@ -91,7 +91,11 @@ class LiveState:
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
             pose = replace(pose, nodes=None)  # nodes of another rim do not fit
         held = loads.held(assembly.pairs, pose.centres)
-        if old is not None and same(held, old.system.held[: len(held)]) and same(model.pairs, old.model.pairs):
+        if (
+            old is not None
+            and equal_inputs(held, old.system.held[: len(held)])
+            and equal_inputs(model.pairs, old.model.pairs)
+        ):
             system = old.system  # reuses its symbolic factorisation
         else:
             system = NewtonSystem(model.pairs, held)
@@ -134,8 +138,12 @@ class LiveState:
 
 def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
     """Return the checked mesh; it shares the old mesh's topology if faces are unchanged."""
-    alike = old is not None and same(given.corners, old.given.corners) and same(given.sizes, old.given.sizes)
-    if alike and old is not None and same(given.vertices, old.given.vertices):
+    alike = (
+        old is not None
+        and equal_inputs(given.corners, old.given.corners)
+        and equal_inputs(given.sizes, old.given.sizes)
+    )
+    if alike and old is not None and equal_inputs(given.vertices, old.given.vertices):
         return old.mesh
     mesh = check.as_quad_mesh(PolygonMesh(given.vertices, given.corners, given.sizes))
     if alike and old is not None and np.array_equal(mesh.quads, old.mesh.quads):
@@ -146,7 +154,7 @@ def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:
 def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatches:
     """Return the stored flat patches; flatten those again whose seams or vertices have changed since."""
     names = ("vertices", "seams", "cut", "flat", "energy", "layout")
-    if old is not None and all(same(getattr(given, name), getattr(old.given, name)) for name in names):
+    if old is not None and all(equal_inputs(getattr(given, name), getattr(old.given, name)) for name in names):
         return old.flat
     old_layout = PatchLayout(mesh, given.cut & ~mesh.border)
     points = np.zeros((int(old_layout.flat_corners.max()) + 1, 2))
@@ -227,7 +235,7 @@ def _area(
     if (
         old is not None
         and old.flat is design.flat
-        and all(same(getattr(given, n), getattr(old.given, n)) for n in names)
+        and all(equal_inputs(getattr(given, n), getattr(old.given, n)) for n in names)
     ):
         if old.area is not None:
             return old.area, old.guessed

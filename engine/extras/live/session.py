@@ -27,7 +27,7 @@ class LiveRequest:
     start: Pose | None = None
 
 
-def step(call: LiveRequest) -> LiveEquilibrium | None:
+def step_piece(call: LiveRequest) -> LiveEquilibrium | None:
     """Apply the changes and compute some steps; None if this process does not have the piece, so that ``whole`` is needed."""
     if call.whole:
         _pieces.clear()  # keep one piece only, to save memory
@@ -40,6 +40,6 @@ def step(call: LiveRequest) -> LiveEquilibrium | None:
     return piece.advance()
 
 
-def forget() -> None:
+def forget_pieces() -> None:
     """Delete all pieces."""
     _pieces.clear()

@@ -78,7 +78,7 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
     block = described.get("scan", {})
     high = max(float(mm.max()), colours.LEAST_DISTANCE)
     title = "Distance of the scan" + (f", RMS {block['rms_mm']:.3g} mm" if "rms_mm" in block else "")
-    far = Colouring.from_values(title, np.maximum(mm, 0.0), "mm", colours.BAD, 0.0, high)
-    far = replace(far, fills=np.where((mm < 0)[:, None], colours.UNSEEN, far.fills))
+    far = Colouring.from_values(title, np.maximum(mm, 0.0), "mm", colours.ERROR_SCALE, 0.0, high)
+    far = replace(far, fills=np.where((mm < 0)[:, None], colours.MISSING_GREY, far.fills))
     shape, mesh = shown.mesh.vertices if shown.shape is None else shown.shape, shown.mesh
     return {"scan": plots.shape_map(shape, mesh.quads, np.zeros((len(mesh.quads), 4), bool), far)}

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from ...mechanics.newton_system import DENSE
+from ...mechanics.newton_system import MAX_DENSE_SIZE
 from .path import PathFollower, PathPoint, following
 
 STEP = 1e-4  # step in radians or edges for the change of the tangent: errors of 1e-4, and of 1e-9 by rounding
@@ -47,7 +47,7 @@ def _lowest(follower: PathFollower, base: np.ndarray, slope: csc_array) -> float
     whole = system.pattern.matrix(base)
     if not system.factor(base):
         return None
-    if len(system.free) <= DENSE:
+    if len(system.free) <= MAX_DENSE_SIZE:
         inverse = eigh(-slope.toarray(), whole.toarray(), eigvals_only=True)[-1]
     else:
         solve = LinearOperator(whole.shape, matvec=lambda x: system.cholesky.solve(np.asarray(x).ravel()), dtype=float)

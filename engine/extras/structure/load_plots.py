@@ -33,7 +33,7 @@ def load_paths(block: Mapping[str, Any]) -> Drawing:
     wide, tall = _axis_ends(outcomes, curves)
     axes = Axes(drawing, (0.0, ROOM * wide), (0.0, ROOM * tall), right=LEFT)
     axes.frame("Deflection (mm)", "Factor of the load", ticks(0.0, wide), ticks(0.0, tall))
-    looks = hexes(np.clip(colours.of_patches(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
+    looks = hexes(np.clip(colours.patch_colours(len(outcomes)), 0.0, 1.0) ** (1 / 2.2))
     for row, (one, curve, look) in enumerate(zip(outcomes, curves, looks, strict=True)):
         inside = _clip(curve, wide, tall)
         points = axes.at(inside[:, 1], inside[:, 0])

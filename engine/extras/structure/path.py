@@ -19,11 +19,11 @@ from scipy.sparse import coo_array, csc_array
 from ...arrays import Float
 from ...linalg import NotPositiveDefinite, SparseLU
 from ...mechanics.assembly import Pose
-from ...mechanics.elastic import ElasticModel, Expansion, summed
-from ...mechanics.equilibrium import force_measure
+from ...mechanics.elastic import ElasticModel, Expansion, sum_joint_vectors
+from ...mechanics.equilibrium import force_scale
 from ...mechanics.newton_system import NewtonSystem
 from ...mechanics.vectors import skew
-from ...newton import STILL
+from ...newton import NEGLIGIBLE_STEP
 from ...progress import SILENT, Progress
 from .actions import Action
 
@@ -137,7 +137,7 @@ class PathFollower:
             moved[:hubs, :3] = self.action.shift
             ends = moved[self.model.pairs].reshape(-1, 12)
             forces = np.einsum("mij,mj->mi", here.hessian, ends)
-            out -= summed(forces, self.model.pairs, len(out))
+            out -= sum_joint_vectors(forces, self.model.pairs, len(out))
         return out
 
     def follows(self, pose: Pose, factor: float) -> csc_array:
@@ -227,7 +227,7 @@ class PathFollower:
             if not np.isfinite(here.energy):
                 return None
             left = self.residual(here, state.pose, factor)
-            ease, inner = force_measure(self.model, here, state.pose)
+            ease, inner = force_scale(self.model, here, state.pose)
             if np.linalg.norm((left * ease)[~self.system.held]) <= self.tolerance * max(inner, self.scale) and (
                 count or not length
             ):
@@ -244,7 +244,7 @@ class PathFollower:
             else:
                 change = fixed - factor
             way = free + change * along
-            if count and np.abs(way).max(initial=0.0) <= STILL:
+            if count and np.abs(way).max(initial=0.0) <= NEGLIGIBLE_STEP:
                 # the residual is rounding error
                 return self.point(state, factor, point), count
             cap = min(1.0, TURN_CAP / max(float(np.abs(way[:, 3:]).max(initial=0.0)), 1e-300))

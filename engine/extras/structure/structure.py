@@ -17,11 +17,11 @@ from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...fabrication import joints
 from ...fabrication.connectors.connect import Connections
-from ...materials import OVERLOADED, STRAINED, Material
-from ...mechanics.arms.strain_changes import largest
+from ...materials import OVERLOADED, OVERSTRAIN_SHARE, Material
+from ...mechanics.arms.strain_changes import strain_by_spiral
 from ...mechanics.assembly import Pose
 from ...mechanics.equilibrium import Equilibrium, solve
-from ...mechanics.loads import Loads, standing
+from ...mechanics.loads import Loads, parse_supports
 from ...mechanics.newton_system import NewtonSystem
 from ...params import SimulateParams
 from ...progress import SILENT, Progress
@@ -197,8 +197,8 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
         text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"
         found.append(Finding("snaps", "warning", text, far))
-    if one.borne.arms is not None and one.borne.arms.max() > STRAINED:
-        worst = tuple(np.flatnonzero(one.borne.arms > STRAINED).tolist())
+    if one.borne.arms is not None and one.borne.arms.max() > OVERSTRAIN_SHARE:
+        worst = tuple(np.flatnonzero(one.borne.arms > OVERSTRAIN_SHARE).tolist())
         text = (
             f"{what} the arms of {counted(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
             f"{structure.simulation.material.bears}, give or take 15 %"
@@ -235,7 +235,7 @@ class _Strength:
         strains, wrenches = model.strains(state, material), model.wrenches(state)
         if strains is None or wrenches is None:
             return Borne()
-        worst, wrench = largest(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
+        worst, wrench = strain_by_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
         stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Borne(worst, stress / (material.youngs * strain), force, moment)
@@ -268,7 +268,7 @@ def ground_of(simulation: Simulation, rest: Pose, groups: dict[str, Int[np.ndarr
         if text in groups:
             return groups[text]
         try:
-            return standing(mesh, text)
+            return parse_supports(mesh, text)
         except FlexMapsError:
             last = len(mesh.quads) - 1
             raise FlexMapsError(

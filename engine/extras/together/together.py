@@ -14,7 +14,7 @@ from ...runs.result import Result
 from .batch import Batch, Part, batch
 
 
-def together(
+def nest_together(
     names: Sequence[str], results: Sequence[Result], settings: Sequence[ObjectSettings], progress: Progress = SILENT
 ) -> Batch:
     """Lay the panels of several pieces on common sheets.
@@ -43,7 +43,7 @@ def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings,
     # the piece's own sheets are discarded, so nest them quickly and without remnants
     quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
     try:
-        made = job.go_on(result, quick, ("sheets",), progress)
+        made = job.run_stages(result, quick, ("sheets",), progress)
         estimate, design = made.needed(MakingEstimate), made.needed(DesignVersion).design
         sheets, material = made.needed(SheetPlan).sheets, own.material.chosen
         return Part(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)

@@ -21,7 +21,7 @@ from ...progress import SILENT, Progress
 from ...spirals.contours import Tips
 from ...spirals.design import SpiralDesign
 from ...spirals.slots import min_slot_width
-from ...spirals.spiral import LEFT, RIGHT, edge
+from ...spirals.spiral import LEFT, RIGHT, edge_points
 from .path import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
 from .tips import Attempt, Tip, ends_of, make_tips
@@ -211,7 +211,7 @@ class FreeSpace:
         even = np.linspace(0.0, 1.0, 10 * _PIECES + 1)
         begin = np.where(self.design.absent, self.design.begin, 0.0)[quads][..., None]
         ends = ((LEFT, t_left), (RIGHT, t_right))
-        drawn = [edge(arms, begin + even * (t[..., None] - begin), way)[0] for way, t in ends]
+        drawn = [edge_points(arms, begin + even * (t[..., None] - begin), way)[0] for way, t in ends]
         left, right = (complexes(d).reshape(4 * count, -1) for d in drawn)
         pieces = [
             np.concatenate([left[:, k : k + 11], right[:, k : k + 11][:, ::-1]], axis=1)

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Bool, Complex, Float, Int
-from ...spirals.arcs import Curve, fit
+from ...spirals.arcs import Curve, fit_biarcs
 from ...spirals.design import SpiralDesign
-from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge, widening, width_at
+from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
 
 # minimum speed along an edge of a tip as a share of the speed along the other edge; at 0 the edge folds
 UNFOLDED = 0.15
@@ -135,7 +135,7 @@ class Halves:
         wider : addition to the widths and its derivative
         """
         added = None if wider is None else (wider[0][..., None, :], wider[1][..., None, :])
-        p, d = edge(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
+        p, d = edge_points(self.arms, t[:, None], np.asarray(side, dtype=float)[..., None], wider=added)
         points, ways = complexes(p[..., 0, :, :]), complexes(d[..., 0, :, :])
         return np.stack([(points - self.origin[:, None]) / self.out[:, None], ways / self.out[:, None]])
 
@@ -217,7 +217,7 @@ class Throughs:
             return pairs(-p), pairs(-d)
 
         ends = np.stack([np.zeros(len(tau)), -tau * scale], axis=1)
-        fitted = fit(evaluate, ends, tolerance)
+        fitted = fit_biarcs(evaluate, ends, tolerance)
         last = evaluate(np.arange(len(tau)), ends[:, 1:])[0]
         found = []
         for k, (a, b) in enumerate(zip(fitted.start[:-1].tolist(), fitted.start[1:].tolist(), strict=True)):

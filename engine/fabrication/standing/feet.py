@@ -16,10 +16,10 @@ from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
 from ...params import BaseParams
 from ...spirals.arcs import Curve, biarcs
-from ...spirals.caps import Cap, caps, stumps
+from ...spirals.caps import Cap, make_caps, stump_starts
 from ...spirals.design import SpiralDesign
 from ...spirals.slots import min_slot_width
-from ...spirals.spiral import LEFT, RIGHT, edge
+from ...spirals.spiral import LEFT, RIGHT, edge_points
 from ...surface.checking.finding import counted
 from ...surface.mesh import QuadMesh
 from .corners import rounded
@@ -181,10 +181,10 @@ def _cap(
     The offset is the distance in metres of the tongue to the left of the hub: a foot leaves its quad through the middle
     of the side and turns down the slope there.
     """
-    begin = stumps(design.roots)[quad, side]
+    begin = stump_starts(design.roots)[quad, side]
     arm = design.arms.one_by_one(np.array([quad]), np.array([side]))
     (right, right_way), (left, left_way) = (
-        [x[0, 0, 0] for x in edge(arm, np.full((1, 1, 1), begin), s)] for s in (RIGHT, LEFT)
+        [x[0, 0, 0] for x in edge_points(arm, np.full((1, 1, 1), begin), s)] for s in (RIGHT, LEFT)
     )
     frame, half, narrow = np.array([way, [-way[1], way[0]]]), 0.5 * width, 0.5 * TONGUE * width
     out = frame @ [np.cos(arm.angle[0, 0]), np.sin(arm.angle[0, 0])]
@@ -236,7 +236,7 @@ def _refuse_crowded(design: SpiralDesign, feet: list[Foot]) -> None:
     slot, layout = 0.999 * min_slot_width(design.params), design.flat.layout
     mask: Bool[np.ndarray, "quads 4"] = np.zeros(design.width.shape, dtype=bool)
     mask.ravel()[[foot.cap.arm for foot in feet]] = True
-    bare = replace(design, feet=caps(design.arms, stumps(design.roots), mask, layout.patch_of))
+    bare = replace(design, feet=make_caps(design.arms, stump_starts(design.roots), mask, layout.patch_of))
     drawn = bare.outlines()
     bodies = np.array([shapely.Polygon(o.outer.sampled(1e-5), [h.sampled(1e-5) for h in o.holes]) for o in drawn])
     patch = np.array([foot.cap.patch for foot in feet])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import FlexMapsError
-from ...files import NewFile, reason, replacing_many
+from ...files import NewFile, describe_error, write_all_atomically
 from ...params import ExportParams
 from ...progress import SILENT, Progress
 from ..sheets import CutSheets
@@ -69,7 +69,7 @@ def write(
     sheets : the sheets
     base : path without ending
     formats : keys of ``TABLE``
-    new : from ``files.replacing_many``, if the files must appear together with others
+    new : from ``files.write_all_atomically``, if the files must appear together with others
     progress : receives the share done
 
     Raises
@@ -81,7 +81,7 @@ def write(
         wrong = f"There is no format '{min(unknown)}'" if unknown else "No format is chosen"
         raise FlexMapsError(f"{wrong}; choose among {', '.join(FORMATS)}")
     if new is None:
-        with replacing_many(stale(base, sheets.count), base.parent) as new:
+        with write_all_atomically(stale(base, sheets.count), base.parent) as new:
             return write(sheets, base, formats, new, progress)
     wanted = [key for key in FORMATS if key in formats]
     files = [
@@ -109,7 +109,7 @@ def present(base: Path, formats: Collection[str]) -> list[Path]:
     except (FileNotFoundError, NotADirectoryError):
         names = []
     except OSError as error:
-        raise FlexMapsError(f"Cannot look into the folder {base.parent}: {reason(error)}") from None
+        raise FlexMapsError(f"Cannot look into the folder {base.parent}: {describe_error(error)}") from None
     found = []
     for key in TABLE.keys() & set(formats):
         series_of = _named(base, key)

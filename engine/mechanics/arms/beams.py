@@ -108,7 +108,7 @@ def torsion_constant(height: np.ndarray, terms: int = _TERMS) -> tuple[np.ndarra
     return value, by_height
 
 
-def tip_compliance(
+def beam_tip_compliance(
     scale: Float[np.ndarray, " arms"],
     height: Float[np.ndarray, " arms"],
     twist: Float[np.ndarray, " arms"],

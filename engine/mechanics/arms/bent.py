@@ -19,14 +19,14 @@ from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from ...spirals.spiral import centre_line, width_at
 from ..assembly import Pose, rest_joints
-from ..vectors import exponential, rotation_vector, skew, times
+from ..vectors import matvec, rotation_matrix, rotation_vector, skew
 from .bent_rim import RimPieces, rim_pieces
-from .pieces import POISSON, STATIONS, Grain, answers
+from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 
 ROUNDS = 12  # Newton iterations at most; the remaining error is spread along the arms
 # Error, relative to the size of a spiral, at which Newton's method takes its last step; the remaining error is spread
 # along the arms. Larger is faster and less exact.
-CLOSE = 1e-6
+TIP_TOLERANCE = 1e-6
 BATCH = 400  # joints at a time, few enough to stay in the processor's cache
 BENDING = "Bending the arms"  # text of the progress
 _MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
@@ -74,12 +74,12 @@ class BentArms:
         way = np.clip(1.0 - t / hub, 0.0, 1.0) * count
         piece = np.minimum(way.astype(int), count - 1)
         share = way - piece
-        half = exponential(0.5 * share[:, None] * self.bend[arm, piece])
+        half = rotation_matrix(0.5 * share[:, None] * self.bend[arm, piece])
         turn = self.turn[arm, piece] @ half
         chord = flat - self.flat[arm, piece] + share[:, None] * self.stretch[arm, piece]
         # within the hub the arm is rigid
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
-        return self.place[arm, piece] + times(turn, chord), turn @ half
+        return self.place[arm, piece] + matvec(turn, chord), turn @ half
 
     def first(self, count: int) -> BentArms:
         """Return the first ``count`` arms."""
@@ -124,13 +124,13 @@ def flat_centre(
     return out
 
 
-def hub_ends(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
+def hub_edge_of_design(design: SpiralDesign) -> Float[np.ndarray, "quads 4"]:
     """(F, 4) t where every arm leaves its hub, before either slot beside it ends, so that the hub counts as rigid."""
     root = design.roots
     return 0.985 * np.minimum(root.left, np.roll(root.right, 1, axis=1))
 
 
-def bent(
+def bend_arms(
     design: SpiralDesign,
     pose: Pose,
     *,
@@ -176,7 +176,7 @@ class Bender:
         Parameters
         ----------
         design : the spirals
-        material : as in the function ``bent``
+        material : as in the function ``bend_arms``
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -200,14 +200,14 @@ class Bender:
         closed: np.ndarray | None = None,
         wrench: np.ndarray | None = None,
         only: Bool[np.ndarray, " quads"] | None = None,
-        close: float = CLOSE,
+        close: float = TIP_TOLERANCE,
         progress: Progress = SILENT,
     ) -> BentArms:
         """Bend the arms for one pose.
 
         Parameters
         ----------
-        pose, closed, wrench, progress : as in the function ``bent``
+        pose, closed, wrench, progress : as in the function ``bend_arms``
         only : (F,) quads whose arms are needed; the deformation of the other arms is zero
         close : largest gap between the tips, relative to the size of a spiral, before the rest is spread along the arms
         """
@@ -250,7 +250,7 @@ def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
     """Divide all arms into pieces of equal length in t; axes : (A, 3, 3) of their joints in the flat frames of their
     patches."""
     count = design.arms.radius.shape
-    hub = hub_ends(design)
+    hub = hub_edge_of_design(design)
     step = np.linspace(1.0, 0.0, 2 * STATIONS + 1)
     t = hub[..., None] * step
     points, speed, _ = centre_line(design.arms, t)
@@ -266,7 +266,7 @@ def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
     width = width_at(design.arms, t[:, :, 1::2])[0]
     known = None if material is None else material.orthotropy
     grain = None if material is None or known is None else Grain(known, design.params.grain, material.youngs)
-    answer = answers(
+    answer = piece_flexibilities(
         (flat[:, :, -1:] - middle).reshape(-1, STATIONS, 3),
         tangent.reshape(-1, STATIONS, 3),
         length.reshape(-1, STATIONS),
@@ -290,7 +290,7 @@ def _integrate(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Integrate the pieces from hub to tip: positions (n, S + 1, 3) and rotations (n, S + 1, 3, 3) of the stations, and
     rotations half way between them (n, S, 3, 3)."""
-    half = exponential(0.5 * bend)
+    half = rotation_matrix(0.5 * bend)
     whole = half @ half
     turn = np.empty((len(flat), STATIONS + 1, 3, 3))
     turn[:, 0] = rotations
@@ -298,8 +298,8 @@ def _integrate(
         np.matmul(turn[:, k], whole[:, k], out=turn[:, k + 1])
     middle = turn[:, :-1] @ half
     place = np.empty_like(flat)
-    place[:, 0] = centres + times(rotations, flat[:, 0])
-    place[:, 1:] = place[:, :1] + np.cumsum(times(middle, np.diff(flat, axis=1) + stretch), axis=1)
+    place[:, 0] = centres + matvec(rotations, flat[:, 0])
+    place[:, 1:] = place[:, :1] + np.cumsum(matvec(middle, np.diff(flat, axis=1) + stretch), axis=1)
     return place, turn, middle
 
 
@@ -323,8 +323,8 @@ def _newton_step(tip: np.ndarray, frame: np.ndarray, yielding: np.ndarray) -> tu
     """Newton step for the wrench (m, 6) of the first arms of tips (2 m, ...) in pairs, and the remaining gap (m,) in
     metres, to which a turn adds 1 mm per radian."""
     apart = rotation_vector(np.swapaxes(frame[::2], 1, 2) @ frame[1::2])
-    middle = frame[::2] @ exponential(0.5 * apart)
-    miss = np.concatenate([tip[1::2] - tip[::2], times(middle, apart)], axis=1)
+    middle = frame[::2] @ rotation_matrix(0.5 * apart)
+    miss = np.concatenate([tip[1::2] - tip[::2], matvec(middle, apart)], axis=1)
     large = np.linalg.norm(apart, axis=1)
     share = np.minimum(1.0, _MAX_TURN / np.maximum(large, 1e-12))
     # scaled by the diagonal, because the arms' stiffnesses span decades
@@ -364,21 +364,21 @@ def _join_tips(arms: BentArms, joint: np.ndarray, axes: np.ndarray, some: np.nda
     tip, frame = place[:, -1], turn[:, -1] @ axes
     first, second = joint.T
     apart = rotation_vector(np.swapaxes(frame[first], 1, 2) @ frame[second])
-    middle, meeting = frame[first] @ exponential(0.5 * apart), 0.5 * (tip[first] + tip[second])
+    middle, meeting = frame[first] @ rotation_matrix(0.5 * apart), 0.5 * (tip[first] + tip[second])
     share = np.linspace(0.0, 1.0, STATIONS + 1)[None, :, None]
     for which in (first, second):
         left = rotation_vector(middle @ np.swapaxes(frame[which], 1, 2))
-        twisted = exponential(share * left[:, None])
+        twisted = rotation_matrix(share * left[:, None])
         away = place[which] - tip[which][:, None]
-        place[which] += share * (meeting - tip[which])[:, None] + times(twisted, away) - away
+        place[which] += share * (meeting - tip[which])[:, None] + matvec(twisted, away) - away
         turn[which] = twisted @ turn[which]
         place[which, -1] = meeting
         turn[which, -1] = middle @ np.swapaxes(axes[which], 1, 2)
     own = turn[some]
     between = np.swapaxes(own[:, :-1], 2, 3) @ own[:, 1:]
     bend = rotation_vector(between.reshape(-1, 3, 3)).reshape(-1, STATIONS, 3)
-    half = own[:, :-1] @ exponential(0.5 * bend)
-    stretch = times(np.swapaxes(half, 2, 3), np.diff(place[some], axis=1)) - np.diff(arms.flat[some], axis=1)
+    half = own[:, :-1] @ rotation_matrix(0.5 * bend)
+    stretch = matvec(np.swapaxes(half, 2, 3), np.diff(place[some], axis=1)) - np.diff(arms.flat[some], axis=1)
     count = len(turn)
     return replace(
         arms, place=place, turn=turn, bend=_scatter(bend, some, count), stretch=_scatter(stretch, some, count)

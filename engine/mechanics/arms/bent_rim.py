@@ -11,10 +11,10 @@ from ...arrays import Float, Int
 from ...materials import Material
 from ...spirals.design import SpiralDesign
 from ...spirals.rim import Rim
-from ..assembly import Pose, of_design
-from ..rim import BACKWARDS, FORWARDS, NECK, Beams
+from ..assembly import Pose, assembly_from_design
+from ..rim import BACKWARDS, FORWARDS, NECK, RimBeams
 from .model import ArmModel
-from .pieces import POISSON, STATIONS, Grain, answers
+from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,9 @@ class RimPieces:
 
     @cached_property
     def _model(self) -> ArmModel:
-        return ArmModel.from_assembly(of_design(self.design), self.material, curving=False, slopes=False).of_rim
+        return ArmModel.from_assembly(
+            assembly_from_design(self.design), self.material, curving=False, slopes=False
+        ).of_rim
 
     def settled(self, pose: Pose) -> Pose:
         """Add the nodes to a pose without them, in equilibrium between the hubs."""
@@ -48,7 +50,7 @@ class RimPieces:
 
 def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
     """Divide the arms of a design's rim into pieces."""
-    rim, whole = design.rim, of_design(design).whole
+    rim, whole = design.rim, assembly_from_design(design).whole
     assert rim is not None and whole.rim is not None
     known = (
         Material("Any", 1e9, POISSON, 1000.0, 0.02, True, "none: ratios count alone") if material is None else material
@@ -62,9 +64,9 @@ def rim_pieces(design: SpiralDesign, material: Material | None) -> RimPieces:
         line = np.stack([place.real, place.imag, np.zeros(place.shape)], axis=-1)
         width = np.array(rim.width) if arm != NECK else design.arms.joint_width[rim.quad, rim.side][:, None]
         length = np.broadcast_to(long[:, None] / STATIONS, (count, STATIONS))
-        beams = Beams.from_points(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
+        beams = RimBeams.from_points(place[:, 1::2], way[:, 1::2], place[:, -1], length, width, np.zeros(length.shape))
         flat[:, arm] = line[:, ::2]
-        answer[:, arm] = answers(
+        answer[:, arm] = piece_flexibilities(
             beams.lever, beams.tangent, length, beams.width, design.params.thickness, known.poisson, grain
         )
     return RimPieces(

@@ -12,10 +12,10 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ..assembly import Assembly
-from .cut import TWIST, WIDTH, CutArms, believable, more_compliant, shapes
+from .cut import TWIST, WIDTH, CutArms, added_compliance, limit_reduction, rest_shapes
 from .grain import GrainBeams
 from .rim_beams import of_rim
-from .stiffness import tip_compliance
+from .stiffness import table_tip_compliance
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class ArmCompliances:
 
         Parameters
         ----------
-        change : (n, k) of the ``shapes``, see ``cut``
+        change : (n, k) of the ``rest_shapes``, see ``cut``
         by_shapes : (n, k, 6, 6) derivatives of the cut's correction
         """
         shape = self.table.shape
@@ -76,10 +76,10 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     FlexMapsError : a width or a twist is not a number; ``faces`` are the spirals
     """
     spiral, known = assembly.pairs.ravel(), material.orthotropy
-    shape = shapes(assembly, material)
+    shape = rest_shapes(assembly, material)
     beam = None if known is None else GrainBeams(known, shape[:, 3], material.youngs, material.poisson)
     try:
-        found = tip_compliance(
+        found = table_tip_compliance(
             2.0 * assembly.radius.ravel(),
             assembly.arm_width.ravel(),
             assembly.twist[spiral],
@@ -91,8 +91,8 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
     except FlexMapsError as error:
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
     arms = CutArms.from_assembly(assembly, shape)
-    added, by = more_compliant(arms, assembly.thickness, material, slopes)
-    share = believable(arms, found.values, added)[:, None, None]
+    added, by = added_compliance(arms, assembly.thickness, material, slopes)
+    share = limit_reduction(arms, found.values, added)[:, None, None]
     added = added * share
     if slopes:
         by *= share[..., None]

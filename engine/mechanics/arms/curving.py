@@ -25,12 +25,12 @@ import numpy as np
 from ...arrays import Complex, Float
 from ...materials import Material
 from ...progress import SILENT, Progress
-from ...spirals.spiral import curve, widths
+from ...spirals.spiral import arm_widths, curve_points
 from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant
 from .cut import CutArms
-from .grain import Yielding
+from .grain import SectionFlexibility
 
 POINTS = 10  # of the Gauss quadrature, within 2e-8 of 20 points on a dome, a saddle and a torus; more are slower
 BATCH = 128  # joints at a time, few enough to stay in the processor's cache
@@ -224,8 +224,8 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
     t = np.concatenate([1.0 - begin, (1.0 - begin) * (1.0 - _NODES)], axis=2)
     weight = np.concatenate([np.zeros_like(begin), (1.0 - begin) * _WEIGHTS], axis=2)
     share = arms.share[..., None]
-    ways = curve(radius, np.zeros_like(radius), arms.twist[..., None], arms.slope[..., None], share, t)
-    width = widths(arms.width[..., None], arms.joint[..., None], share, t)[0]
+    ways = curve_points(radius, np.zeros_like(radius), arms.twist[..., None], arms.slope[..., None], share, t)
+    width = arm_widths(arms.width[..., None], arms.joint[..., None], share, t)[0]
 
     def placed(way: np.ndarray) -> np.ndarray:
         return way.real[..., None] * axes[..., 0] + arms.side * way.imag[..., None] * axes[..., 1]
@@ -241,7 +241,7 @@ def _stations_along(arms: CurvedArms) -> tuple[np.ndarray, np.ndarray, np.ndarra
         turns = _isotropic_turns(arms, width, length)
     else:
         angle = arms.side * (arms.grain[..., None] - np.angle(-ways[1]))
-        yields = Yielding.evaluate(arms.material.orthotropy, angle, width, arms.thickness)
+        yields = SectionFlexibility.evaluate(arms.material.orthotropy, angle, width, arms.thickness)
         turns = tuple(length * part[0] for part in (yields.twist, yields.lift, yields.bend))
         mixed = length * yields.coupled[0]
         for i in range(3):
@@ -268,18 +268,18 @@ def _isotropic_turns(
     return length / (youngs * torsion), length / (youngs * level), length / (youngs * upright)
 
 
-def curved(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def add_second_order(strains: np.ndarray, curving: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Add the second-order term: strains e + e.D.e (m, 6), and their derivative (m, 6, 6) by e; ``curving`` is D."""
     half = (curving.reshape(-1, 36, 6) @ strains[..., None]).reshape(-1, 6, 6)
     return strains + (half @ strains[..., None])[..., 0], np.eye(6) + 2.0 * half
 
 
-def weighted(wrench: Float[np.ndarray, "joints 6"], curving: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
+def contract_with_wrench(wrench: Float[np.ndarray, "joints 6"], curving: np.ndarray) -> Float[np.ndarray, "joints 6 6"]:
     """(m, 6, 6): D contracted over its first index with a wrench (m, 6)."""
     return (wrench[:, None] @ curving.reshape(-1, 6, 36)).reshape(-1, 6, 6)
 
 
-def moved_curving(curving: np.ndarray, offset: Float[np.ndarray, "joints 3"]) -> np.ndarray:
+def transfer_second_order(curving: np.ndarray, offset: Float[np.ndarray, "joints 3"]) -> np.ndarray:
     """D (m, 6, 6, 6) for the motion of another point of the same frame; the old point minus it is ``offset`` (m, 3) m."""
     out, across = curving.copy(), skew(offset)[:, None]
     # turns about another point cause shifts, both in the motion and in the resulting strains

@@ -1,7 +1,7 @@
 """Compliance of a cut arm minus the compliance of the stiffness table's arm, with exact derivatives.
 
 The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
-ways: its end is blended with the arm beyond its joint (see ``spirals.blends``), and its root lies where its neighbours'
+ways: its end is blended with the arm beyond its joint (see ``spirals.blend_joints``), and its root lies where its neighbours'
 widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
 
     blended arm - pure spiral, over the blended part of t,
@@ -20,35 +20,35 @@ import numpy as np
 
 from ...arrays import Complex, Float
 from ...materials import Material
-from ...spirals.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blends
+from ...spirals.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
 from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ...spirals.known import SCALE_RANGE
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, gauss, torsion_constant
-from .grain import Yielding, line_compliance
+from .grain import SectionFlexibility, line_compliance
 from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 
 # Parameters, besides its geometry, on which the compliance of an arm depends: its own width and twist, the mean width
 # of its two neighbours in the spiral, and width and twist of the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
-NUMBERS = 5  # number of these parameters
+N_PARAMETERS = 5  # number of these parameters
 # rows in derivative arrays: the value and the parameters of a blended end
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of the parameters of a root
-# parameters of ``blends`` in the columns of ``slope_by``: first the design's, then the shape's
+# parameters of ``blend_joints`` in the columns of ``slope_by``: first the design's, then the shape's
 _END_COLUMNS = [OWN_WIDTH, OWN_WIND, BY_MATE_WIDTH, MATE_WIND, RADIUS, OWN_LEAN, MATE_LEAN]
 _BY_DESIGN, _BY_SHAPE = slice(4), slice(4, 7)  # columns of the design and of the shape
-SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``shapes``
+SHAPE_RADIUS, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_GRAIN = range(4)  # columns of ``rest_shapes``
 
 # rows and columns of the nonzero entries in the lower triangle of a compliance
 _NONZERO = [(rows[i], rows[j]) for rows in (IN_PLANE, OUT_OF_PLANE) for i, j in ENTRIES]
 
 # Distance from hub centre to where an arm begins to bend, in its neighbours' widths; larger makes arms stiffer. A
 # change by 0.1 changes energies by at most 1.4e-4, on a dome, a saddle and a torus.
-HUB = 0.55
+ROOT_DISTANCE = 0.55
 # Largest distance of a root from the hub's centre, as a share of the radius: a blend longer than the rest is ignored.
 # Arms so short, or between neighbours so wide, cannot be cut.
-LAST_ROOT = 0.3
+MAX_ROOT_SHARE = 0.3
 # Largest share of the table's compliance that may be subtracted from an arm, and largest s/w at which this is checked.
 # Of 90,000 random arms, most of which cannot be cut, 2 in 100 exceed the share, all of them below s/w 8.1.
 MAX_REDUCTION, STUB_RATIO = 0.9, 10.0
@@ -91,11 +91,11 @@ class CutArms:
 
     @classmethod
     def from_assembly(cls, assembly: Assembly, shape: Float[np.ndarray, "n _"] | None = None) -> CutArms:
-        """Both arms of every joint, joint by joint; ``shape`` replaces the shapes of the assembly (see ``shapes``)."""
+        """Both arms of every joint, joint by joint; ``shape`` replaces the shapes of the assembly (see ``rest_shapes``)."""
         pairs, sides = assembly.pairs, assembly.sides
         width, twist = assembly.arm_width, assembly.twist[pairs]
         beside = 0.5 * (assembly.width[pairs, (sides + 1) % 4] + assembly.width[pairs, (sides - 1) % 4])
-        shape, cut = shapes(assembly) if shape is None else shape, assembly.cut
+        shape, cut = rest_shapes(assembly) if shape is None else shape, assembly.cut
         radius, leans = shape[:, 0], shape[:, 1:3]
         grain = shape[:, 3] if shape.shape[1] > 3 else np.zeros(len(radius))
         known = (radius, width.ravel(), twist.ravel(), beside.ravel())
@@ -107,7 +107,7 @@ class CutArms:
             ties, twist = assembly.ties, twist.copy()
             twist[ties, 1] = -twist[ties, 0]  # the mate of an arm at a rim is its mirror image
         widths, twists = (_with_mates(v) for v in (width, twist))
-        end = blends(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
+        end = blend_joints(widths, twists, leans, radius, np.zeros_like(radius), cut.blend)
         slope_by, joint_by, share_by = (by[:, _END_COLUMNS] for by in (end.slope_by, end.width_by, end.share_by))
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
         return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by, grain)
@@ -119,14 +119,14 @@ class CutArms:
     @property
     def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Roots of the table's arms and of these arms, as shares of the radius."""
-        own = HUB * self.width / self.radius
-        moved = HUB * self.beside + FILLET_REACH * self.fillet
-        return np.minimum(own, LAST_ROOT), np.minimum(moved / self.radius, LAST_ROOT)
+        own = ROOT_DISTANCE * self.width / self.radius
+        moved = ROOT_DISTANCE * self.beside + FILLET_REACH * self.fillet
+        return np.minimum(own, MAX_ROOT_SHARE), np.minimum(moved / self.radius, MAX_ROOT_SHARE)
 
 
-def shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
+def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
     """(2 m, 3) rest shape of both arms of every joint: radius (metres), own and mate's lean (radians, positive in the
-    sense of the spirals, see ``spirals.blends``). Sheets with a grain add a column: the angle from radius to grain."""
+    sense of the spirals, see ``spirals.blend_joints``). Sheets with a grain add a column: the angle from radius to grain."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
@@ -143,14 +143,14 @@ def _with_mates(values: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, "n 2
     return np.stack([values, values[:, ::-1]], axis=-1).reshape(-1, 2)
 
 
-def by_shapes(
+def added_compliance_by_shape(
     assembly: Assembly, table: Float[np.ndarray, "n 6 6"], material: Material
 ) -> Float[np.ndarray, "n _ 6 6"]:
-    """(2 m, k, 6, 6) derivatives of the compliance added to the table's, with respect to the k ``shapes`` of every arm.
+    """(2 m, k, 6, 6) derivatives of the compliance added to the table's, with respect to the k ``rest_shapes`` of every arm.
 
-    The factor of ``believable`` counts as constant.
+    The factor of ``limit_reduction`` counts as constant.
     """
-    shape = shapes(assembly, material)
+    shape = rest_shapes(assembly, material)
     n, count = len(shape), shape.shape[1]
     value, by = np.zeros((n, 6, 6)), np.zeros((n, count, 6, 6))
     arms = CutArms.from_assembly(assembly, shape)
@@ -169,27 +169,27 @@ def by_shapes(
         for (i, j), entry in zip(_NONZERO, found, strict=True):
             value[part, i, j] = value[part, j, i] = entry[0]
             by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
-    return by * believable(arms, table, value)[:, None, None, None]
+    return by * limit_reduction(arms, table, value)[:, None, None, None]
 
 
-def more_compliant(
+def added_compliance(
     arms: CutArms, thickness: float, material: Material, slopes: bool = True
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
     """Compliance of N cut arms minus the table's compliance, SI, and its derivatives.
 
-    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``NUMBERS`` parameters above, per metre
+    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``N_PARAMETERS`` parameters above, per metre
     and per radian. It fades to zero for arms hardly longer than wide. Without ``slopes`` the derivatives are zero,
     which is faster.
     """
     n, kept = len(arms.radius), slice(None if slopes else 1)
-    value, by = np.zeros((n, 6, 6)), np.zeros((n, NUMBERS, 6, 6))
+    value, by = np.zeros((n, 6, 6)), np.zeros((n, N_PARAMETERS, 6, 6))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
         lines = [(-1.0, _ROOT_ROWS[kept], _root_line(some))]
         if _any_blend(some):
             lines += zip((1.0, -1.0), (_BLEND_ROWS[kept], _BLEND_ROWS[kept]), _blend_lines(some), strict=True)
-        found = _sum_lines(some, lines, NUMBERS + 1, thickness, material)
+        found = _sum_lines(some, lines, N_PARAMETERS + 1, thickness, material)
         fade, fade_by, _ = _fade_factor(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by
@@ -219,12 +219,15 @@ def _sum_lines(
             out[:, rows] += sign * _line_compliance(place, pace, width, weight, thickness, material)
             continue
         turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + SHAPE_GRAIN and count == 2 + SHAPE_GRAIN}
-        grain, of = _dual(arms.grain[None], turned, len(place) - 1), partial(Yielding.evaluate, material.orthotropy)
+        grain, of = (
+            _dual(arms.grain[None], turned, len(place) - 1),
+            partial(SectionFlexibility.evaluate, material.orthotropy),
+        )
         out[:, rows] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
     return out
 
 
-def believable(
+def limit_reduction(
     arms: CutArms, table: Float[np.ndarray, "n 6 6"], more: Float[np.ndarray, "n 6 6"]
 ) -> Float[np.ndarray, " n"]:
     """(N,) factors on ``more`` that keep its reduction within ``MAX_REDUCTION`` of the table's compliance; 1 for arms that can
@@ -310,11 +313,11 @@ def _root_line(arms: CutArms, of_design: bool = True) -> _Line:
     first, last = arms.roots
     by_first, by_last = {0: -first / radius}, {0: -last / radius}
     if of_design:
-        by_first = {WIDTH: HUB / radius}
-        by_last = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: HUB / radius}
+        by_first = {WIDTH: ROOT_DISTANCE / radius}
+        by_last = {WIDTH: FILLET_REACH * arms.fillet_by / radius, BESIDE: ROOT_DISTANCE / radius}
     count = 3 if of_design else 2
     own, true = (
-        _dual(root, {k: np.where(root < LAST_ROOT, v, 0.0) for k, v in by.items()}, count)
+        _dual(root, {k: np.where(root < MAX_ROOT_SHARE, v, 0.0) for k, v in by.items()}, count)
         for root, by in ((first, by_first), (last, by_last))
     )
     way = (true - own)[:, None]

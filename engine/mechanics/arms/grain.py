@@ -12,8 +12,8 @@ D is the torsional rigidity with the shear compliances S66 - S16^2 / S11 and S55
 by the root of their ratio. Apart from the shear factors this is exact for forces and moments that are constant along
 the arm.
 
-A hub keeps the sections near it from warping, which matters more the larger S16 is (``Yielding.of_held``), and it
-yields more the softer the sheet is in shear (``Yielding.of_hub``). The stiffness table contains the effect of isotropic
+A hub keeps the sections near it from warping, which matters more the larger S16 is (``SectionFlexibility.of_held``), and it
+yields more the softer the sheet is in shear (``SectionFlexibility.of_hub``). The stiffness table contains the effect of isotropic
 hubs.
 """
 
@@ -45,7 +45,7 @@ _RADIUS, _WIDTH, _TWIST, _GRAIN = range(4)  # parameters by which the beam is di
 
 
 @dataclass(frozen=True, eq=False)
-class Yielding:
+class SectionFlexibility:
     """Flexibility of a piece of an arm per length, with derivatives by its width and by the angle from the arm to the
     grain.
 
@@ -66,7 +66,9 @@ class Yielding:
     coupled: np.ndarray
 
     @classmethod
-    def evaluate(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+    def evaluate(
+        cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray
+    ) -> SectionFlexibility:
         """Evaluate free sections; all arguments broadcast.
 
         known : moduli; angle : radians from the arm to the grain, positive to its left; width, height : metres
@@ -88,7 +90,9 @@ class Yielding:
         return cls(stretch, slide, mixed, rise, bend, lift, twist, of(-0.5 * s16, inertia, 1))
 
     @classmethod
-    def of_held(cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray) -> Yielding:
+    def of_held(
+        cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray
+    ) -> SectionFlexibility:
         """Flexibility of a section kept from warping minus the flexibility of a free section, without the isotropic part;
         arguments as ``evaluate``.
 
@@ -115,7 +119,7 @@ class Yielding:
     @classmethod
     def of_hub(
         cls, known: Orthotropy, angle: np.ndarray, width: np.ndarray, height: float | np.ndarray, poisson: float
-    ) -> Yielding:
+    ) -> SectionFlexibility:
         """Flexibility of the whole hub of an arm minus the flexibility of an isotropic hub with this Poisson's ratio.
 
         Arguments as ``evaluate``, but the result is not per length.
@@ -194,7 +198,7 @@ def line_compliance(
     weight: np.ndarray,
     grain: np.ndarray,
     height: float | np.ndarray,
-    of: Callable[..., Yielding],
+    of: Callable[..., SectionFlexibility],
 ) -> Float[np.ndarray, "12 numbers n"]:
     """(12, 1 + P, N) tip compliance from the stations of a line, with derivatives, in the order of ``ENTRIES`` of both
     blocks.
@@ -250,7 +254,7 @@ def _sum_coupled(
 
 @dataclass(frozen=True, eq=False)
 class GrainBeams:
-    """``beams.tip_compliance`` for n arms with a grain, as ``beam`` of ``stiffness.tip_compliance``.
+    """``beams.beam_tip_compliance`` for n arms with a grain, as ``beam`` of ``stiffness.table_tip_compliance``.
 
     grain : (n,) radians from the radius at the tip to the grain, positive to the side to which arms wind inwards
     unit, poisson : Young's modulus (Pa) and Poisson's ratio that the table is used with
@@ -293,11 +297,11 @@ class GrainBeams:
         share[0] = np.exp(-((away / HUB_HOLDS) ** 2))
         share[1 + _WIDTH] = 2.0 * (away / HUB_HOLDS) ** 2 * share[0]
         share[1 + _RADIUS] = -share[1 + _WIDTH] / radius
-        lines, free = _spiral(radius, twist, t), partial(Yielding.evaluate, self.known)
+        lines, free = _spiral(radius, twist, t), partial(SectionFlexibility.evaluate, self.known)
         along = line_compliance(*lines, width, weight, angle, height, free)
         weight = weight * share[:1] + weight[:1] * share
         weight[0] = w[:, None] * share[0]
-        along += line_compliance(*lines, width, weight, angle, height, partial(Yielding.of_held, self.known))
+        along += line_compliance(*lines, width, weight, angle, height, partial(SectionFlexibility.of_held, self.known))
         t = np.zeros((5, 1, n))
         t[0], t[1 + _RADIUS], t[1 + _WIDTH] = 1.0 - HUB_AT / radius, HUB_AT / radius**2, -HUB_AT / radius
         places, paces = _spiral(radius, twist, t)
@@ -305,7 +309,7 @@ class GrainBeams:
         speed = np.abs(paces[0])
         weight = -(paces * np.conj(paces[0])).real / speed**3
         weight[0] *= -1.0
-        of = partial(Yielding.of_hub, self.known, poisson=self.poisson)
+        of = partial(SectionFlexibility.of_hub, self.known, poisson=self.poisson)
         return along + line_compliance(places, paces, width, weight, angle, height, of)
 
 

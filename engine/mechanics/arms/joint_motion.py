@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from ...arrays import Float
 from ..assembly import Pose
-from ..vectors import rotation_vector, times
-from .stacked import EYE, dot, joints_first, joints_last, outer, product, skew
+from ..vectors import matvec, rotation_vector
+from .stacked import EYE, cross, dot, joints_first, joints_last, outer, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ def joint_motion(
     first, second = pose.rotations[a] @ axes[:, 0], pose.rotations[b] @ axes[:, 1]
     turn = rotation_vector(np.swapaxes(first, 1, 2) @ second)
     middle = first @ Rotation.from_rotvec(0.5 * turn).as_matrix()
-    first, second = times(pose.rotations[a], lever[:, 0]), times(pose.rotations[b], lever[:, 1])
-    gap = times(np.swapaxes(middle, 1, 2), pose.centres[b] + second - pose.centres[a] - first)
+    first, second = matvec(pose.rotations[a], lever[:, 0]), matvec(pose.rotations[b], lever[:, 1])
+    gap = matvec(np.swapaxes(middle, 1, 2), pose.centres[b] + second - pose.centres[a] - first)
     return JointMotion(middle, turn, gap, gap - rest, first, second)
 
 
@@ -81,7 +81,7 @@ class SpatialMotion:
     @classmethod
     def from_joints(cls, motion: JointMotion) -> SpatialMotion:
         """Rotate a motion from the half-way frame to the axes of space."""
-        gap, turn = (joints_last(times(motion.middle, v)) for v in (motion.gap, motion.turn))
+        gap, turn = (joints_last(matvec(motion.middle, v)) for v in (motion.gap, motion.turn))
         angle = np.sqrt(dot(turn, turn))
         # (angle / 2) / sin(angle / 2)
         across = 1.0 / np.sinc(angle / (2.0 * np.pi))
@@ -115,34 +115,32 @@ def second_order(
     # force . e^(-m) gap, where the half-way frame turns by m and the gap changes
     level = 0.5 * dot(force, at.gap)
     bend = 0.25 * (outer(force, at.gap) + outer(at.gap, force)) - level * EYE
-    aside = 0.25 * (outer(force, product(at.gap, quarter)) + outer(at.gap, product(force, quarter))) - level * skew(
-        quarter
-    )
+    aside = 0.25 * (outer(force, cross(at.gap, quarter)) + outer(at.gap, cross(force, quarter))) - level * skew(quarter)
     by_shift = skew(force)
     by_first = outer(at.first, force) - dot(force, at.first) * EYE
     by_second = outer(at.second, force) - dot(force, at.second) * EYE
     both = np.concatenate(
         [-by_shift, by_first + 0.5 * (bend + aside), by_shift, 0.5 * (bend - aside) - by_second], axis=1
     )
-    around = product(quarter, both)
+    around = cross(quarter, both)
     out[3:6], out[9:] = 0.5 * (both - around), 0.5 * (both + around)
     # levers: b x (b x l) / 2
     out[3:6, 3:6] -= 0.5 * by_first
     out[9:, 9:] += 0.5 * by_second
     # second order of the half-way frame, with s = (a + b)/2 and e = b - a:
     # [(e.q) s - (s.e) q]/4 + (e.q)(e x q)/8
-    torque = product(force, at.gap)
+    torque = cross(force, at.gap)
     mixed = 0.125 * (outer(torque, quarter) - dot(quarter, torque) * EYE)
     # second order of the turn's logarithm: alpha |e_across|^2 n + beta (n.e) e_across
     alpha, beta = _turn_coefficients(at.angle)
     share = dot(moment, turn) / np.maximum(at.angle, 1e-12) ** 2
-    way = (0.125 * tan_quarter(at.angle)) * product(quarter, torque) - share * (alpha + beta) * turn + beta * moment
+    way = (0.125 * tan_quarter(at.angle)) * cross(quarter, torque) - share * (alpha + beta) * turn + beta * moment
     own = outer(turn, way) + (share * alpha * at.angle**2) * EYE
     out[3:6, 3:6] += own - mixed
     out[9:, 9:] += own + mixed
     # the two turns do not commute: delta = b - a - a x b / 2
     carried = at.across * moment + (1.0 - at.across) * share * turn
-    out[3:6, 9:] -= own + np.swapaxes(own, 0, 1) - skew(0.5 * carried - 0.125 * product(torque, quarter))
+    out[3:6, 9:] -= own + np.swapaxes(own, 0, 1) - skew(0.5 * carried - 0.125 * cross(torque, quarter))
     return joints_first(out + np.swapaxes(out, 0, 1))
 
 

@@ -20,15 +20,15 @@ from ...materials import Material
 from ...progress import SILENT, Progress
 from ..assembly import Assembly, Nodes, Pose
 from ..beyond import Beyond
-from ..elastic import Expansion, summed
+from ..elastic import Expansion, sum_joint_vectors
 from ..newton_system import NewtonSystem
-from ..vectors import skew, times
+from ..vectors import matvec, skew
 from . import stiffness
 from .compliances import ArmCompliances, arm_compliances
-from .curving import CurvedArms, curved, moved_curving, second_order_strains, weighted
-from .cut import by_shapes, shapes
+from .curving import CurvedArms, add_second_order, contract_with_wrench, second_order_strains, transfer_second_order
+from .cut import added_compliance_by_shape, rest_shapes
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion, second_order
-from .sensitivity import JointChanges, arm_loads, convex_by_design
+from .sensitivity import JointDerivatives, arm_loads, convex_by_design
 from .strain_changes import arm_strains
 
 
@@ -96,7 +96,7 @@ class ArmModel:
 
         The strains' second-order term is kept at the joints.
         """
-        change = shapes(assembly, self.material) - shapes(self.assembly, self.material)
+        change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
         compliance = self.compliance.varied(change, self.cut_by_shapes) if change.any() else self.compliance
         found = self._assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
@@ -107,9 +107,9 @@ class ArmModel:
 
     @cached_property
     def cut_by_shapes(self) -> Float[np.ndarray, "n _ 6 6"]:
-        """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.by_shapes``."""
+        """Derivatives of the compliance added by the cut, by the arms' shapes; see ``cut.added_compliance_by_shape``."""
         table, ties = self.compliance.table.reshape(-1, 6, 6), self.assembly.ties
-        found = by_shapes(self.assembly, table, self.material)
+        found = added_compliance_by_shape(self.assembly, table, self.material)
         if self.assembly.nodes:  # necks and strips have no table compliance
             found[2 * ties.start + 1 : 2 * ties.stop : 2], found[2 * ties.stop :] = 0.0, 0.0
         return found
@@ -127,7 +127,7 @@ class ArmModel:
     @cached_property
     def curving(self) -> Float[np.ndarray, "joints 6 6 6"] | None:
         """(m, 6, 6, 6) second-order term of the bend points' motion."""
-        return None if self.curving_at_joint is None else moved_curving(self.curving_at_joint, -self.offset)
+        return None if self.curving_at_joint is None else transfer_second_order(self.curving_at_joint, -self.offset)
 
     def with_own_curving(self) -> ArmModel:
         """Return the model with the second-order term of its own strains."""
@@ -202,7 +202,7 @@ class ArmModel:
 
     def with_bending(self, factor: float) -> ArmModel:
         """Return the model with its stiffness against bending out of the sheet multiplied by ``factor``."""
-        scale = np.where(OUT_OF_PLANE, np.sqrt(factor), 1.0)
+        scale = np.where(OUT_OF_PLANE_MASK, np.sqrt(factor), 1.0)
         at_joint = np.outer(scale, scale) * self.at_joint
         return replace(self, at_joint=at_joint, stiffness=_move_to_bend_points(at_joint, self.offset))
 
@@ -227,20 +227,20 @@ class ArmModel:
 
     def moved(self, state: ArmState, step: np.ndarray) -> ArmState:
         pose, motion = state.pose.moved(step), state.motion
-        change = times(first_order(SpatialMotion.from_joints(motion)), step[self.pairs].reshape(-1, 12))
+        change = matvec(first_order(SpatialMotion.from_joints(motion)), step[self.pairs].reshape(-1, 12))
         back = np.swapaxes(motion.middle, 1, 2)
-        change = np.concatenate([times(back, change[:, :3]), times(back, change[:, 3:])], axis=1)
+        change = np.concatenate([matvec(back, change[:, :3]), matvec(back, change[:, 3:])], axis=1)
         return ArmState(pose, self.motion(pose), motion.vector + change)
 
     def energy(self, state: ArmState) -> float:
         e = _add_second_order(state.motion.vector, self.curving)[0]
-        return 0.5 * float((times(self.stiffness, e) * e).sum())
+        return 0.5 * float((matvec(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint, in its
         half-way axes."""
         e, slope = _add_second_order(self._motion_at_joint(state), self.curving_at_joint)
-        return times(np.swapaxes(slope, -1, -2), times(self.at_joint, e))
+        return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
     def _motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
@@ -250,14 +250,14 @@ class ArmModel:
 
     def arm_loads(self, state: ArmState) -> Float[np.ndarray, "joints 2 15"]:
         """Loads of both arms of every joint in their own axes, see ``bar_loads``."""
-        linear = times(self.at_joint, self._motion_at_joint(state))
+        linear = matvec(self.at_joint, self._motion_at_joint(state))
         return arm_loads(self.assembly, self.wrenches(state), linear, state.motion.turn)
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:
         """(m, 12) contribution of every joint to the gradient of the energy, in the order of ``Expansion.hessian``."""
         inner = self.wrenches(state)
         inner[:, 3:] -= np.cross(self.offset, inner[:, :3])
-        return times(
+        return matvec(
             np.swapaxes(first_order(SpatialMotion.from_joints(state.motion)), 1, 2),
             _rotate_to_space(state.motion, inner),
         )
@@ -267,7 +267,7 @@ class ArmModel:
         return arm_strains(self.assembly, self.arm_loads(state), material)
 
     def in_plane_energy(self, state: ArmState) -> Float[np.ndarray, " joints"]:
-        inside = np.where(OUT_OF_PLANE, 0.0, state.motion.vector)
+        inside = np.where(OUT_OF_PLANE_MASK, 0.0, state.motion.vector)
         return 0.5 * np.einsum("mi,mij,mj->m", inside, self.stiffness, inside, optimize=True)
 
     def beyond(self) -> list[Beyond]:
@@ -305,10 +305,10 @@ class ArmModel:
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
         return convex_by_design(*known, state.motion, way, self.curving_at_joint)
 
-    def changes(self, state: ArmState) -> JointChanges:
+    def changes(self, state: ArmState) -> JointDerivatives:
         """Derivatives of the joints' wrenches by the pose and the design; the second-order term counts as constant."""
         known = (self.assembly, self.compliance_by, self.at_joint, self.offset)
-        return JointChanges.from_assembly(*known, state.motion, self.curving_at_joint)
+        return JointDerivatives.from_assembly(*known, state.motion, self.curving_at_joint)
 
     def gradient_by_design(self, state: ArmState) -> np.ndarray:
         return self.changes(state).gradient_by_design
@@ -327,13 +327,17 @@ class ArmModel:
                 state.predicted[part] if ahead else motion.vector,
             )
         return Expansion(
-            float(per_joint.sum()), per_joint, summed(gradient, self.pairs, self.assembly.size), hessian, convex
+            float(per_joint.sum()),
+            per_joint,
+            sum_joint_vectors(gradient, self.pairs, self.assembly.size),
+            hessian,
+            convex,
         )
 
 
 def _add_second_order(strains: np.ndarray, curving: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Strains (m, 6) with their second-order term, unless ``curving`` is None, and their derivatives (m or 1, 6, 6)."""
-    return (strains, np.eye(6)[None]) if curving is None else curved(strains, curving)
+    return (strains, np.eye(6)[None]) if curving is None else add_second_order(strains, curving)
 
 
 def _expand_joints(
@@ -346,34 +350,34 @@ def _expand_joints(
     base = motion.middle
     strains, slope = _add_second_order(motion.vector, curving)
     across = np.swapaxes(slope, 1, 2)
-    inner = times(stiffness, strains)
+    inner = matvec(stiffness, strains)
     per_joint = 0.5 * np.einsum("mi,mi->m", inner, strains)
-    ahead = times(stiffness, strains + times(slope, predicted - motion.vector))
+    ahead = matvec(stiffness, strains + matvec(slope, predicted - motion.vector))
     at = SpatialMotion.from_joints(motion)
     jacobian = first_order(at)
     back = np.swapaxes(jacobian, 1, 2)
     spread = np.zeros((len(base), 6, 6))
     spread[:, :3, :3] = spread[:, 3:, 3:] = base
-    gradient = times(back, times(spread, times(across, inner)))
-    weight = times(spread, times(across, ahead))
+    gradient = matvec(back, matvec(spread, matvec(across, inner)))
+    weight = matvec(spread, matvec(across, ahead))
     if curving is None:
         convex = back @ (spread @ stiffness @ np.swapaxes(spread, 1, 2) @ jacobian)
         return per_joint, gradient, convex + second_order(at, weight[:, :3], weight[:, 3:]), convex
     turned = np.swapaxes(spread, 1, 2) @ jacobian
     back = np.swapaxes(turned, 1, 2)
     convex = back @ (across @ stiffness @ slope) @ turned
-    bent = back @ (2.0 * weighted(ahead, curving)) @ turned
+    bent = back @ (2.0 * contract_with_wrench(ahead, curving)) @ turned
     return per_joint, gradient, convex + bent + second_order(at, weight[:, :3], weight[:, 3:]), convex
 
 
 def _rotate_to_space(motion: JointMotion, vectors: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "joints 6"]:
     """Rotate vectors (m, 6) from the half-way axes to the axes of space."""
     middle = motion.middle
-    return np.concatenate([times(middle, vectors[:, :3]), times(middle, vectors[:, 3:])], axis=1)
+    return np.concatenate([matvec(middle, vectors[:, :3]), matvec(middle, vectors[:, 3:])], axis=1)
 
 
 # motions of a joint out of the sheet's plane: the shift along the normal and the turns about the two axes in the plane
-OUT_OF_PLANE = np.array([False, False, True, True, True, False])
+OUT_OF_PLANE_MASK = np.array([False, False, True, True, True, False])
 BATCH = 1000  # joints at a time, few enough to stay in the processor's cache
 
 

@@ -13,7 +13,7 @@ of the twist rate; Vlasov);
 
 Strains are added with their signs, so that loads can cancel. Axial strain e and shear g, with no other stress, have the
 largest principal strain (1 - nu)/2 |e| + sqrt(((1 + nu) e/2)^2 + (g/2)^2). The maximum over all sections is a power
-mean of high degree divided by ``SHARE``.
+mean of high degree divided by ``MEAN_OVER_MAX``.
 
 Compared with solids of 40 designs (1,829 arms, cubic elements), it is within 15 % on 99 of 100 arms. So is the larger
 strain of the two arms of a joint.
@@ -33,14 +33,14 @@ from .bars import NUMBERS as BAR_NUMBERS
 from .bars import PIECES, BarPull, Bars
 from .grain import direction_share
 
-GRAIN = BAR_NUMBERS  # parameter after those of ``bars``: radians from the radius to the grain
+GRAIN_INDEX = BAR_NUMBERS  # parameter after those of ``bars``: radians from the radius to the grain
 NUMBERS = BAR_NUMBERS + 1  # number of parameters of an arm
 INNER_SHEAR = 0.25  # relative rise of the torsional shear on the inner side, per curvature times width
 # Pieces on either side over which the change of the twist rate is taken, about one sheet thickness; the derivative at
 # the section itself is too large in short kinks.
 LAG = 2
 POWER = 32  # degree of the power mean, a power of two; larger is closer to the maximum and less smooth
-SHARE = 0.881  # power mean over maximum: the median of 1,978 arms, 90 of 100 of which lie at 0.86 to 0.91
+MEAN_OVER_MAX = 0.881  # power mean over maximum: the median of 1,978 arms, 90 of 100 of which lie at 0.86 to 0.91
 ROUNDING = 1e-5  # strain below which absolute values are rounded off
 BATCH = 256  # arms at a time, few enough to stay in the processor's cache
 _SIDES = np.array([-1.0, 1.0])[:, None, None]  # right and left edge of a section, in half widths
@@ -100,7 +100,7 @@ class _SectionStrains:
     def __init__(
         self, arms: StrainedArms, numbers: Float[np.ndarray, "n 10"], loads: Float[np.ndarray, "n 15"]
     ) -> None:
-        self.arms, self.grain = arms, numbers[:, GRAIN]
+        self.arms, self.grain = arms, numbers[:, GRAIN_INDEX]
         self.bars = bars = Bars.from_numbers(numbers, arms.shortest, arms.fillet)
         self.curvature, self.torsion = Curvature.evaluate(bars.bend), Torsion.evaluate(bars.width, arms.thickness)
         self.softness = 2.0 * (1.0 + arms.material.poisson) / arms.material.youngs  # 1 / G
@@ -149,7 +149,7 @@ class _SectionStrains:
         self.top = np.where(self.top > 0.0, self.top, 1.0)
         self.high = self._power(POWER)
         self.total = self.high.sum(axis=(0, 2))
-        self.values = self.top / SHARE * (self.total / (len(self.weighted) * PIECES)) ** (1.0 / POWER)
+        self.values = self.top / MEAN_OVER_MAX * (self.total / (len(self.weighted) * PIECES)) ** (1.0 / POWER)
 
     def _power(self, power: int) -> Float[np.ndarray, "8 n pieces"]:
         """Strains, divided by the maximum of their arm, to a power of two, by repeated squaring."""

@@ -10,7 +10,7 @@ from ...arrays import Float
 from ...materials import Orthotropy
 from ..vectors import skew
 from .beams import SHEAR_FACTOR, torsion_constant
-from .grain import Yielding
+from .grain import SectionFlexibility
 
 # Pieces of an arm, each with one constant strain; more are slower. On a dome, a saddle and a torus, positions differ by 3e-4
 # of an edge from the result of 64 pieces, with 8 pieces by 1e-3.
@@ -35,7 +35,9 @@ class Grain:
     ) -> tuple[Float[np.ndarray, "arms stations 3 3"], Float[np.ndarray, "arms stations 3 3"]]:
         """Flexibilities (A, S, 3, 3) per length: turn per moment, and stretch and shear per force; axes along the arm,
         across, normal."""
-        found = Yielding.evaluate(self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height)
+        found = SectionFlexibility.evaluate(
+            self.known, self.angle - np.arctan2(tangent[..., 1], tangent[..., 0]), width, height
+        )
         turn, stretch = np.zeros((*width.shape, 3, 3)), np.zeros((*width.shape, 3, 3))
         for out, diagonal, mixed in (
             (turn, (found.twist, found.lift, found.bend), found.coupled),
@@ -47,7 +49,7 @@ class Grain:
         return turn, stretch
 
 
-def answers(
+def piece_flexibilities(
     lever: Float[np.ndarray, "arms stations 3"],
     tangent: np.ndarray,
     length: np.ndarray,

@@ -16,12 +16,12 @@ import numpy as np
 
 from ...arrays import Float
 from ..assembly import Assembly
-from ..vectors import exponential, times
+from ..vectors import matvec, rotation_matrix
 from .bar_loads import LOADS
 from .cut import SHAPE_GRAIN, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_RADIUS
 from .joint_motion import SpatialMotion, second_order, tan_quarter
 from .model import ArmModel, ArmState
-from .sensitivity import SENSES, JointChanges, arm_loads
+from .sensitivity import SENSES, JointDerivatives, arm_loads
 
 # signs of the changes of the gap by the bend points of both sides, broadcast over the numbers of a side and the components
 _GAP = -SENSES[:, None, None]
@@ -36,7 +36,7 @@ class RestChanges:
 
     model: ArmModel
     state: ArmState
-    changes: JointChanges
+    changes: JointDerivatives
 
     @property
     def _assembly(self) -> Assembly:
@@ -45,7 +45,7 @@ class RestChanges:
     @cached_property
     def _frames(self) -> Float[np.ndarray, "joints 2 3 3"]:
         """Rotations from the joint's axes on either side to the half-way axes."""
-        return exponential(-0.5 * SENSES[:, None] * self.changes.turn[:, None])
+        return rotation_matrix(-0.5 * SENSES[:, None] * self.changes.turn[:, None])
 
     @cached_property
     def _normals(self) -> Float[np.ndarray, "joints 2 3"]:
@@ -57,7 +57,7 @@ class RestChanges:
         """Changes of the lever and of the vector from the hub to the bend point, in the joint's axes; side, number, component."""
         known = self._assembly
         back, winding = np.swapaxes(known.axes, 2, 3), -1.0 if known.clockwise else 1.0
-        lever, bend = (times(back, v) for v in (known.lever, self.model.lever))
+        lever, bend = (matvec(back, v) for v in (known.lever, self.model.lever))
         own = known.axes[:, :, :2]  # rows are the x and y axes of the patch in the joint's axes
         along, aside = np.moveaxis(known.bend[0], 2, 0)[..., None, None]
         by_bend = along * own + winding * aside * _about_normal(own)
@@ -80,12 +80,12 @@ class RestChanges:
     def _gap(self) -> Float[np.ndarray, "joints 3"]:
         """Motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
         lever = np.swapaxes(self._assembly.axes, 2, 3)
-        beyond = times(self._frames, times(lever, self._assembly.lever - self.model.lever))
+        beyond = matvec(self._frames, matvec(lever, self._assembly.lever - self.model.lever))
         return self.state.motion.gap + beyond[:, 1] - beyond[:, 0]
 
     @property
     def _by_shapes(self) -> Float[np.ndarray, "joints 2 _ 6 6"]:
-        """Derivatives of the compliances of both arms by their shapes, see ``cut.shapes``."""
+        """Derivatives of the compliances of both arms by their shapes, see ``cut.rest_shapes``."""
         known = self.model.compliance
         by = self.model.cut_by_shapes.reshape(*known.values.shape[:2], -1, 6, 6).copy()
         by[:, :, SHAPE_RADIUS] += 2.0 * known.table_by_scale
@@ -102,13 +102,13 @@ class RestChanges:
     @cached_property
     def _tip_wrenches(self) -> Float[np.ndarray, "joints 6"]:
         """Wrenches that move the tips, see ``tip_motion``."""
-        return times(self.changes.at_joint, np.concatenate([self._gap, self.changes.turn], axis=1))
+        return matvec(self.changes.at_joint, np.concatenate([self._gap, self.changes.turn], axis=1))
 
     @cached_property
     def _softened(self) -> Float[np.ndarray, "joints 2 2 3 3 6"]:
         """Changes of the motions of the tips of both arms under constant wrenches: arm, side, number, wrench, motion.
 
-        The wrenches are ``inner`` and ``linear`` of ``JointChanges``, and those that move the tips.
+        The wrenches are ``inner`` and ``linear`` of ``JointDerivatives``, and those that move the tips.
         """
         known, by = self._assembly, self._by_shapes
         axes, sense = known.arm_axes, -1.0 if known.clockwise else 1.0
@@ -145,12 +145,12 @@ class RestChanges:
         out = np.zeros((*gap.shape[:3], 6))
         out[..., :3] = gap + _GAP * beyond - 0.5 * np.cross(beyond, turn)
         for side in (0, 1):
-            out[:, side, 2] += times(self.changes.by_pose[:, :, _rotation(side)], self._normals[:, side])
+            out[:, side, 2] += matvec(self.changes.by_pose[:, :, _rotation(side)], self._normals[:, side])
         return out, gap
 
     @cached_property
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
-        """Changes (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointChanges``."""
+        """Changes (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointDerivatives``."""
         known, strains = self.changes, self._strains[0]
         softened = self._softened.sum(axis=1)
         wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
@@ -172,12 +172,12 @@ class RestChanges:
         out[..., 3:6] -= torque
         out[..., 9:] += torque
         moment = known.wrench[:, 3:] - np.cross(self.model.offset, known.wrench[:, :3])
-        weights = times(motion.middle, known.wrench[:, :3]), times(motion.middle, moment)
+        weights = matvec(motion.middle, known.wrench[:, :3]), matvec(motion.middle, moment)
         curvature = second_order(SpatialMotion.from_joints(motion), *weights)
-        gradient = times(np.swapaxes(known.by_pose, 1, 2), known.wrench)
+        gradient = matvec(np.swapaxes(known.by_pose, 1, 2), known.wrench)
         for side in (0, 1):
             part, normal = _rotation(side), self._normals[:, side]
-            out[:, side, 2] += times(curvature[:, :, part], normal)
+            out[:, side, 2] += matvec(curvature[:, :, part], normal)
             # rotations do not commute
             out[:, side, 2, part] += 0.5 * np.cross(normal, gradient[:, part])
         return out.reshape(len(out), 6, 12)

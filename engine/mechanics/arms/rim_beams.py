@@ -7,9 +7,9 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly
-from ..rim import STEP, Beams, tip_compliance
+from ..rim import NECK_STEP, RimBeams, rim_tip_compliance
 from .cut import MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
-from .pieces import Grain, answers
+from .pieces import Grain, piece_flexibilities
 
 
 def of_rim(
@@ -45,22 +45,22 @@ def of_rim(
 
 
 def _necks(
-    assembly: Assembly, line: Beams, width: np.ndarray, material: Material, slopes: bool
+    assembly: Assembly, line: RimBeams, width: np.ndarray, material: Material, slopes: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compliances (B, 6, 6) of necks of widths (B,), in the flat frame, and derivatives by the widths, 0 without
     ``slopes``."""
 
     def at(share: float) -> np.ndarray:
         wide = np.broadcast_to((share * width)[:, None], line.length.shape)
-        return _beams(assembly, Beams(line.lever, line.tangent, line.length, wide, line.bore), material)
+        return _beams(assembly, RimBeams(line.lever, line.tangent, line.length, wide, line.bore), material)
 
     if not slopes:
         return at(1.0), np.zeros((len(width), 6, 6))
-    near, far = at(1.0 + STEP) - at(1.0 - STEP), at(1.0 + 2.0 * STEP) - at(1.0 - 2.0 * STEP)
-    return at(1.0), (8.0 * near - far) / (12.0 * STEP * width)[:, None, None]
+    near, far = at(1.0 + NECK_STEP) - at(1.0 - NECK_STEP), at(1.0 + 2.0 * NECK_STEP) - at(1.0 - 2.0 * NECK_STEP)
+    return at(1.0), (8.0 * near - far) / (12.0 * NECK_STEP * width)[:, None, None]
 
 
-def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndarray, "n 6 6"]:
+def _beams(assembly: Assembly, line: RimBeams, material: Material) -> Float[np.ndarray, "n 6 6"]:
     """Compliances (N, 6, 6) of lines, SI, in the flat frame.
 
     At a hole two bars remain, which bend together in the plane. A hole also softens the strip before and behind it,
@@ -69,11 +69,11 @@ def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndar
     known, height = material.orthotropy, assembly.thickness
     grain = None if known is None else Grain(known, assembly.grain, material.youngs)
     given = line.lever, line.tangent, line.length
-    found = answers(*given, line.width, height, material.poisson, grain)
+    found = piece_flexibilities(*given, line.width, height, material.poisson, grain)
     if line.bore.any():
         assert assembly.rim is not None
         left = line.width - line.bore
-        more = answers(*given, left, height, material.poisson, grain)
+        more = piece_flexibilities(*given, left, height, material.poisson, grain)
         more[:, :, 2, :] *= (left**3 / (line.width**3 - line.bore**3))[..., None]
         # width of the strip minus width beside the hole is the hole's diameter
         softer = _hole_factors(1.0 - assembly.rim.width / line.width, height / line.width)
@@ -82,7 +82,7 @@ def _beams(assembly: Assembly, line: Beams, material: Material) -> Float[np.ndar
         for rows, factor in zip((slice(0, 3), slice(3, 6)), softer, strict=True):
             own = (frame * factor[..., None, :]) @ np.swapaxes(frame, -1, -2)
             found[:, :, rows] += own @ (more - found)[:, :, rows]
-    compliance = tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
+    compliance = rim_tip_compliance(found[:, :, :3], found[:, :, 3:], line.lever) / material.youngs
     # with a grain, the factors break the symmetry of the coupled entries
     return 0.5 * (compliance + np.swapaxes(compliance, 1, 2))
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Complex, Float, Int
-from ..vectors import exponential, right_jacobian, times
-from .tip_beams import BentByTips, Pair, Pull
+from ..vectors import matvec, right_jacobian, rotation_matrix
+from .tip_beams import BentBeams, PlaneVector, PointGradient
 
 
 @dataclass(eq=False)
@@ -63,7 +63,7 @@ class Section:
     halfway: Float[np.ndarray, "n places 3"]
 
     @classmethod
-    def from_arms(cls, field: BentByTips, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
+    def from_arms(cls, field: BentBeams, arm: Int[np.ndarray, " n"], t: Float[np.ndarray, "n places"]) -> Section:
         """Place the sections of bent arms at t."""
         beams, every = field.beams, arm[:, None]
         pieces, hub = beams.velocity.shape[1], beams.hub[arm, None]
@@ -79,12 +79,12 @@ class Section:
         # within the hub the arm is rigid
         chord = _to_space(np.where(way > 0.0, point - beams.flat[every, piece], 0.0))
         halfway, whole = turn + 0.5 * share * bend, turn + share * bend
-        frame = exponential(whole)
+        frame = rotation_matrix(whole)
         rate = np.where(way > 0.0, -pieces / hub, 0.0)
         going = _to_space(velocity) + rate[..., None] * (stretch + 0.5 * np.cross(bend, chord))
         return cls(
             t, hub, _to_space(point) + shift + share * stretch + np.cross(halfway, chord),
-            times(frame, _to_space(tangent)), times(frame, _to_space(-1j * tangent)), frame[..., 2], half, widening,
+            matvec(frame, _to_space(tangent)), matvec(frame, _to_space(-1j * tangent)), frame[..., 2], half, widening,
             going + np.cross(halfway, _to_space(velocity)), (np.conj(velocity) * change).imag / size**2,
             piece, share[..., 0], rate, whole, chord, velocity, bend, stretch, halfway,
         )  # fmt: skip
@@ -104,19 +104,19 @@ class Section:
             + pull.half * self.widening
         )
 
-    def pulled(self, pull: SectionPull) -> tuple[Pull, Int[np.ndarray, " n"]]:
+    def pulled(self, pull: SectionPull) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
         """Vector-Jacobian product with respect to the bent arms, one section per arm; and the pieces of the sections."""
         turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
         within = (self.rate < 0.0)[..., None]
-        chord = Pair.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
+        chord = PlaneVector.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
         by_share = dot(pull.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
         rates = by_share * -self.rate * self.t / self.hub
         spin = aside * 1j * self.pace / np.abs(self.pace) ** 2
         vectors = (pull.middle, halfway + turn, share * (0.5 * halfway + turn), share * pull.middle)
-        shift, turns, bend, stretch = (Pair.from_vectors(x[:, 0]) for x in vectors)
-        flat = Pair.from_vectors(pull.middle).flat
-        return Pull(
+        shift, turns, bend, stretch = (PlaneVector.from_vectors(x[:, 0]) for x in vectors)
+        flat = PlaneVector.from_vectors(pull.middle).flat
+        return PointGradient(
             shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
         ), self.piece[:, 0]
 
@@ -127,7 +127,7 @@ class Section:
             for axis, by in ((self.along, pull.along), (self.across, pull.across), (self.off, pull.off))
         )
         aside = dot(pull.across, self.along) - dot(pull.along, self.across)
-        return times(right_jacobian(self.turn), torque), aside
+        return matvec(right_jacobian(self.turn), torque), aside
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -21,8 +21,8 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ..assembly import Assembly
-from ..vectors import skew, times
-from .curving import curved, weighted
+from ..vectors import matvec, skew
+from .curving import add_second_order, contract_with_wrench
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order
 
@@ -34,7 +34,7 @@ PARAMETERS = 3
 
 
 @dataclass(frozen=True, eq=False)
-class JointChanges:
+class JointDerivatives:
     """Derivatives of m joints by the pose and the design, in the axes of their half-way frames.
 
     sides : (m, 2) int, the arms that meet
@@ -75,7 +75,7 @@ class JointChanges:
         offset: np.ndarray,
         motion: JointMotion,
         curving: np.ndarray | None = None,
-    ) -> JointChanges:
+    ) -> JointDerivatives:
         """Differentiate the joints in one motion.
 
         Parameters
@@ -89,36 +89,36 @@ class JointChanges:
         angle = np.linalg.norm(turn, axis=1)
         shift = motion.shift + np.cross(offset, turn)
         strains = np.concatenate([shift, turn], axis=1)
-        slope, tangent, linear = np.eye(6)[None], at_joint, times(at_joint, strains)
+        slope, tangent, linear = np.eye(6)[None], at_joint, matvec(at_joint, strains)
         if curving is not None:
-            strains, slope = curved(strains, curving)
-        inner, across = times(at_joint, strains), np.swapaxes(slope, 1, 2) @ at_joint
+            strains, slope = add_second_order(strains, curving)
+        inner, across = matvec(at_joint, strains), np.swapaxes(slope, 1, 2) @ at_joint
         if curving is not None:
-            tangent = across @ slope + 2.0 * weighted(inner, curving)
-        wrench = times(across, strains)
+            tangent = across @ slope + 2.0 * contract_with_wrench(inner, curving)
+        wrench = matvec(across, strains)
         spread = np.zeros((len(base), 6, 6))
         spread[:, :3, :3] = spread[:, 3:, 3:] = np.swapaxes(base, 1, 2)
         by_pose = spread @ first_order(SpatialMotion.from_joints(motion))
         by_pose[:, :3] += skew(offset) @ by_pose[:, 3:]
         turned = np.zeros((len(turn), 2, 3))
-        changes = -softened(assembly, by, inner) @ np.swapaxes(across, 1, 2)[:, None]
-        first = changes if curving is None else -softened(assembly, by, linear) @ at_joint[:, None]
+        changes = -motion_by_parameters(assembly, by, inner) @ np.swapaxes(across, 1, 2)[:, None]
+        first = changes if curving is None else -motion_by_parameters(assembly, by, linear) @ at_joint[:, None]
         for side in (0, 1):
             sign = 1.0 if side == 0 else -1.0
             moved, found = _bend_shift(-sign * turn, angle, _way_by_twist(assembly, side), wrench[:, :3])
-            changes[:, side, TWIST] += sign * times(tangent[..., :3], moved)
+            changes[:, side, TWIST] += sign * matvec(tangent[..., :3], moved)
             if curving is not None:
-                first[:, side, TWIST] += sign * times(at_joint[..., :3], moved)
+                first[:, side, TWIST] += sign * matvec(at_joint[..., :3], moved)
             turned[:, side] = -found
         known = (assembly.sides, wrench, by_pose, changes, tangent @ by_pose)
         return cls(*known, at_joint, linear, first, turn, turned, inner, across, tangent)
 
     def force_by_design(self, way: Float[np.ndarray, "joints 12"]) -> Float[np.ndarray, "joints 2 5"]:
         """(m, 2, 5): contract ``gradient_by_design`` with a motion ``way`` (m, 12) of both hubs."""
-        along = times(self.by_pose, way)
-        out = times(self.wrench_by_design, along[:, None])
-        out[:, :, TWIST] += times(self.turned, along[:, 3:])
-        return of_spirals(out, self.sides)
+        along = matvec(self.by_pose, way)
+        out = matvec(self.wrench_by_design, along[:, None])
+        out[:, :, TWIST] += matvec(self.turned, along[:, 3:])
+        return spread_over_design(out, self.sides)
 
     @property
     def gradient_by_design(self) -> Float[np.ndarray, "joints 12 2 5"]:
@@ -129,10 +129,10 @@ class JointChanges:
         m = len(self.wrench)
         out = (self.wrench_by_design.reshape(m, -1, 6) @ self.by_pose).reshape(m, 2, PARAMETERS, 12)
         out[:, :, TWIST] += self.turned @ self.by_pose[:, 3:]
-        return of_spirals(out, self.sides).transpose(0, 3, 1, 2)
+        return spread_over_design(out, self.sides).transpose(0, 3, 1, 2)
 
 
-def softened(
+def motion_by_parameters(
     assembly: Assembly, by: Float[np.ndarray, "joints 2 numbers 6 6"], wrench: Float[np.ndarray, "joints 6"]
 ) -> Float[np.ndarray, "joints 2 parameters 6"]:
     """(m, 2, 3, 6) derivatives of the motion under a constant wrench by the parameters of both sides: C' times the
@@ -157,27 +157,29 @@ def convex_by_design(
     """(m, 2, 5) derivatives of each joint's convex energy r.K.r by the widths and the twist of both spirals.
 
     r is the rate of the joint's strains in a motion ``way`` (m, 12) of both hubs. Other arguments as in
-    ``JointChanges.from_joints``.
+    ``JointDerivatives.from_joints``.
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)
-    rates = times(first_order(SpatialMotion.from_joints(motion)), way).reshape(-1, 2, 3) @ base
+    rates = matvec(first_order(SpatialMotion.from_joints(motion)), way).reshape(-1, 2, 3) @ base
     rates = np.concatenate([rates[:, 0] + np.cross(offset, rates[:, 1]), rates[:, 1]], axis=1)
     slope = np.eye(6)[None]
     if curving is not None:
-        slope = curved(np.concatenate([motion.shift + np.cross(offset, turn), turn], axis=1), curving)[1]
-    inner = times(at_joint, times(slope, rates))
-    found = -times(softened(assembly, by, inner), inner[:, None])
-    force = times(np.swapaxes(slope, 1, 2), inner)[:, :3]
+        slope = add_second_order(np.concatenate([motion.shift + np.cross(offset, turn), turn], axis=1), curving)[1]
+    inner = matvec(at_joint, matvec(slope, rates))
+    found = -matvec(motion_by_parameters(assembly, by, inner), inner[:, None])
+    force = matvec(np.swapaxes(slope, 1, 2), inner)[:, :3]
     for side, sign in ((0, 1.0), (1, -1.0)):
         moved, bent = _bend_shift(-sign * turn, angle, _way_by_twist(assembly, side), force)
         found[:, side, TWIST] -= 2.0 * (bent * rates[:, 3:]).sum(axis=1)
         if curving is not None:
-            found[:, side, TWIST] += 4.0 * sign * (times(weighted(inner, curving)[:, :3], rates) * moved).sum(axis=1)
-    return of_spirals(found, assembly.sides)
+            found[:, side, TWIST] += (
+                4.0 * sign * (matvec(contract_with_wrench(inner, curving)[:, :3], rates) * moved).sum(axis=1)
+            )
+    return spread_over_design(found, assembly.sides)
 
 
-def of_spirals(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
+def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
     """Convert derivatives (m, 2, 3, ...) by the joints' parameters to derivatives (m, 2, 5, ...) by the widths and the
     twist of both spirals."""
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
@@ -197,7 +199,7 @@ def arm_loads(
     Parameters
     ----------
     assembly : with m joints
-    wrench, linear : (m, 6) N and N m, as in ``JointChanges``
+    wrench, linear : (m, 6) N and N m, as in ``JointDerivatives``
     turn : (m, 3) radians, of the second hub relative to the first
     """
     vectors = np.stack([wrench, linear, np.concatenate([np.zeros_like(turn), turn], axis=1)], axis=1)

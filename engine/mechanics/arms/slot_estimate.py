@@ -20,7 +20,7 @@ from ...spirals.blends import (
     MATE_LEAN,
     MATE_WIDTH,
     MATE_WIND,
-    NUMBERS,
+    N_PARAMETERS,
     OWN_LEAN,
     OWN_WIDTH,
     OWN_WIND,
@@ -28,7 +28,7 @@ from ...spirals.blends import (
 )
 from ...spirals.lines import ArmCurves
 from .sections import Section, SectionPull, dot
-from .tip_beams import BentByTips, Pair, Pull, TipBeams
+from .tip_beams import BentBeams, PlaneVector, PointGradient, TipBeams
 
 # t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
 # within the first sixth of their arm.
@@ -61,7 +61,7 @@ class SlotWidths:
     values: Float[np.ndarray, " k"]
     t: Float[np.ndarray, " k"]
     s: Float[np.ndarray, " k"]
-    field: BentByTips
+    field: BentBeams
     rows: Int[np.ndarray, "k 2"]
 
     @cached_property
@@ -109,7 +109,7 @@ class Slots:
         return SlotWidths(self, pair[place], values, t, s, field, local[place])
 
     def slopes(
-        self, field: BentByTips, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
+        self, field: BentBeams, t: Float[np.ndarray, " k"], s: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, "k 2 6"], Float[np.ndarray, "k 2 numbers"]]:
         """Differentiate the widths at single points.
 
@@ -138,8 +138,8 @@ class Slots:
         inner.along += facing.along
         pulls, pieces = zip(*(part.pulled(pull) for part, pull in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
-        by_motion, by_numbers = field.pulled(both[:, 0], pieces, Pull.interleave(*pulls))
-        return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, NUMBERS)
+        by_motion, by_numbers = field.pulled(both[:, 0], pieces, PointGradient.interleave(*pulls))
+        return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_PARAMETERS)
 
     @property
     def _sign(self) -> float:
@@ -159,7 +159,7 @@ class Slots:
 
     def _widths(
         self,
-        field: BentByTips,
+        field: BentBeams,
         pair: Int[np.ndarray, "n 2"],
         t: Float[np.ndarray, "n places"],
     ) -> tuple[Float[np.ndarray, "n places"], Float[np.ndarray, "n places"]]:
@@ -168,7 +168,7 @@ class Slots:
         outer, inner = pair.T
         here = Section.from_arms(field, outer, t)
         # start at the nearest station
-        stations = Pair(field.beams.flat + field.shift.flat, field.shift.off).space
+        stations = PlaneVector(field.beams.flat + field.shift.flat, field.shift.off).space
         apart = np.linalg.norm(here.middle[:, :, None] - stations[inner][:, None], axis=-1)
         s = field.beams.hub[inner, None] * (1.0 - apart.argmin(axis=2) / STATIONS)
         for _ in range(ROUNDS):
@@ -223,7 +223,7 @@ class Slots:
         return value, (here_pull, there_pull)
 
 
-def _rough_widths(field: BentByTips, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
+def _rough_widths(field: BentBeams, pair: Int[np.ndarray, "n 2"], sign: float) -> Float[np.ndarray, " n"]:
     """(n,) metres, approximate slot widths near the outer ends of the outer arms, seen in the plane.
 
     Measured from stations of the outer arms to the pieces of the inner arms, which count as arcs.

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import beside, clockwise, slot_widths
+from ...spirals.slots import beside_absent, is_clockwise, slot_widths
 from ...spirals.spiral import Arms, centre_line, width_at
 from .bent import BentArms
 
@@ -96,7 +96,7 @@ def slots_in_space(design: SpiralDesign, bent: BentArms, progress: Progress = SI
     progress(0.0, MEASURING)
     one, two, t, s = _slots_within(design)
     width = _narrowest_widths(design, bent, one, two, t, s, progress.part(0.1, 0.6))
-    width[beside(design.absent).ravel()] = np.inf
+    width[beside_absent(design.absent).ravel()] = np.inf
     progress(0.6, MEASURING)
     near, far, u, v = _slots_between(design, bent)
     others = _narrowest_widths(design, bent, near, far, u, v, progress.part(0.7, 1.0))
@@ -110,7 +110,7 @@ def _slots_within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndar
     t, s = slot_widths(design.arms, design.roots.left, design.roots.right, share)[2:]
     first = np.arange(t.shape[0] * 4)
     second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
-    outer, inner = (first, second) if clockwise(design.arms) else (second, first)
+    outer, inner = (first, second) if is_clockwise(design.arms) else (second, first)
     return outer, inner, t.reshape(len(first), -1), s.reshape(len(first), -1)
 
 

@@ -10,13 +10,13 @@ from ...arrays import Bool, Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ...spirals.design import SpiralDesign
-from ..assembly import Assembly, of_design
+from ..assembly import Assembly, assembly_from_design
 from .compliances import arm_compliances
 
 MM = 1e3  # newton millimetres per newton metre
 
 
-def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
+def spiral_stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " quads"] | None:
     """Mean bending stiffness of the joined arms of every spiral, from the elastic model's tip compliances.
 
     A spiral without a joint gets the smallest value of the others.
@@ -30,7 +30,7 @@ def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " q
     (F,) N mm per radian that an arm bends over its side; None for spirals outside the elastic model
     """
     try:
-        assembly = of_design(design)
+        assembly = assembly_from_design(design)
         total, count = _sum_by_spiral(assembly, material)
     except FlexMapsError:
         return None
@@ -38,10 +38,10 @@ def stiffness(design: SpiralDesign, material: Material) -> Float[np.ndarray, " q
     return np.where(count > 0, mean, mean[count > 0].min())
 
 
-def renewed(
+def update_stiffness(
     known: Float[np.ndarray, " quads"], design: SpiralDesign, material: Material, quads: Bool[np.ndarray, " quads"]
 ) -> Float[np.ndarray, " quads"]:
-    """Update ``stiffness`` where some quads of a design have changed; their neighbours change too, through the joints'
+    """Update ``spiral_stiffness`` where some quads of a design have changed; their neighbours change too, through the joints'
     blends.
 
     Parameters
@@ -51,7 +51,7 @@ def renewed(
     quads : (F,) which have changed
     """
     try:
-        whole = of_design(design)
+        whole = assembly_from_design(design)
         beside = np.zeros_like(quads)
         beside[whole.pairs[quads[whole.pairs].any(axis=1)]] = True
         some = beside[whole.pairs].any(axis=1)

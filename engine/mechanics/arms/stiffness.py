@@ -27,7 +27,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
-from ...spirals.known import SCALE_RANGE, limit_and_slope, table_twist_limit
+from ...spirals.known import SCALE_RANGE, table_twist_limit, twist_limit_and_slope
 from ...surface.checking.finding import counted
 from ..beyond import Beyond
 from . import beams
@@ -119,7 +119,7 @@ class _TablePoint:
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
     """Nearest positions in the table; a clipped coordinate has zero derivatives."""
     within = np.clip(ratio, *SCALE_RANGE)
-    limit, slope = limit_and_slope(within)
+    limit, slope = twist_limit_and_slope(within)
     part = twist / limit
     x, x_slope = _to_unit_interval(np.log(within), *np.log(SCALE_RANGE))
     y, y_slope = _to_unit_interval(np.log(flatness), *np.log(WIDTH_RANGE))
@@ -260,7 +260,7 @@ def blocks(
     # the beam's series ends here; no spiral with a larger twist can be cut
     wound = np.clip(twist, 0.0, beams.LARGEST_TWIST)
     if beam is None:
-        base = beams.tip_compliance(ratio, 1.0 / flatness, wound, poisson)
+        base = beams.beam_tip_compliance(ratio, 1.0 / flatness, wound, poisson)
     else:
         base = beam(ratio, 1.0 / flatness, wound)
         dfactor = np.concatenate([dfactor, np.zeros((len(base.slopes) - 3, *dfactor.shape[1:]))])
@@ -273,7 +273,7 @@ def blocks(
     return beams.Blocks(_gram(whole, whole).swapaxes(0, 1), (first + second).swapaxes(1, 2))
 
 
-def tip_compliance(
+def table_tip_compliance(
     scale: np.ndarray,
     width: np.ndarray,
     twist: np.ndarray,

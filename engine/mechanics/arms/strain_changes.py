@@ -15,16 +15,16 @@ from ...materials import Material
 from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..assembly import Assembly
 from ..rim import FORWARDS
-from ..vectors import times
+from ..vectors import matvec
 from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
 from .bars import BESIDE
-from .cut import TWIST, WIDTH, CutArms, shapes
-from .peak_strain import GRAIN, NUMBERS, PeakStrain, StrainedArms
-from .sensitivity import SENSES, JointChanges, arm_loads, of_spirals
+from .cut import TWIST, WIDTH, CutArms, rest_shapes
+from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
+from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# Kink (see ``kinks``) above which the estimated strain is less certain, and the largest ratio of true to estimated
+# Kink (see ``kink_angles``) above which the estimated strain is less certain, and the largest ratio of true to estimated
 # strain there. Of 1,006 joints in 40 solids, those above reach 1.6 (99 of 100 at most 1.19), those below 1.21.
-KINKED, KINKED_STRAIN = 0.9, 1.6
+KINK_LIMIT, KINK_STRAIN_FACTOR = 0.9, 1.6
 _UNCUT = 0.3  # blended share of t, where every arm counts as blended with an equal arm and the value has no effect
 
 
@@ -51,13 +51,13 @@ class Strains:
     """
 
     assembly: Assembly
-    changes: JointChanges
+    changes: JointDerivatives
     arms: StrainedArms
     loads: Float[np.ndarray, "n 15"]
     values: Float[np.ndarray, "joints 2"]
 
     @classmethod
-    def from_changes(cls, assembly: Assembly, changes: JointChanges, material: Material) -> Strains:
+    def from_changes(cls, assembly: Assembly, changes: JointDerivatives, material: Material) -> Strains:
         """Compute the strains under the loads of ``changes``.
 
         Parameters
@@ -74,9 +74,9 @@ class Strains:
         found, known, changes = self.arms.slopes(self.loads[arms], arms), self.assembly, self.changes
         e, side, rows = arms // 2, arms % 2, np.arange(len(arms))
         axes, by_loads = known.arm_axes[e, side], SENSES[side, None] * found.by_loads
-        by_wrench, by_linear = (times(axes, by_loads[:, part]) for part in (WRENCH, FIRST_ORDER))
-        by_motion = times(changes.at_joint[e], by_linear)
-        by_motion[:, 3:] += times(axes[:, 3:, 3:], by_loads[:, TURN])
+        by_wrench, by_linear = (matvec(axes, by_loads[:, part]) for part in (WRENCH, FIRST_ORDER))
+        by_motion = matvec(changes.at_joint[e], by_linear)
+        by_motion[:, 3:] += matvec(axes[:, 3:, 3:], by_loads[:, TURN])
         by_pose = (by_wrench[:, None] @ changes.wrench_by_pose[e] + by_motion[:, None] @ changes.by_pose[e])[:, 0]
         by_design = (changes.wrench_by_design[e] @ by_wrench[:, None, :, None])[..., 0]
         by_design += (changes.linear_by_design[e] @ by_linear[:, None, :, None])[..., 0]
@@ -89,13 +89,13 @@ class Strains:
         for at, numbers, weight in ((own, (OWN_WIDTH, OWN_WIND), 1.0), (beyond, (MATE_WIDTH, MATE_WIND), sign)):
             by_design[rows, at, WIDTH] += alive * found.by_numbers[:, numbers[0]]
             by_design[rows, at, TWIST] += turns * weight * found.by_numbers[:, numbers[1]]
-        out = of_spirals(by_design, known.sides[e])
+        out = spread_over_design(by_design, known.sides[e])
         cut = known.pairs[e, side] < known.spirals  # beside necks and strips there are only strips
         out[rows, side, _inner_side(known, known.sides[e, side])] += cut * found.by_numbers[:, BESIDE]
         return StrainSlopes(by_pose, out, found)
 
 
-def by_shapes(
+def strain_by_rest_shape(
     assembly: Assembly, arms: Int[np.ndarray, " k"], by: Float[np.ndarray, "k 10"]
 ) -> Float[np.ndarray, "k 2 3"]:
     """Convert derivatives by the arms' parameters to derivatives by the rest geometry of both sides of their joint.
@@ -115,7 +115,7 @@ def by_shapes(
         by = np.where((ties & (side == 1))[:, None], 0.0, by)  # necks and strips do not change
         by[ties, OWN_LEAN] -= by[ties, MATE_LEAN]
         by[ties, MATE_LEAN] = 0.0
-    for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN), (1 - side, MATE_LEAN, None, None)):
+    for at, lean, radius, grain in ((side, OWN_LEAN, RADIUS, GRAIN_INDEX), (1 - side, MATE_LEAN, None, None)):
         lever = assembly.lever[e, at, :2]
         size = np.linalg.norm(lever, axis=1)
         turn = sense * (by[:, lean] - (0.0 if grain is None else by[:, grain]))
@@ -128,7 +128,7 @@ def by_shapes(
 
 def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
     """Both arms of every joint, joint by joint."""
-    shape, cut = shapes(assembly, material), assembly.cut
+    shape, cut = rest_shapes(assembly, material), assembly.cut
     mate, sign = _mates(assembly)
     numbers = np.zeros((len(mate), NUMBERS))
     width, twist = assembly.arm_width.ravel(), assembly.twist[assembly.pairs].ravel()
@@ -146,7 +146,7 @@ def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
             lean[1 + 2 * assembly.ties.start : 2 * assembly.ties.stop : 2] = 0.0
         numbers[:, OWN_LEAN], numbers[:, MATE_LEAN] = lean, sign * lean[mate]
     if shape.shape[1] > 3:
-        numbers[:, GRAIN] = shape[:, 3]
+        numbers[:, GRAIN_INDEX] = shape[:, 3]
     blend, fillet = (_UNCUT, 0.0) if cut is None else (cut.blend, cut.fillet)
     return StrainedArms(numbers, blend, fillet, assembly.thickness, material)
 
@@ -158,7 +158,7 @@ def arm_strains(
     return strained_arms(assembly, material).values(loads.reshape(-1, LOADS)).reshape(-1, 2)
 
 
-def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
+def strain_by_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
     """Largest strain at the joints of every spiral.
 
     The larger strain at a joint counts for both of its spirals, because a kink in one arm begins in the other.
@@ -172,7 +172,7 @@ def largest(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float
     return worst
 
 
-def kinks(assembly: Assembly) -> Float[np.ndarray, " joints"]:
+def kink_angles(assembly: Assembly) -> Float[np.ndarray, " joints"]:
     """(m,) sharpness of the kink at every joint: the angle (radians) of the more bent arm, times thickness over
     the width of the narrower arm."""
     arms = CutArms.from_assembly(assembly)

@@ -14,10 +14,10 @@ import numpy as np
 
 from ...arrays import Float
 from ..assembly import Assembly, Pose
-from ..vectors import exponential, right_jacobian, skew, times
+from ..vectors import matvec, right_jacobian, rotation_matrix, skew
 from .cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .joint_motion import JointMotion, SpatialMotion, first_order, joint_motion
-from .sensitivity import PARAMETERS, of_spirals
+from .sensitivity import PARAMETERS, spread_over_design
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class TipMotions:
         """
         motion, m, axes = _motion(assembly, pose), len(assembly.pairs), assembly.arm_axes
         values, by_pose, by_design = np.empty((m, 2, 6)), np.empty((m, 2, 6, 12)), np.empty((m, 2, 6, 2, 5))
-        wrench = times(stiffness, motion.vector)
+        wrench = matvec(stiffness, motion.vector)
         back = np.zeros((m, 6, 6))
         back[:, :3, :3] = back[:, 3:, 3:] = np.swapaxes(motion.middle, 1, 2)
         motion_by_pose = back @ first_order(SpatialMotion.from_joints(motion))
@@ -65,18 +65,20 @@ class TipMotions:
             both[:, side, 1 - side, [WIDTH, TWIST]] = yields[:, side][:, [MATE_WIDTH, MATE_TWIST]]
         for side, sign in ((0, 1.0), (1, -1.0)):
             share = sign * (axes[:, side] @ compliance[:, side] @ np.swapaxes(axes[:, side], 1, 2)) @ stiffness
-            moved = times(share, motion.vector)
-            by_arms = sign * both[:, side] - times(share[:, None, None], both.sum(axis=1))
+            moved = matvec(share, motion.vector)
+            by_arms = sign * both[:, side] - matvec(share[:, None, None], both.sum(axis=1))
             half = 0.5 * sign * motion.turn
-            turn = exponential(half)
+            turn = rotation_matrix(half)
             frame = np.zeros((m, 6, 6))
             frame[:, :3, :3], frame[:, 3:, 3:] = assembly.axes[:, side] @ turn, assembly.axes[:, side]
-            values[:, side] = times(frame, moved)
+            values[:, side] = matvec(frame, moved)
             by_pose[:, side] = frame @ share @ motion_by_pose
             # derivative of the rotation of the shift by half of the turn
             swing = -0.5 * sign * (frame[:, :3, :3] @ skew(moved[:, :3]) @ right_jacobian(half))
             by_pose[:, side, :3] += swing @ motion_by_pose[:, 3:]
-            by_design[:, side] = of_spirals(times(frame[:, None, None], by_arms), assembly.sides).transpose(0, 3, 1, 2)
+            by_design[:, side] = spread_over_design(matvec(frame[:, None, None], by_arms), assembly.sides).transpose(
+                0, 3, 1, 2
+            )
         return cls(values, by_pose, by_design)
 
 
@@ -97,10 +99,10 @@ def tip_motions(
     (m, 2, 6) : metres and radians
     """
     motion, axes, sign = _motion(assembly, pose), assembly.arm_axes, np.array([1.0, -1.0])[:, None]
-    own = (np.swapaxes(axes, 2, 3) @ times(stiffness, motion.vector)[:, None, :, None])[..., 0]
-    moved = sign * times(axes, times(compliance, own))
-    shift = times(exponential(0.5 * sign * motion.turn[:, None]), moved[..., :3])
-    return np.concatenate([times(assembly.axes, shift), times(assembly.axes, moved[..., 3:])], axis=2)
+    own = (np.swapaxes(axes, 2, 3) @ matvec(stiffness, motion.vector)[:, None, :, None])[..., 0]
+    moved = sign * matvec(axes, matvec(compliance, own))
+    shift = matvec(rotation_matrix(0.5 * sign * motion.turn[:, None]), moved[..., :3])
+    return np.concatenate([matvec(assembly.axes, shift), matvec(assembly.axes, moved[..., 3:])], axis=2)
 
 
 def _motion(assembly: Assembly, pose: Pose) -> JointMotion:

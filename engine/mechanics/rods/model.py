@@ -17,10 +17,10 @@ from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly, Pose
 from ..beyond import Beyond
-from ..elastic import Expansion, JointsOnly, summed
+from ..elastic import Expansion, JointsOnly, sum_joint_vectors
 from ..vectors import outer
 from . import stiffness, strains
-from .motion import FLIP, SPLIT, RodState, first_order, roll_row, second_order
+from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coupling, second_order
 from .sensitivity import gradient_by_design
 
 
@@ -160,7 +160,7 @@ class RodModel(JointsOnly):
         tension only."""
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
-        slope = ends.gradient * FLIP
+        slope = ends.gradient * ROLL_SIGNS
         motion = first_order(state)
         jacobian = motion.jacobian
         gradient = np.einsum("mki,mkij->mkj", slope, jacobian)
@@ -170,13 +170,13 @@ class RodModel(JointsOnly):
         steep = (self.stretch / self.length**2)[:, None, None] * along
         pull = self._stretch_energy(state.predicted)[1] if ahead else tension
         lateral = (pull / state.length)[:, None, None] * (np.eye(3) - along)
-        flip = np.outer(FLIP, FLIP)
+        flip = np.outer(ROLL_SIGNS, ROLL_SIGNS)
         curved = second_order(state, motion, slope)
-        blocks = gradient[:, 0] @ SPLIT[0] + gradient[:, 1] @ SPLIT[1]
+        blocks = gradient[:, 0] @ END_INCREMENTS[0] + gradient[:, 1] @ END_INCREMENTS[1]
         return Expansion(
             float(per_joint.sum()),
             per_joint,
-            summed(blocks, self.pairs, self.assembly.size),
+            sum_joint_vectors(blocks, self.pairs, self.assembly.size),
             _eliminate_roll(ends.hessian * flip, jacobian, steep + lateral, curved),
             _eliminate_roll(ends.convex * flip, jacobian, steep, None),
         )
@@ -193,7 +193,7 @@ def _eliminate_roll(
     ends : (m, 2, 3, 3) by x, y and roll of both ends; jacobian : (m, 2, 3, 6) derivatives of x, y, roll by (d, w)
     shifts : (m, 3, 3) by d, and curved : (m, 2, 6, 6) by (d, w), are added
     """
-    row = roll_row(ends, jacobian)
+    row = roll_coupling(ends, jacobian)
     out = outer(row / -ends[..., 2, 2].sum(axis=1)[:, None], row)
     own = np.swapaxes(jacobian, 2, 3) @ ends @ jacobian
     if curved is not None:

@@ -40,13 +40,13 @@ class RodState:
 
 # signs that turn derivatives by x, y and the edge's roll relative to a hub into those by x, y and the roll of the hub's
 # frame
-FLIP = np.array([1.0, 1.0, -1.0])
+ROLL_SIGNS = np.array([1.0, 1.0, -1.0])
 
 # (2, 6, 12) increments (d, w) of either end from both hubs': first shift, first turn, second shift, second turn
-SPLIT = np.zeros((2, 6, 12))
-SPLIT[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
+END_INCREMENTS = np.zeros((2, 6, 12))
+END_INCREMENTS[:, :3, :3] = -np.eye(3)  # the first hub's shift counts negative
 # the second hub's shift, and the turn of the hub at that end
-SPLIT[:, :3, 6:9] = SPLIT[0, 3:, 3:6] = SPLIT[1, 3:, 9:] = np.eye(3)
+END_INCREMENTS[:, :3, 6:9] = END_INCREMENTS[0, 3:, 3:6] = END_INCREMENTS[1, 3:, 9:] = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def second_order(
     return curved
 
 
-def roll_row(
+def roll_coupling(
     ends: Float[np.ndarray, "joints 2 3 3"], jacobian: Float[np.ndarray, "joints 2 3 6"]
 ) -> Float[np.ndarray, "joints 12"]:
     """(m, 12) mixed derivatives by the hubs' increments and by a roll of both hubs' frames relative to the edge.
@@ -118,7 +118,7 @@ def roll_row(
         w)
     """
     coupled = np.einsum("mki,mkij->mkj", ends[..., 2], jacobian)
-    return coupled[:, 0] @ SPLIT[0] + coupled[:, 1] @ SPLIT[1]
+    return coupled[:, 0] @ END_INCREMENTS[0] + coupled[:, 1] @ END_INCREMENTS[1]
 
 
 def _one_plus_cosine(state: RodState) -> Float[np.ndarray, "joints 2"]:

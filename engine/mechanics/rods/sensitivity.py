@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Float
 from ..assembly import Assembly
 from . import strains
-from .motion import FLIP, SPLIT, RodState, first_order, roll_row
+from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coupling
 
 
 def gradient_by_design(
@@ -28,17 +28,17 @@ def gradient_by_design(
     half = assembly.radius
     change = by_design[assembly.pairs]
     jacobian = first_order(state).jacobian
-    ends = strains.expand(springs, state.bend, state.angles).hessian * np.outer(FLIP, FLIP)
-    row, stiffness = roll_row(ends, jacobian), ends[..., 2, 2].sum(axis=1)
+    ends = strains.expand(springs, state.bend, state.angles).hessian * np.outer(ROLL_SIGNS, ROLL_SIGNS)
+    row, stiffness = roll_coupling(ends, jacobian), ends[..., 2, 2].sum(axis=1)
     out = np.empty((len(half), 12, 2, 5))
     tension = (state.length / length - 1.0) / length
     for side in (0, 1):
         for k in (0, 1):
             ks, bends = change[:, side, 0, k] * half[:, side], change[:, side, 1:, k] / half[:, side, None]
-            slope = strains.slope(bends, state.bend[:, side], state.angles[:, side]) * FLIP
+            slope = strains.slope(bends, state.bend[:, side], state.angles[:, side]) * ROLL_SIGNS
             gradient = np.einsum("mi,mij->mj", slope, jacobian[:, side])
             gradient[:, :3] += (ks * tension)[:, None] * state.tangent
-            found = gradient @ SPLIT[side] - row * (slope[:, 2] / stiffness)[:, None]
+            found = gradient @ END_INCREMENTS[side] - row * (slope[:, 2] / stiffness)[:, None]
             if k == 0:
                 out[:, :, side, :4] = 0.25 * found[..., None]
             else:

@@ -11,7 +11,7 @@ from flexmaps.engine.display.moving import MovingPanels
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.spirals.painting import Stroke, paint_spirals
 from flexmaps.engine.spirals.spiral import opposite_sides
 from flexmaps.engine.surface import shapes
@@ -32,7 +32,7 @@ def test_moved_points_are_those_of_panels_made_anew(border: str, most: int, monk
     monkeypatch.setattr(solids.light, "__defaults__", ((), most, None))
     mesh = shapes.make("saddle", 0.025)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    design = uniform(flat, SpiralParams(border=border), twist=2.0)
+    design = uniform_design(flat, SpiralParams(border=border), twist=2.0)
     panels = MovingPanels(design)
     faces = panels.solid.corners
     inner = ~mesh.border[mesh.quad_edges].any(axis=1)

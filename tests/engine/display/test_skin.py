@@ -11,7 +11,7 @@ from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.extras.film import film, passage, stages
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -29,7 +29,7 @@ def piece(request):
     """Panels with seams, and where they rest."""
     mesh = shapes.make(request.param)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(), twist=3.0)
+    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 
@@ -38,7 +38,7 @@ def rimmed():
     """A dome of panels with a rim, and where it rests."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(border="rim"), twist=3.0)
+    made = design.uniform_design(flat, SpiralParams(border="rim"), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 
@@ -56,7 +56,7 @@ def joined(skin: Skin) -> np.ndarray:
 def test_it_ends_as_the_elastic_arms_do(piece):
     made, pose = piece
     panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
-    wanted = sections(panels, panels.placed(bent(made, pose), pose))
+    wanted = sections(panels, panels.placed(bend_arms(made, pose), pose))
     found = skin.placed(pose, joined(skin), made.params.thickness)
     there = np.isfinite(wanted)
     assert there.mean() > 0.8
@@ -92,7 +92,7 @@ def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
     rim, skin = RimMesh.from_design(made), Skin.from_design(made, pose)
     assert rim is not None and skin.strip is not None
     order, half = np.argsort(rim.quad, kind="stable"), 0.5 * made.params.thickness
-    place, up = rim.placed(bent(made, pose))
+    place, up = rim.placed(bend_arms(made, pose))
     wanted = np.stack([place + half * up, place - half * up], axis=1)[order]
     assert placed_strip(skin, pose, joined(skin), made.params.thickness) == pytest.approx(wanted, abs=1e-9)
     centres = np.c_[made.arms.centre, np.zeros(len(made.width))]
@@ -116,7 +116,7 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     here = Blend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
     closed = np.zeros(len(skin.tip))
     closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
-    wanted = sections(panels, panels.placed(bent(made, here, closed=inside), here))
+    wanted = sections(panels, panels.placed(bend_arms(made, here, closed=inside), here))
     off = np.linalg.norm(skin.placed(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
     # a pixel, where the piece of ten quads fills a screen of 500
     assert np.nanmean(off) < 0.02

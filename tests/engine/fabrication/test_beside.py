@@ -26,7 +26,9 @@ def _legible(strokes, text, place):
 
 def test_small_labels_stand_beside_their_panels_too(flat_grid):
     """Every joint whose label is hardly read is named in the waste, off all panels, and its tick points at it."""
-    narrow = design.uniform(flat_grid(4, 5, 0.02, cut=lambda x, y: x == 2 or y == 2), SpiralParams(), width=0.001)
+    narrow = design.uniform_design(
+        flat_grid(4, 5, 0.02, cut=lambda x, y: x == 2 or y == 2), SpiralParams(), width=0.001
+    )
     made = sheets.make_sheets(narrow, SheetParams(nesting="FAST"))
     panels = made.on_sheet(0)
     material = shapely.union_all([_polygon(p) for p in panels])

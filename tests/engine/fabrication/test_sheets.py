@@ -39,7 +39,7 @@ def made(flat_grid):
     )
     curvature = np.sin(40 * flat.corners.mean(axis=1)).sum(axis=1) + 2
     return sheets.make_sheets(
-        design.from_curvature(flat, SpiralParams(), curvature),
+        design.design_from_curvature(flat, SpiralParams(), curvature),
         SheetParams(nesting="FAST"),
         connectors=ConnectorParams(connector="none"),
     )
@@ -71,7 +71,9 @@ def test_labels_lie_inside_the_material(made):
 
 
 def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
-    narrow = design.uniform(flat_grid(3, 2, 0.03, cut=lambda x, y: x == 1), SpiralParams(), width=0.001, twist=1.0)
+    narrow = design.uniform_design(
+        flat_grid(3, 2, 0.03, cut=lambda x, y: x == 1), SpiralParams(), width=0.001, twist=1.0
+    )
     circles = hub_circles(narrow.arms, narrow.roots)
     made = sheets.make_sheets(narrow, SheetParams(nesting="FAST"))
     assert made.labels_left_out == 0
@@ -89,7 +91,7 @@ def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
 
 
 def test_labels_that_would_be_too_small_are_counted(flat_grid):
-    made = design.uniform(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
+    made = design.uniform_design(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
     assert sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001)).labels_left_out == 0  # beside it
     result = sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001, spacing=0.03))
     assert result.labels_left_out == 4
@@ -251,7 +253,7 @@ def test_every_kind_of_file_is_known_again_as_the_programs_own(made, tmp_path):
 
 
 def test_oversize_panels(flat_grid):
-    made = design.uniform(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
+    made = design.uniform_design(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
     small = {"sheet_width": 0.2, "sheet_height": 0.15, "nesting": "FAST"}
     enlarged = sheets.make_sheets(made, SheetParams(**small))
     assert len(enlarged.warnings) == 1
@@ -265,13 +267,13 @@ def test_oversize_panels(flat_grid):
 def test_margin_larger_than_the_sheet(flat_grid):
     with pytest.raises(FlexMapsError, match="margin"):
         sheets.make_sheets(
-            design.uniform(flat_grid(1, 1), SpiralParams()),
+            design.uniform_design(flat_grid(1, 1), SpiralParams()),
             SheetParams(sheet_width=0.05, sheet_height=0.05, margin=0.03),
         )
 
 
 def test_progress_ascends_and_stops(flat_grid):
-    made = design.uniform(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
+    made = design.uniform_design(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
     seen = []
     sheets.make_sheets(made, SheetParams(nesting="FAST"), Progress(lambda fraction, text: seen.append(fraction)))
     assert seen == sorted(seen)
@@ -302,7 +304,7 @@ def test_sheets_of_real_layouts(name):
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
-        design.from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams(nesting="FAST")
+        design.design_from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams(nesting="FAST")
     )
     assert len(result.panels) == len(flat.layout.patches)
     assert result.slot_min >= 0.3e-3 - 1e-9
@@ -318,7 +320,9 @@ def test_sheets_of_real_layouts(name):
 
 
 def test_keys_carry_the_names_of_their_joints(flat_grid):
-    spirals = design.uniform(flat_grid(4, 3, 0.03, cut=lambda x, _: x == 2), SpiralParams(), width=0.002, twist=0.5)
+    spirals = design.uniform_design(
+        flat_grid(4, 3, 0.03, cut=lambda x, _: x == 2), SpiralParams(), width=0.002, twist=0.5
+    )
     made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
     keys = [p for p in made.panels if p.patch < 0]
     assert len(keys) == 3
@@ -364,4 +368,4 @@ def test_the_job_refuses_sheets_smaller_than_its_layout():
     result = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="spirals")
     smaller = Settings(sheet=SheetParams(sheet_width=0.07, sheet_height=0.06))
     with pytest.raises(FlexMapsError, match="make the layout again"):
-        job.go_on(result, smaller, ["sheets"])
+        job.run_stages(result, smaller, ["sheets"])

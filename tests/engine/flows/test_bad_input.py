@@ -16,7 +16,7 @@ QUICK = {"nesting": "FAST", "labels": False}
 
 def _write(out, name="sheet", **blocks):
     """Mesh to files, as the main job does it; the settings are made inside, for they may be refused already."""
-    with files.replacing_many() as new:
+    with files.write_all_atomically() as new:
         made = {key: make() for key, make in blocks.items()}
         settings = Settings(**{"sheet": SheetParams(**QUICK)} | made)
         result = job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02)

@@ -9,7 +9,7 @@ from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.panels.kerf import cut_paths
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import SheetParams, SimulateParams, SpiralParams
 from flexmaps.engine.simulation.simulate import simulate
@@ -23,7 +23,7 @@ def _polygon(outline):
 
 
 def _designs(flat, twist):
-    made = design.uniform(flat, STUBS, width=0.0015, twist=twist)
+    made = design.uniform_design(flat, STUBS, width=0.0015, twist=twist)
     return made, design.SpiralDesign(flat, OUT, made.width, made.twist)
 
 
@@ -51,7 +51,7 @@ def test_a_panel_is_the_same_but_for_the_arms_that_are_left_out(flat_grid, degre
 @pytest.mark.parametrize("border", [STUBS, OUT], ids=["stubs", "left out"])
 def test_weight_is_that_of_what_is_cut(flat_grid, border):
     flat = flat_grid(3, 3)
-    made = design.uniform(flat, border, width=0.0015, twist=2.0)
+    made = design.uniform_design(flat, border, width=0.0015, twist=2.0)
     (panel,) = map(_polygon, made.outlines())
     params, pom = SimulateParams(gravity=True), MATERIALS["pom"]
     found = simulate(made, flat.layout.mesh, pom, params, supports=np.array([0]))
@@ -97,7 +97,7 @@ def test_drawn_bodies_are_closed_and_hold_what_is_cut(flat_grid, degrees):
     drawn = panel_mesh(out, DETAILS["FINE"])
     shown = solids.solid(out, centres)
     for points, corners, sizes in (
-        (drawn.placed(bent(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
+        (drawn.placed(bend_arms(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
         (shown.vertices, shown.corners, shown.sizes),
     ):
         starts = np.cumsum(sizes) - sizes

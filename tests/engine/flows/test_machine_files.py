@@ -23,7 +23,7 @@ from flexmaps.engine.spirals.design import SpiralDesign
 
 @pytest.fixture
 def drawn(flat_grid: Callable[..., FlatPatches]) -> SpiralDesign:
-    return design.uniform(flat_grid(3, 2), SpiralParams(), width=0.001, twist=2.0)
+    return design.uniform_design(flat_grid(3, 2), SpiralParams(), width=0.001, twist=2.0)
 
 
 @pytest.fixture

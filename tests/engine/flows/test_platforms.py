@@ -54,7 +54,7 @@ def test_a_file_that_is_held_for_a_moment(held: Any, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_text("old")
     waited = held(path, 3)
-    with files.replacing(path) as new:
+    with files.write_atomically(path) as new:
         new.write_text("new")
     assert path.read_text() == "new" and len(waited) == 3
     assert [one.name for one in tmp_path.iterdir()] == ["report.html"]
@@ -67,7 +67,7 @@ def test_a_file_that_is_held_for_good(held: Any, tmp_path: Path) -> None:
     other.write_text("old")
     waited = held(path, 10**6)
     with pytest.raises(FlexMapsError, match=r"sheet-02\.svg: another program may have it open; close it"):
-        with files.replacing_many() as new:
+        with files.write_all_atomically() as new:
             new(other).write_text("new")
             new(path).write_text("new")
     assert sum(waited) < 2.0
@@ -78,7 +78,10 @@ def test_a_path_that_is_too_long_for_windows(tmp_path: Path) -> None:
     class TooLong(FileNotFoundError):
         winerror = 206
 
-    with pytest.raises(FlexMapsError, match="longer than Windows allows"), files.replacing(tmp_path / "a.svg") as new:
+    with (
+        pytest.raises(FlexMapsError, match="longer than Windows allows"),
+        files.write_atomically(tmp_path / "a.svg") as new,
+    ):
         raise TooLong(2, "The filename or extension is too long", str(new))
 
 
@@ -91,13 +94,15 @@ def test_a_path_that_is_too_long_for_windows(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_names_of_files(name: str, wanted: str) -> None:
-    assert files.named(name) == wanted
-    assert files.named(wanted) == wanted, "twice is the same"
+    assert files.safe_file_name(name) == wanted
+    assert files.safe_file_name(wanted) == wanted, "twice is the same"
 
 
 def test_long_names_leave_room(tmp_path: Path) -> None:
     for letter in "a花\U0001f33b":
-        (tmp_path / f"{files.named(letter * 255)}-assembly-01.svg").write_text("")  # as long as a file system takes
+        (tmp_path / f"{files.safe_file_name(letter * 255)}-assembly-01.svg").write_text(
+            ""
+        )  # as long as a file system takes
 
 
 def test_processes_are_started_anew_everywhere() -> None:

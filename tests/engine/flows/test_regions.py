@@ -106,7 +106,7 @@ def test_a_plate_with_holes_is_one_panel() -> None:
     assert whole.area == pytest.approx(mesh.areas.sum(), rel=1e-6)
     # and it can be cut as such: one outline, 49 holes of the surface among those round the inner vertices
     result = job.begin(PolygonMesh.from_quads(mesh))
-    result = job.go_on(by_hand.laid_out(result, made, Settings()), Settings(), ("spirals", "sheets"))
+    result = job.run_stages(by_hand.laid_out(result, made, Settings()), Settings(), ("spirals", "sheets"))
     assert result.sheets is not None
     inner = int((~mesh.on_border).sum())
     assert len(result.sheets.panels[0].holes) == inner + 49
@@ -197,7 +197,7 @@ def test_what_nothing_holds_leaves_the_plane(height: Height) -> None:
         params = LayoutParams(seamless=seamless)
         made = merge.merge(trace.trace(mesh, params), params)
         result = by_hand.laid_out(job.begin(PolygonMesh.from_quads(mesh)), made, Settings(layout=params))
-        found = job.go_on(result, Settings(layout=params), ("spirals", "simulate")).simulation
+        found = job.run_stages(result, Settings(layout=params), ("spirals", "simulate")).simulation
         assert found is not None
         assert bool(made.layout.cut.any()) is not seamless
         points = found.equilibrium.pose.centres

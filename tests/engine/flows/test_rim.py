@@ -13,9 +13,9 @@ from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
@@ -51,7 +51,7 @@ def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh
 
 @pytest.mark.parametrize("material", ["vero", "birch"])
 def test_derivatives_that_are_found_later_are_those_found_at_once(material):
-    whole = of_design(made()[0])
+    whole = assembly_from_design(made()[0])
     at_once, later = (
         ArmModel.from_assembly(whole, MATERIALS[material], curving=False, slopes=slopes) for slopes in (True, False)
     )
@@ -66,7 +66,7 @@ def test_derivatives_that_are_found_later_are_those_found_at_once(material):
 @pytest.mark.parametrize("degrees", [0, 200])
 def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
     flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
-    whole = designs.uniform(flat, RIM, width=0.0015, twist=np.radians(degrees))
+    whole = designs.uniform_design(flat, RIM, width=0.0015, twist=np.radians(degrees))
     rim = whole.rim
     assert rim is not None
     for outline, own in zip(whole.outlines(1e-7), range(2), strict=True):
@@ -105,16 +105,18 @@ def test_holes_that_have_no_room_are_refused(wrong):
 
 def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
     flat = flat_grid(3, 3, without=lambda i, j: i + j == 4)
-    assert designs.uniform(flat, RIM, width=0.0015, twist=1.0).rim is not None
+    assert designs.uniform_design(flat, RIM, width=0.0015, twist=1.0).rim is not None
     with pytest.raises(FlexMapsError, match="no room there; make it narrower") as error:
-        designs.uniform(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
+        designs.uniform_design(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
     assert set(error.value.faces) <= {5, 7}
 
 
 def test_strips_and_necks_are_beams(flat_grid):
     flat = flat_grid(3, 1)
     plain = dataclasses.replace(RIM, rim_hole=0.0)
-    model = ArmModel.from_assembly(of_design(designs.uniform(flat, plain, width=0.0015, twist=1.0)), VERO)
+    model = ArmModel.from_assembly(
+        assembly_from_design(designs.uniform_design(flat, plain, width=0.0015, twist=1.0)), VERO
+    )
     whole = model.assembly
     straight = np.flatnonzero(np.abs(np.linalg.norm(whole.lever, axis=2).sum(axis=1) - 0.02) < 1e-9)
     straight = straight[straight >= whole.ties.stop]
@@ -155,7 +157,7 @@ def test_a_hole_softens_a_strip_as_much_as_it_does_a_solid(width: float, hole: f
 
 def test_forces_and_stiffness_are_differences_of_the_energy():
     whole, mesh = made()
-    model = build_model(of_design(whole), VERO, "arm")
+    model = build_model(assembly_from_design(whole), VERO, "arm")
     rng = np.random.default_rng(1)
     state = model.start(target_pose(mesh, whole.flat.corners))
     state = model.start(state.pose.moved(rng.normal(size=(model.assembly.size, 6)) * np.repeat([1e-4, 0.05], 3)))
@@ -174,7 +176,7 @@ def test_forces_and_stiffness_are_differences_of_the_energy():
 
 def problem(share: float, groups: int, opening: float | None, soft: float = 0.0) -> tuple[FlatProblem, Pose]:
     whole, mesh = made()
-    assembly = of_design(whole)
+    assembly = assembly_from_design(whole)
     space = DesignSpace.from_design(whole, assembly, groups)
     found = FlatProblem(
         assembly=assembly,
@@ -242,7 +244,7 @@ def test_a_pose_without_nodes_finds_them_again():
 
 def test_the_rod_model_is_refused():
     with pytest.raises(FlexMapsError, match="arm model"):
-        build_model(of_design(made()[0]), VERO, "rod", progress=SILENT)
+        build_model(assembly_from_design(made()[0]), VERO, "rod", progress=SILENT)
 
 
 def test_drawn_bodies_are_closed_and_hold_what_is_cut():
@@ -252,7 +254,7 @@ def test_drawn_bodies_are_closed_and_hold_what_is_cut():
     shown = solids.solid(whole, centres)
     cut = sum(polygon(outline).area for outline in whole.outlines()) * whole.params.thickness
     # the same where only the hubs' poses are known, as they are stored
-    arms = bent(whole, Pose(pose.centres, pose.rotations))
+    arms = bend_arms(whole, Pose(pose.centres, pose.rotations))
     for points, corners, sizes in (
         (drawn.placed(arms, pose), drawn.corners, drawn.sizes),
         (drawn.flat(centres), drawn.corners, drawn.sizes),

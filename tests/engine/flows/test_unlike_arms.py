@@ -16,7 +16,7 @@ from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
 from flexmaps.engine.fabrication.writers.solids import TOLERANCE, extruded
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import target_pose
 from flexmaps.engine.params import ConnectorParams, CutParams, LayoutParams, SheetParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -212,7 +212,7 @@ def test_the_assembled_piece_is_drawn_without_gaps(case):
     mesh, made, cut = case
     pose = target_pose(mesh, made.flat.corners)
     panels = panel_mesh(made, DETAILS["MEDIUM"], cut.connections.tips)
-    points = panels.placed(bent(made, pose), pose)
+    points = panels.placed(bend_arms(made, pose), pose)
     assert np.isfinite(points).all()
     volume = sum(p.area for p in cut.panels if p.patch >= 0) * made.params.thickness
     assert _closed(points, panels.corners, panels.sizes).volume == pytest.approx(volume, rel=0.02)

@@ -54,10 +54,10 @@ assert Path("pROBE").exists(), "names that differ in case alone are one"
 Path("Probe").unlink()
 told = {}
 for name in words:  # as they are called, in one folder
-    Path(f"{files.named(name)}-01.svg").write_text(name)
+    Path(f"{files.safe_file_name(name)}-01.svg").write_text(name)
 told["written"] = sorted(path.name for path in Path().iterdir())
 try:
-    with files.replacing("a:b.svg") as new:
+    with files.write_atomically("a:b.svg") as new:
         new.write_text("x")
 except FlexMapsError as error:
     told["refused"] = str(error)
@@ -65,10 +65,10 @@ folder = Path("out")
 folder.mkdir()
 (folder / "Sheet-01.svg").write_text("old")
 (folder / "SHEET-02.svg").write_text("old")
-with files.replacing_many([folder / "sheet-02.svg"], folder) as new:
+with files.write_all_atomically([folder / "sheet-02.svg"], folder) as new:
     new(folder / "sheet-01.svg").write_text("new")
     try:
-        with files.replacing_many(alone_in=Path("OUT")):
+        with files.write_all_atomically(alone_in=Path("OUT")):
             told["held"] = ""
     except FlexMapsError as error:
         told["held"] = str(error)

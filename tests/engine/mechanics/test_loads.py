@@ -9,9 +9,9 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import other_minima, solve
-from flexmaps.engine.mechanics.loads import Loads, standing
+from flexmaps.engine.mechanics.loads import Loads, parse_supports
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
-from flexmaps.engine.mechanics.rigid import freedoms
+from flexmaps.engine.mechanics.rigid import free_pieces
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
@@ -59,14 +59,14 @@ def test_bad_supports_are_refused(make: object, message: str) -> None:
 def test_supports_that_name_no_quad_are_refused(which: object) -> None:
     """Digits of other scripts among them: what looks like a number here but not there is better typed again."""
     with pytest.raises(FlexMapsError, match="upports") as caught:
-        standing(shapes.make("cubesphere"), which)  # type: ignore[arg-type]
+        parse_supports(shapes.make("cubesphere"), which)  # type: ignore[arg-type]
     assert len(str(caught.value)) < 200
 
 
 def test_supports_by_number() -> None:
     mesh = shapes.make("cubesphere")
-    assert standing(mesh, " 3, +4 ,3").tolist() == [3, 4]
-    assert standing(mesh, np.array([149, 0])).tolist() == [0, 149]
+    assert parse_supports(mesh, " 3, +4 ,3").tolist() == [3, 4]
+    assert parse_supports(mesh, np.array([149, 0])).tolist() == [0, 149]
 
 
 def test_weight_without_supports_names_the_piece() -> None:
@@ -108,7 +108,7 @@ def test_hinges_in_a_row_leave_the_turn_about_it() -> None:
     loads = Loads.for_spirals(count, supports=np.arange(count), clamped=False)
     found = solve(model, straight(count), loads, SimulateParams())
     assert found.converged and found.pose.centres == pytest.approx(straight(count).centres)
-    (left,) = freedoms(loads.fixed, model.pairs, straight(count).centres)
+    (left,) = free_pieces(loads.fixed, model.pairs, straight(count).centres)
     assert left.entries.tolist() == [3]
     assert np.abs(left.motions[0, 3:] / np.linalg.norm(left.motions[0, 3:])) == pytest.approx([1, 0, 0], abs=1e-9)
 

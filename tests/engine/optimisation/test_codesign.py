@@ -8,8 +8,8 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
-from flexmaps.engine.mechanics.loads import Loads, standing
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.loads import Loads, parse_supports
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.codesign_cost import FlatCost, FlatLimits
@@ -27,7 +27,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
-from flexmaps.engine.spirals.constraints import FREE, Constraints
+from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable
 from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
@@ -60,11 +60,11 @@ def problem(
 ) -> tuple[FlatProblem, Pose]:
     """share : of the material's strain, 0 where it does not count; feet : "clamped" or "hinged" at four corners, "" for none"""
     design, mesh = made()
-    assembly = of_design(design)
+    assembly = assembly_from_design(design)
     space = DesignSpace.from_design(
-        design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else FREE
+        design, assembly, groups, constraints=Constraints(kept=np.arange(4)) if kept else NO_CONSTRAINTS
     )
-    supports = standing(mesh, "lowest")[::2] if feet else None
+    supports = parse_supports(mesh, "lowest")[::2] if feet else None
     loads = Loads.for_spirals(assembly.size, supports=supports, clamped=feet == "clamped")
     whole = FlatProblem(
         assembly=assembly,
@@ -166,7 +166,7 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
     h = 1e-7
 
     def numbers(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        made_of = of_design(dataclasses.replace(design, flat=measured(layout, p)))
+        made_of = assembly_from_design(dataclasses.replace(design, flat=measured(layout, p)))
         along = made_of.axes[..., 1]
         return made_of.lever[..., :2], np.arctan2(along[..., 1], along[..., 0])
 
@@ -179,7 +179,7 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
 
 def test_derivatives_by_geometry_of_a_known_function() -> None:
     design, mesh = made()
-    model = ArmModel.from_assembly(of_design(design), VERO, curving=False)
+    model = ArmModel.from_assembly(assembly_from_design(design), VERO, curving=False)
     assembly = model.assembly
 
     def measure(alone: ArmModel, pose: Pose) -> np.ndarray:
@@ -252,7 +252,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     found = codesign.refine_flat_shapes(alone, spirals, design, params, trace, points.append)
     assert np.array_equal(points[-1].x, found.x) and len(points) == len(trace.rows)
     assert found.mismatch.value < 0.9 * spirals.mismatch.value and found.mismatch.rmse < spirals.mismatch.rmse
-    better = codesign.designed(found, design)
+    better = codesign.to_design(found, design)
     flat = better.flat
     assert flat.energy.max() < LIMIT and seam_mismatch(flat).max() < max(SEAM, 1.02 * seam_mismatch(design.flat).max())
     assert overlapping(flat) == [] and not flips(flat.corners @ np.array([1.0, 1.0j])).any()
@@ -317,5 +317,5 @@ def test_patches_that_overlap_are_no_design() -> None:
     x[first : first + 2] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
     assert overlapping(measured(design.flat.layout, folded.points(broken.flat_x)))
-    assert codesign.designed(broken, design) is None
-    assert codesign.designed(here, design) is not None
+    assert codesign.to_design(broken, design) is None
+    assert codesign.to_design(here, design) is not None

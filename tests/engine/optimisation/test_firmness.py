@@ -6,12 +6,18 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.assembly import of_design, target_pose
+from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
-from flexmaps.engine.optimisation.firmness import ENOUGH, LEAST, TANGENT_BELOW, StabilityBarrier, StabilityRequirement
+from flexmaps.engine.optimisation.firmness import (
+    SINGULAR_EIGENVALUE,
+    STABLE_EIGENVALUE,
+    TANGENT_BELOW,
+    StabilityBarrier,
+    StabilityRequirement,
+)
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
@@ -39,7 +45,7 @@ def made() -> tuple[SpiralDesign, QuadMesh]:
 def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False) -> DesignPoint:
     """A point with soft modes, of spirals at random; every eigenvalue of the dome's counts as low."""
     design, mesh = made()
-    assembly = of_design(design)
+    assembly = assembly_from_design(design)
     supports = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if held else None
     space = DesignSpace.from_design(design, assembly, groups)
     firmness = StabilityRequirement(weight=0.7, enough=0.999, modes=MODES)
@@ -102,12 +108,12 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:
-    asked, kink, step = StabilityRequirement(1.0), LEAST + TANGENT_BELOW, 1e-7
+    asked, kink, step = StabilityRequirement(1.0), SINGULAR_EIGENVALUE + TANGENT_BELOW, 1e-7
     rises = np.array([kink - step, kink + step])
-    values, slopes = asked.rows(rises, ENOUGH)
+    values, slopes = asked.rows(rises, STABLE_EIGENVALUE)
     assert values[0] - values[1] == pytest.approx(2.0 * step / TANGENT_BELOW, rel=1e-3)
     assert slopes == pytest.approx([-1.0 / TANGENT_BELOW] * 2, rel=1e-3)
-    assert asked.rows(np.array([ENOUGH]), ENOUGH)[0] == pytest.approx([0.0], abs=1e-12)
+    assert asked.rows(np.array([STABLE_EIGENVALUE]), STABLE_EIGENVALUE)[0] == pytest.approx([0.0], abs=1e-12)
 
 
 def test_results_are_compared_alike_however_strong_the_barrier_is() -> None:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import STRAINED, material
+from flexmaps.engine.materials import OVERSTRAIN_SHARE, material
 from flexmaps.engine.optimisation import found as found_module
 from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist
-from flexmaps.engine.optimisation.optimisers import STOPPED, SearchRecord
+from flexmaps.engine.optimisation.optimisers import CANCELLED, SearchRecord
 from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search, Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
@@ -74,7 +74,7 @@ def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, ask
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     left = iter(range(asks))
     assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
-    assert search.trace.ended == STOPPED
+    assert search.trace.ended == CANCELLED
 
 
 def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
@@ -90,7 +90,7 @@ def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
     assert reduce_twist(nearly, slots, np.zeros(len(free), bool)) is nearly.twist
 
 
-@pytest.mark.parametrize("worst, beyond", [(0.85, 1.01 * STRAINED), (1.2, 1.36)])
+@pytest.mark.parametrize("worst, beyond", [(0.85, 1.01 * OVERSTRAIN_SHARE), (1.2, 1.36)])
 def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
     """Where none is beyond what the material bears, none may be; where one is, others may hardly be more."""
     found = wound[1]
@@ -106,7 +106,7 @@ def test_strains_that_hold_go_on_to_hold(wound, worst, beyond):
     after = before.copy()
     after[7] = beyond
     assert np.flatnonzero(strained(after).strained_by(strained(before))).tolist() == [7]
-    after[7] = 0.99 * STRAINED
+    after[7] = 0.99 * OVERSTRAIN_SHARE
     assert not strained(after).strained_by(strained(before)).any()
 
 

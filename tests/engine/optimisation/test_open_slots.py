@@ -8,13 +8,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.slot_estimate import PLACES
 from flexmaps.engine.mechanics.arms.slots_in_space import slots_in_space
 from flexmaps.engine.mechanics.arms.tip_beams import hub_ends
 from flexmaps.engine.mechanics.arms.tip_motion import TipMotions, tip_motions
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.search import Task
@@ -22,7 +22,7 @@ from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, build_model, simulate
-from flexmaps.engine.spirals.design import SpiralDesign, uniform
+from flexmaps.engine.spirals.design import SpiralDesign, uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -34,12 +34,12 @@ NARROW = 0.0006  # metres
 def simulated(name: str, twist: float) -> Simulation:
     """Alike spirals on a surface, in their equilibrium."""
     found = job.run(PolygonMesh.from_quads(shapes.make(name, 0.03)), Settings(), edge=0.02, stop_after="spirals")
-    made = uniform(found.flat, found.design.params, width=0.0016, twist=twist)
+    made = uniform_design(found.flat, found.design.params, width=0.0016, twist=twist)
     return simulate(made, found.mesh, VERO, SimulateParams(), quick=True)
 
 
 def model_of(design: SpiralDesign, width: np.ndarray, twist: np.ndarray) -> ArmModel:
-    model = build_model(of_design(design).redesigned(width, twist), VERO, "arm", quick=True)
+    model = build_model(assembly_from_design(design).redesigned(width, twist), VERO, "arm", quick=True)
     assert isinstance(model, ArmModel)
     return model
 
@@ -92,12 +92,12 @@ def test_tips_of_a_joint_meet(dome) -> None:
 def test_narrow_slots_are_estimated_to_a_tenth_of_a_millimetre(clockwise) -> None:
     found = simulated("dome", 4.5)
     if clockwise:
-        made = uniform(
+        made = uniform_design(
             found.design.flat, dataclasses.replace(found.design.params, clockwise=True), width=0.0016, twist=4.5
         )
         found = simulate(made, found.target, VERO, SimulateParams(), quick=True)
     design, pose = found.design, found.equilibrium.pose
-    measured = slots_in_space(design, bent(design, pose)).width[: 4 * len(design.twist)]
+    measured = slots_in_space(design, bend_arms(design, pose)).width[: 4 * len(design.twist)]
     opening = dataclasses.replace(SlotRequirement.from_design(design), width=NARROW)
     told = opening.at(model_of(design, design.width, design.twist), pose).found
     # the outer arm of slot k is arm k + 1, or arm k
@@ -117,9 +117,9 @@ def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(cloc
     count, excess = len(found.design.twist), []
     opening = measured = None
     for twist in (4.5, 4.45):
-        made = uniform(found.design.flat, params, width=0.0016, twist=twist)
+        made = uniform_design(found.design.flat, params, width=0.0016, twist=twist)
         at_rest = simulate(made, found.target, VERO, SimulateParams(), quick=True)
-        pose, slots = at_rest.equilibrium.pose, slots_in_space(made, bent(made, at_rest.equilibrium.pose))
+        pose, slots = at_rest.equilibrium.pose, slots_in_space(made, bend_arms(made, at_rest.equilibrium.pose))
         model = model_of(made, made.width, made.twist)
         if opening is None:
             opening = dataclasses.replace(SlotRequirement.from_design(made), width=NARROW)

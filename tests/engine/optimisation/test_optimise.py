@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Assembly, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import inverse, optimise, optimisers
@@ -17,7 +17,7 @@ from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
-from flexmaps.engine.optimisation.reach import NAMES, find_limits
+from flexmaps.engine.optimisation.reach import REASON_NAMES, find_limits
 from flexmaps.engine.optimisation.search import Task
 from flexmaps.engine.optimisation.terms import LENIENT, StrainLimit
 from flexmaps.engine.optimisation.wishes import Wishes
@@ -26,10 +26,10 @@ from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model
-from flexmaps.engine.spirals.constraints import FREE, Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable, uniform
+from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
+from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable, uniform_design
 from flexmaps.engine.spirals.slots import twist_bound
-from flexmaps.engine.spirals.spiral import alike
+from flexmaps.engine.spirals.spiral import same_width
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -56,12 +56,12 @@ def problem(
     wishes: bool = False,
 ) -> tuple[InverseProblem, DesignPoint]:
     design, mesh = made()
-    assembly = of_design(design)
+    assembly = assembly_from_design(design)
     held = np.flatnonzero(mesh.centroids[:, 2] < mesh.centroids[:, 2].min() + 0.005) if supports else None
     loads = Loads.for_spirals(assembly.size, supports=held)
     wanted = Wishes(np.array([2, 7]), mesh.centroids[[2, 7]] + [0.0, 0.004, 0.01]) if wishes else None
     aim = Target(assembly.pairs, mesh.centroids, lies, free=not supports, wishes=wanted)
-    asked = Constraints(kept=np.arange(0, assembly.size, 3)) if kept else FREE
+    asked = Constraints(kept=np.arange(0, assembly.size, 3)) if kept else NO_CONSTRAINTS
     space = DesignSpace.from_design(design, assembly, groups, constraints=asked)
     bearing = None if strain is None else StrainLimit(VERO, strain)
     whole = InverseProblem(
@@ -209,7 +209,7 @@ def test_tangent_and_adjoint_are_transposed_and_foretell_the_shape() -> None:
 @pytest.mark.parametrize("groups", [1, 2, 4])
 def test_every_point_of_the_box_can_be_cut(groups: int) -> None:
     design, _ = made()
-    space = DesignSpace.from_design(design, of_design(design), groups)
+    space = DesignSpace.from_design(design, assembly_from_design(design), groups)
     rng = np.random.default_rng(7)
     for _ in range(3):
         x = rng.uniform(0.0, 1.0, len(design.width) * space.each)
@@ -233,7 +233,7 @@ def test_a_shape_made_by_known_spirals_is_found_again() -> None:
     """The target is the equilibrium of a random smooth design: the optimiser must come near to it from a uniform start."""
     design, mesh = made()
     slope = np.clip((mesh.centroids[:, 0] - mesh.centroids[:, 0].min()) / np.ptp(mesh.centroids[:, 0]), 0.0, 1.0)
-    secret = make_fabricable(design.flat, design.params, alike(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
+    secret = make_fabricable(design.flat, design.params, same_width(0.0012 + 0.0006 * slope), 4.0 - 3.0 * slope)
     whole, here = problem()
     wanted = whole.at(whole.space.coordinates(secret.width, secret.twist), here.equilibrium.pose).equilibrium.pose
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
@@ -265,7 +265,7 @@ def test_the_whole_job_improves_the_match_and_can_be_cut() -> None:
     again = make_fabricable(found.design.flat, design.params, found.design.width, found.design.twist)
     assert again.twist == pytest.approx(found.design.twist, abs=1e-6)
     limits = find_limits(found)
-    assert len(limits.kind) == len(mesh.quads) and limits.kind.max() < len(NAMES)
+    assert len(limits.kind) == len(mesh.quads) and limits.kind.max() < len(REASON_NAMES)
     assert limits.share.sum() == pytest.approx(1.0) and limits.advice.endswith(".")
     assert sum(limits.report()["spirals"].values()) == len(mesh.quads)
 
@@ -361,7 +361,7 @@ def test_no_equilibrium_to_start_from_is_said() -> None:
 
 def test_uniform_start_is_uniform() -> None:
     design, _ = made()
-    assert np.ptp(uniform(design.flat, design.params).width) < 1e-4
+    assert np.ptp(uniform_design(design.flat, design.params).width) < 1e-4
 
 
 def test_poses_of_other_rests_are_not_shown_as_designs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -48,7 +48,9 @@ def test_a_result_too_far_away_is_worth_nothing() -> None:
     physics = SimulateParams(restarts=0)
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), physics, None, None, Work())
     problem = task.problem(made.design)
-    start = optimise.starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)["given"]
+    start = optimise.find_starts(problem, made.design, made.mesh, OptimiseParams(restart=False), optimise.SILENT)[
+        "given"
+    ]
     near = optimise.SimulatedResult(task.rested(made.design, start), start, start.distance * 1.01)
     assert np.isfinite(near.merit(1.0))
     assert dataclasses.replace(near, farthest=start.distance * 0.99).merit(1.0) == np.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.optimisation.reach import MATCHED_BELOW, NAMES, find_limits
+from flexmaps.engine.optimisation.reach import MATCHED_BELOW, REASON_NAMES, find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
@@ -34,4 +34,4 @@ def test_shares_are_those_of_the_squared_mismatch_and_what_matches_is_said_to_ma
         assert share == pytest.approx(part / (mismatch**2).sum(), abs=1e-9)
     apart = [np.linalg.norm(np.subtract(*found.target.centroids[pair])) for pair in found.assembly.pairs]
     matched = mismatch <= MATCHED_BELOW * np.mean(apart)
-    assert ((limits.kind == NAMES.index("matched")) == matched).all() and 0 < matched.sum() < len(matched)
+    assert ((limits.kind == REASON_NAMES.index("matched")) == matched).all() and 0 < matched.sum() < len(matched)

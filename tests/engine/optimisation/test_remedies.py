@@ -31,7 +31,7 @@ def bent(thickness: float, radius: float) -> float:
 def test_a_bent_sheet_ends_within_its_limit(radius: float) -> None:
     thickness = 0.003
     before = bent(thickness, radius)
-    assert 1.0 < before < remedies.MOST
+    assert 1.0 < before < remedies.MAX_FACTOR
     times = remedies.size_factor(before, soft=False)
     assert 1.0 - remedies.STEP < bent(thickness, times * radius) <= 1.0
     sheet = remedies.thinner_sheet(thickness, times)
@@ -46,7 +46,7 @@ def test_where_no_strain_says_how_much_it_is_a_modest_step() -> None:
     for strain in (None, 0.0, 0.7):
         assert remedies.size_factor(strain, soft=True) == remedies.FIRST_FACTOR
     assert remedies.size_factor(1.4, soft=True) == 1.4
-    assert remedies.size_factor(50.0, soft=False) == remedies.MOST
+    assert remedies.size_factor(50.0, soft=False) == remedies.MAX_FACTOR
     assert remedies.thinner_sheet(0.0001, 1.25) is None  # the thinnest that can be asked for
     assert remedies.thinner_sheet(0.002, 1.0) == pytest.approx(0.0015)
     assert remedies.thinner_sheet(0.0021, 1.0) == pytest.approx(0.002)
@@ -76,10 +76,10 @@ def stand_in(strain: float | None, *, flat: bool | None = None, line: int = 0, q
 
 
 def advised(kind: str, simulation: Any) -> list[str]:
-    share = np.zeros(len(reaching.NAMES))
-    share[reaching.NAMES.index(kind)] = 1.0
+    share = np.zeros(len(reaching.REASON_NAMES))
+    share[reaching.REASON_NAMES.index(kind)] = 1.0
     found = reaching._remedies(share, simulation)
-    sentence = reaching.KINDS[reaching.NAMES.index(kind)][1]
+    sentence = reaching.REASONS[reaching.REASON_NAMES.index(kind)][1]
     for name, word in (("larger", "larger"), ("thinner", "thinner"), ("finer", "finer"), ("cut", "cut")):
         if simulation.strain is None and not simulation.shortfalls:
             assert name not in found or word in sentence  # a button never says more than the sentence
@@ -132,7 +132,7 @@ def test_as_much_larger_as_is_advised_the_arms_bear_their_strain() -> None:
     told = reaching.find_limits(before).report()["remedies"]
     assert 1.2 < told["larger"] < 1.6, "about as much as it is strained too much"
     about = np.array([0.1, -0.2, 0.3])
-    larger = job.enlarged(start, told["larger"], about, on_sheets_of(1.0))
+    larger = job.scale_piece(start, told["larger"], about, on_sheets_of(1.0))
     assert larger.design is not None and larger.flat is not None and start.flat is not None and start.design is not None
     assert larger.mesh.median_edge == pytest.approx(told["larger"] * start.mesh.median_edge)
     assert larger.mesh.vertices[3] - about == pytest.approx(told["larger"] * (start.mesh.vertices[3] - about))
@@ -179,7 +179,7 @@ def strained_by(times: float) -> Simulation:
 def test_a_panel_that_outgrows_its_sheet_is_cut() -> None:
     start = dome()
     assert start.flat is not None
-    larger = job.enlarged(start, 2.0, np.zeros(3), on_sheets_of(0.3))
+    larger = job.scale_piece(start, 2.0, np.zeros(3), on_sheets_of(0.3))
     assert larger.flat is not None and larger.design is not None
     assert larger.flat.layout.cut[start.flat.layout.cut].all()
     assert len(larger.flat.layout.patches) > len(start.flat.layout.patches)

@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import (
-    BOUNDS,
+    ORDERED_ACROSS_SECTIONS,
     ObjectSettings,
     OptimiseParams,
     RegulariseParams,
@@ -17,7 +17,7 @@ from flexmaps.engine.params import (
     SheetParams,
     SpiralParams,
     refuse_crossed,
-    shown_values,
+    values_in_shown_units,
     with_values,
 )
 from flexmaps.engine.runs import job
@@ -81,10 +81,13 @@ def test_values_out_of_bounds(block, f):
 
 
 def test_what_is_shown_can_be_given_back():
-    shown = shown_values(ObjectSettings())
+    shown = values_in_shown_units(ObjectSettings())
     flat = {f"{section}.{name}": value for section, block in shown.items() for name, value in block.items()}
-    assert shown_values(with_values(ObjectSettings(), flat)) == shown
-    assert shown_values(with_values(ObjectSettings(), {name: str(value) for name, value in flat.items()})) == shown
+    assert values_in_shown_units(with_values(ObjectSettings(), flat)) == shown
+    assert (
+        values_in_shown_units(with_values(ObjectSettings(), {name: str(value) for name, value in flat.items()}))
+        == shown
+    )
 
 
 def test_settings_that_bound_each_other():
@@ -100,9 +103,13 @@ def test_settings_that_bound_each_other():
     assert with_values(ObjectSettings(), {"spiral.width_min": 5, "spiral.width_max": 6}).spiral.width_max == 0.006
 
 
-@pytest.mark.parametrize(("low", "high", "remedy"), BOUNDS, ids=[f"{low} {high}" for low, high, _ in BOUNDS])
+@pytest.mark.parametrize(
+    ("low", "high", "remedy"),
+    ORDERED_ACROSS_SECTIONS,
+    ids=[f"{low} {high}" for low, high, _ in ORDERED_ACROSS_SECTIONS],
+)
 def test_settings_of_two_sections_that_bound_each_other(low, high, remedy):
-    least = shown_values(ObjectSettings())[high.split(".")[0]][high.split(".")[1]]
+    least = values_in_shown_units(ObjectSettings())[high.split(".")[0]][high.split(".")[1]]
     wide = {"spiral.slot_min": 10} if high != "spiral.slot_min" else {}  # or that bound would be met first
     there = {
         name: with_values(ObjectSettings(), wide | {low: least * factor})
@@ -125,7 +132,7 @@ def test_a_stage_that_makes_something_refuses_settings_that_cross_before_it_begi
         PolygonMesh.from_quads(shapes.make("strip")), crossed, stop_after="split"
     )  # has nothing to do with the cutter
     with pytest.raises(FlexMapsError, match=r"Kerf, holes 0\.5 mm is above Smallest slot 0\.3 mm"):
-        job.go_on(flat, crossed, ["spirals"])
+        job.run_stages(flat, crossed, ["spirals"])
 
 
 def test_what_the_message_says_of_bounds():

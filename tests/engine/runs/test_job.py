@@ -41,29 +41,29 @@ def quick(**simulate: object) -> Settings:
 
 def test_what_could_not_be_done_is_told_and_forgotten_when_it_can() -> None:
     hanging = quick(gravity=True)  # and no supports
-    made = job.go_on(job.begin(hill()), hanging, UP_TO_SHEETS, lenient=True)
+    made = job.run_stages(job.begin(hill()), hanging, UP_TO_SHEETS, lenient=True)
     assert made.sheets is not None and made.simulation is None and made.optimisation is None
     described = report.build(made, source="hill", settings=hanging)
     assert described["undone"] == ["optimise", "simulate"]
     assert [c["code"] for c in described["checks"]] == ["not-optimised", "not-simulated"]
     assert all("supports" in c["message"] and len(c["faces"]) == 16 for c in described["checks"])
     # simulated without its weight: only that it was not optimised is left to tell
-    again = job.go_on(made, quick(), ("simulate",))
+    again = job.run_stages(made, quick(), ("simulate",))
     assert again.simulation is not None and list(again.undone) == ["optimise"]
-    better = job.go_on(again, quick(), ("optimise", "simulate"))
+    better = job.run_stages(again, quick(), ("optimise", "simulate"))
     described = report.build(better, source="hill", settings=quick())
     assert "undone" not in described and described["checks"] == []
     # other spirals: what was told of the old ones is out of date
-    assert job.go_on(made, quick(), ("spirals",)).undone == {}
+    assert job.run_stages(made, quick(), ("spirals",)).undone == {}
 
 
 def test_a_later_failure_drops_what_the_stage_had_made() -> None:
-    made = job.go_on(job.begin(hill()), quick(), (*UP_TO_SHEETS[:4], "simulate"))
+    made = job.run_stages(job.begin(hill()), quick(), (*UP_TO_SHEETS[:4], "simulate"))
     assert made.simulation is not None
-    failed = job.go_on(made, quick(gravity=True), ("simulate", "sheets"), lenient=True)
+    failed = job.run_stages(made, quick(gravity=True), ("simulate", "sheets"), lenient=True)
     assert failed.simulation is None and list(failed.undone) == ["simulate"] and failed.sheets is not None
     with pytest.raises(FlexMapsError, match="nothing holds"):
-        job.go_on(made, quick(gravity=True), ("simulate",), lenient=True)
+        job.run_stages(made, quick(gravity=True), ("simulate",), lenient=True)
 
 
 @pytest.mark.parametrize("edge", [0.1, 0.003])
@@ -119,7 +119,7 @@ def laid_out(polygons: PolygonMesh, cut_at: float | None = None, supports: str |
     x = mesh.vertices[mesh.edges, 0]
     cuts = np.zeros(len(mesh.edges), dtype=bool) if cut_at is None else (np.abs(x - cut_at) < 1e-9).all(axis=1)
     flat = flatten.flatten(PatchLayout(mesh, cuts & ~mesh.border), settings.layout)
-    return job.go_on(by_hand.laid_out(begun, flat, settings), settings, ("spirals", "simulate"))
+    return job.run_stages(by_hand.laid_out(begun, flat, settings), settings, ("spirals", "simulate"))
 
 
 def test_a_seamless_dome_that_nothing_holds_is_said_to_stay_flat() -> None:
@@ -185,4 +185,4 @@ def test_total_curvature_is_that_of_gauss_and_bonnet() -> None:
 def test_a_job_may_end_with_the_check() -> None:
     made = job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings(), stop_after="check")
     assert made.mesh is not None and made.layout is None
-    assert job.go_on(made, Settings(), ()).layout is None
+    assert job.run_stages(made, Settings(), ()).layout is None

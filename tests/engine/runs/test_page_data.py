@@ -16,12 +16,12 @@ from flexmaps.engine.display.panel_mesh import panel_mesh
 from flexmaps.engine.display.skin import Skin, detail_of
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels, seam_name
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.runs import job, page_data, report, report_page, share_page
-from flexmaps.engine.runs.page_data import Packed, Shown
+from flexmaps.engine.runs.page_data import ArrayPacker, ViewContent
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
@@ -103,7 +103,7 @@ class Page(HTMLParser):
 )
 def test_packed_numbers_come_back_to_half_a_step(rows, step):
     values = np.array(rows).reshape(-1, 3)
-    packed = Packed()
+    packed = ArrayPacker()
     packed.add("before", np.arange(5))
     packed.add("it", values, step)
     found = unpacked(packed.listed, zlib.decompress(b64decode(packed.block())))
@@ -117,7 +117,7 @@ def test_packed_numbers_come_back_to_half_a_step(rows, step):
 def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     """Of the simulated pose and its elastic arms: hubs, and corners of the arms."""
     found = request.getfixturevalue(name)
-    made, arrays = read(page_data.text(Shown.from_result(found), SETTINGS, "it"))
+    made, arrays = read(page_data.to_json(ViewContent.from_result(found), SETTINGS, "it"))
     pose, count = found.simulation.equilibrium.pose, len(found.mesh.quads)
     centres, rotations = np.empty((count, 3)), np.empty((count, 3, 3))
     patch = arrays["patch"].ravel().astype(int)
@@ -141,19 +141,21 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
     panels = panel_mesh(found.design, detail_of(found.design))
     drawn = np.full((4 * len(panels.arm), 3), np.nan)
     used = panels.used < len(drawn)
-    drawn[panels.used[used]] = panels.placed(bent(found.design, pose), pose)[used]
+    drawn[panels.used[used]] = panels.placed(bend_arms(found.design, pose), pose)[used]
     assert 1e3 * np.nanmax(np.linalg.norm(corners.reshape(-1, 3) - drawn, axis=1)) < 0.05
 
 
 @pytest.mark.thorough
 def test_a_thousand_spirals_take_less_than_three_megabytes(large):
     assert len(large.mesh.quads) > 1000
-    text = page_data.text(Shown.from_result(large), ObjectSettings(), "it")  # with the stages, which take the most
+    text = page_data.to_json(
+        ViewContent.from_result(large), ObjectSettings(), "it"
+    )  # with the stages, which take the most
     assert len(share_page.page(text, "it", {}, {})) < 3e6
 
 
 def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
-    made, arrays = read(page_data.text(Shown.from_result(dome), SETTINGS, "it"))
+    made, arrays = read(page_data.to_json(ViewContent.from_result(dome), SETTINGS, "it"))
     layout = dome.flat.layout
     assert [panel["name"] for panel in made["panels"]] == [panel_name(panel["step"] + 1) for panel in made["panels"]]
     assert sorted(panel["step"] for panel in made["panels"]) == list(range(len(layout.patches)))
@@ -165,8 +167,8 @@ def test_panels_seams_and_joints_are_those_of_the_sheets(dome):
 
 
 def test_colours_are_the_values_that_the_maps_show(dome):
-    made, arrays = read(page_data.text(Shown.from_result(dome), SETTINGS, "it"))
-    measured = report_page.measured(dome)
+    made, arrays = read(page_data.to_json(ViewContent.from_result(dome), SETTINGS, "it"))
+    measured = report_page.collect_values(dome)
     scales = {one["name"]: one for one in made["colourings"]}
     assert set(scales) == {"distance", "strain", "stiffness"}
     for name, values in (("distance", measured.distance), ("strain", 100 * measured.strain)):
@@ -179,13 +181,13 @@ def test_stiffness_goes_with_the_third_power_of_the_thickness(dome):
     """As that of flat bars does (E w t^3), where arms are several times as wide as thick."""
     made, pom = dome.design, MATERIALS["pom"]
     thin, more = (replace(made, params=replace(made.params, thickness=x)) for x in (0.2e-3, 0.21e-3))
-    ratio = page_data.stiffness(more, pom) / page_data.stiffness(thin, pom)
+    ratio = page_data.spiral_stiffness(more, pom) / page_data.spiral_stiffness(thin, pom)
     assert np.log(ratio) / np.log(1.05) == pytest.approx(np.full(len(ratio), 3.0), abs=0.2)
 
 
 def test_what_was_not_simulated_lies_flat(dome):
-    found = Shown.from_result(dome.without("simulation"))
-    made, arrays = read(page_data.text(found, SETTINGS, "it"))
+    found = ViewContent.from_result(dome.without("simulation"))
+    made, arrays = read(page_data.to_json(found, SETTINGS, "it"))
     assert not made["simulated"] and made["length"] == 0.0
     assert [one["name"] for one in made["colourings"]] == ["stiffness"]
     for track in made["tracks"]:
@@ -197,27 +199,29 @@ def test_what_was_not_simulated_lies_flat(dome):
 
 
 def test_values_that_were_spoilt_have_no_colours(dome):
-    found = Shown.from_result(dome)
+    found = ViewContent.from_result(dome)
     spoilt = replace(found.measured, distance=np.full(len(dome.mesh.quads), np.nan))
-    made, _ = read(page_data.text(replace(found, measured=spoilt), SETTINGS, "it"))
+    made, _ = read(page_data.to_json(replace(found, measured=spoilt), SETTINGS, "it"))
     assert {one["name"] for one in made["colourings"]} == {"strain", "stiffness"}
 
 
 @pytest.mark.parametrize("name", ["quad", pytest.param("two_bodies", marks=pytest.mark.thorough)])
 def test_the_smallest_piece_and_one_of_two_bodies(name):
     found = result(name, "spirals" if name == "quad" else "simulate")
-    made, arrays = read(page_data.text(Shown.from_result(found), ObjectSettings(), "it"))
+    made, arrays = read(page_data.to_json(ViewContent.from_result(found), ObjectSettings(), "it"))
     assert len(made["tracks"]) == len(made["panels"]) == len(made["seams"]) == len(found.flat.layout.patches)
     assert arrays["sections"].shape == (4 * len(found.mesh.quads), 1)
 
 
 def test_without_spirals_there_is_no_view():
-    assert Shown.from_result(result("quad", "merge")) is None
+    assert ViewContent.from_result(result("quad", "merge")) is None
 
 
 def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
     assert (
-        page_data.stiffness(replace(dome.design, width=np.full_like(dome.design.width, np.nan)), MATERIALS["pom"])
+        page_data.spiral_stiffness(
+            replace(dome.design, width=np.full_like(dome.design.width, np.nan)), MATERIALS["pom"]
+        )
         is None
     )
 
@@ -227,13 +231,13 @@ def test_spirals_that_the_model_does_not_know_have_no_stiffness(dome):
 
 @pytest.mark.parametrize("kind", ["share", "report"])
 def test_no_name_gets_out_of_its_place(dome, kind):
-    text = page_data.text(Shown.from_result(dome), SETTINGS, NASTY)
+    text = page_data.to_json(ViewContent.from_result(dome), SETTINGS, NASTY)
     assert "<" not in text and json.loads(text)["title"] == NASTY
     described = report.build(dome, source=NASTY + ".obj", settings=SETTINGS)
     if kind == "share":
         whole = share_page.page(text, NASTY, described, {})
     else:
-        whole = report_page.page(described, {}, (), "", text)
+        whole = report_page.render_page(described, {}, (), "", text)
     page = Page(whole)
     assert len(page.scripts) == 1 + len(share_page.SCRIPTS)
     assert [kind.get("type") for kind, _ in page.scripts if kind.get("type") == "application/json"] == [
@@ -244,7 +248,7 @@ def test_no_name_gets_out_of_its_place(dome, kind):
 
 
 def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
-    whole = share_page.page(page_data.text(Shown.from_result(dome), SETTINGS, "it"), "it", {}, {})
+    whole = share_page.page(page_data.to_json(ViewContent.from_result(dome), SETTINGS, "it"), "it", {}, {})
     page = Page(whole)
     policy = next(meta["content"] for meta in page.meta if meta.get("http-equiv") == "Content-Security-Policy")
     assert policy is not None and policy.startswith("default-src 'none'")
@@ -258,8 +262,8 @@ def test_the_page_allows_its_own_scripts_and_nothing_else(dome):
 
 
 def test_all_steps_are_there_on_paper(dome):
-    shown = Shown.from_result(dome)
-    text = page_data.text(shown, SETTINGS, "it")
+    shown = ViewContent.from_result(dome)
+    text = page_data.to_json(shown, SETTINGS, "it")
     layout = dome.design.flat.layout
     words = share_page.steps_in_words(text)
     assert len(words) == len(layout.patches)

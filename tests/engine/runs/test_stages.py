@@ -104,19 +104,19 @@ def test_what_was_lost_is_told_instead_of_what_is_missing(made: Result, settings
     with pytest.raises(FlexMapsError, match="the seams were edited"):
         bare.missing("design")
     with pytest.raises(FlexMapsError, match="the seams were edited"):
-        job.go_on(bare, settings, ("spirals",))
+        job.run_stages(bare, settings, ("spirals",))
     with pytest.raises(FlexMapsError, match="no flat panels"):
-        job.go_on(replace(bare, lost={}), settings, ("spirals",))
+        job.run_stages(replace(bare, lost={}), settings, ("spirals",))
     # whoever lays it out anew has lost nothing
-    assert job.go_on(bare, settings, ("trace",)).lost == {}
+    assert job.run_stages(bare, settings, ("trace",)).lost == {}
 
 
 def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: ObjectSettings) -> None:
     """Simulating leaves the sheets alone, but how hard they are to join is judged anew; new spirals leave nothing."""
-    again = job.go_on(made, settings, ("simulate",))
+    again = job.run_stages(made, settings, ("simulate",))
     assert again.sheets is made.sheets and again.assembly is not None and again.assembly is not made.assembly
-    assert there(job.go_on(made, settings, ("spirals",))) == SPIRALS
-    assert there(job.go_on(made, settings, ("regularise",))) == there(made)  # it was regular, and nothing moved
+    assert there(job.run_stages(made, settings, ("spirals",))) == SPIRALS
+    assert there(job.run_stages(made, settings, ("regularise",))) == there(made)  # it was regular, and nothing moved
     assert there(made.with_surface(mesh=made.mesh.moved(2.0 * made.mesh.vertices))) == set()
 
 
@@ -152,10 +152,10 @@ def test_other_loads_leave_what_does_not_depend_on_them(made: Result) -> None:
 def test_notes_are_dropped_with_what_they_tell_of() -> None:
     """In a .blend file a note stays true until a stage before its own writes."""
     made = {"spirals", "optimise", "equilibrium", "reach", "structure", "sheets", "assembly"}
-    assert stages.blocks_after("layout") == made | {"choose"}
-    assert stages.blocks_after("choose") == set()  # the layout that is written with it takes them
-    assert stages.blocks_after("spirals") == {"optimise", "equilibrium", "reach", "structure", "sheets", "assembly"}
-    assert stages.blocks_after("equilibrium") == {"structure"} and stages.blocks_after("optimise") == set()
+    assert stages.stale_blocks("layout") == made | {"choose"}
+    assert stages.stale_blocks("choose") == set()  # the layout that is written with it takes them
+    assert stages.stale_blocks("spirals") == {"optimise", "equilibrium", "reach", "structure", "sheets", "assembly"}
+    assert stages.stale_blocks("equilibrium") == {"structure"} and stages.stale_blocks("optimise") == set()
 
 
 def test_every_block_is_told(made: Result) -> None:
@@ -171,6 +171,6 @@ def test_stages_up_to_a_name() -> None:
     assert "structure" not in job.stages("sheets") and "structure" in job.stages("sheets", structured=True)
     assert "choose" not in job.stages("sheets", optimised=True) and "optimise" not in job.stages("sheets", chosen=True)
     assert job.stages("spirals", chosen=True)[-3:] == ["split", "choose", "spirals"]
-    assert not any(STAGES[name].quick for name in job.NAMES[1:])
+    assert not any(STAGES[name].quick for name in job.STAGE_NAMES[1:])
     with pytest.raises(FlexMapsError, match="no stage 'nest'"):
         job.stages("nest")

@@ -35,7 +35,7 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
     higher = dataclasses.replace(saddle, equilibrium=other, others=[])
     found = find_other_rests(higher, SimulateParams(clamped=False))
     assert found.others[0].energy == pytest.approx(saddle.equilibrium.energy, rel=1e-4)
-    told = [one for one in found.findings if one.code in rests.RESTS]
+    told = [one for one in found.findings if one.code in rests.OTHER_REST_CODES]
     assert len(told) == 1 and told[0].faces and "less energy" in told[0].message
 
 
@@ -57,16 +57,16 @@ def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target
 def test_a_higher_rest_is_named_where_the_target_leads_to_it(saddle: Simulation) -> None:
     again = find_other_rests(saddle, SimulateParams(clamped=False))
     assert again.assembled is None  # the target's pose leads to the simulated rest
-    assert all(one.code not in rests.RESTS for one in again.findings)
+    assert all(one.code not in rests.OTHER_REST_CODES for one in again.findings)
     higher = dataclasses.replace(saddle, assembled=saddle.others[0])
-    told = [one for one in higher.findings if one.code in rests.RESTS]
+    told = [one for one in higher.findings if one.code in rests.OTHER_REST_CODES]
     assert len(told) == 1 and "more energy" in told[0].message and told[0].faces
     far = np.linalg.norm(saddle.others[0].pose.centres - saddle.target.centroids, axis=1)
     share = float(told[0].message.split(" % of its size")[0].rsplit(" ", 1)[1])
     assert share == pytest.approx(100.0 * np.sqrt((far**2).mean()) / saddle.size, rel=0.05)
     rests_of = {"others": [saddle.equilibrium], "assembled": saddle.equilibrium}
     lower = dataclasses.replace(saddle, equilibrium=saddle.others[0], **rests_of)
-    assert ["less energy" in one.message for one in lower.findings if one.code in rests.RESTS] == [True]
+    assert ["less energy" in one.message for one in lower.findings if one.code in rests.OTHER_REST_CODES] == [True]
 
 
 def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(saddle: Simulation) -> None:
@@ -76,7 +76,7 @@ def test_another_rest_is_a_fault_only_where_it_lies_farther_from_the_target(sadd
     codes = []
     for shown, other in ((here, there), (there, here)):
         found = dataclasses.replace(saddle, equilibrium=shown, others=[other], assembled=other)
-        codes += [one.code for one in found.findings if one.code in rests.RESTS]
+        codes += [one.code for one in found.findings if one.code in rests.OTHER_REST_CODES]
     assert codes == (["other-rest", "rest-as-near"] if apart[1] > apart[0] else ["rest-as-near", "other-rest"])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from flexmaps.engine.spirals import arcs
-from flexmaps.engine.spirals.arcs import Curve, arc_points, fit
+from flexmaps.engine.spirals.arcs import Curve, arc_points, fit_biarcs
 from shapely import LineString, Point, Polygon
 
 HALF = Curve(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0]))  # a circle as two half circles
@@ -54,7 +54,7 @@ def test_fitted_arcs_stay_within_their_tolerance_and_run_smoothly(tolerance):
         return point, np.stack([-a * np.sin(t), b * np.cos(t)], axis=-1)
 
     ends = np.array([[0.1, 2.9], [2.0, 0.3], [0.0, 3.1]])  # the second one backwards
-    fitted = fit(evaluate, ends, tolerance)
+    fitted = fit_biarcs(evaluate, ends, tolerance)
     for i in range(3):
         part = slice(fitted.start[i], fitted.start[i + 1])
         last = evaluate(np.array([i]), ends[i, 1:][None])[0][0]

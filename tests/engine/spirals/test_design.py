@@ -28,7 +28,7 @@ def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     arms = spiral.arms(flat, params, width, bound)
     whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
     lines = spiral.centre_line(arms.unblended(bound), whole)[0][0]
-    outer = round(4000 * slots.DEPTH)
+    outer = round(4000 * slots.SLOT_DEPTH)
     gaps = [LineString(lines[k, : outer + 1]).distance(LineString(lines[k - 1])) - width[0, 0] for k in range(4)]
     assert min(gaps) == pytest.approx(params.slot_min, abs=3e-6)
     # the closed form for regular spirals is a little more generous, for it looks at the tip alone
@@ -54,9 +54,9 @@ def test_what_fits_as_it_is_asked_for_stays(flat_grid):
 def test_curvature_decides_linearly(flat_grid):
     flat, params = flat_grid(4, 3, 0.03), SpiralParams(curvature_top=100.0)
     curvature = np.linspace(0.0, 8.0, 12)
-    made = design.from_curvature(flat, params, curvature)
+    made = design.design_from_curvature(flat, params, curvature)
     c = curvature / 8.0
-    np.testing.assert_allclose(made.width, spiral.alike(0.002 - c * 0.001))
+    np.testing.assert_allclose(made.width, spiral.same_width(0.002 - c * 0.001))
     np.testing.assert_allclose(made.twist, c * 2 * np.pi)
     np.testing.assert_allclose(made.scale, 0.03)
 
@@ -64,24 +64,24 @@ def test_curvature_decides_linearly(flat_grid):
 def test_one_sharp_crease_does_not_stiffen_all_the_rest(flat_grid):
     flat = flat_grid(10, 10, 0.03)
     curvature = np.append(np.full(99, 1.0), 100.0)
-    robust = design.from_curvature(flat, SpiralParams(), curvature)
-    plain = design.from_curvature(flat, SpiralParams(curvature_top=100.0), curvature)
+    robust = design.design_from_curvature(flat, SpiralParams(), curvature)
+    plain = design.design_from_curvature(flat, SpiralParams(curvature_top=100.0), curvature)
     assert robust.width[0, 0] == pytest.approx(0.001)
     assert plain.width[0, 0] == pytest.approx(0.00199)
 
 
 def test_no_curvature_gives_the_stiffest_spirals(flat_grid):
-    made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.zeros(4))
+    made = design.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.zeros(4))
     np.testing.assert_array_equal(made.width, 0.002)
     np.testing.assert_array_equal(made.twist, 0.0)
 
 
 def test_uniform_design_keeps_what_fits_and_unwinds_what_does_not(flat_grid):
     flat = flat_grid(3, 3, 0.02)
-    made = design.uniform(flat, SpiralParams(), width=0.0015, twist=5.0)
+    made = design.uniform_design(flat, SpiralParams(), width=0.0015, twist=5.0)
     np.testing.assert_array_equal(made.width, 0.0015)
     np.testing.assert_array_equal(made.twist, 5.0)
-    tight = design.uniform(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
+    tight = design.uniform_design(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
     assert (tight.twist < 4.0).all()
     assert tight.narrowest[0] >= 0.0003 - 1e-9
 
@@ -93,12 +93,12 @@ def test_too_small_quads_are_named(flat_grid):
         return p
 
     with pytest.raises(FlexMapsError, match="too small or too thin") as caught:
-        design.uniform(flat_grid(3, 2, move=squeezed), SpiralParams())
+        design.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
     assert caught.value.faces == [4, 5]
 
 
 def test_report_has_the_spread_of_every_descriptor(flat_grid):
-    made = design.from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
+    made = design.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
     report = design_report(made)
     assert report["count"] == 4
     assert report["width_mm"] == [1.0, 1.25, 2.0]
@@ -115,7 +115,7 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
         p[p[:, 0] > 0.05, 0] = 0.0414
         return p
 
-    made = design.uniform(flat_grid(3, 2, move=squeezed), SpiralParams())
+    made = design.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
     assert made.thin.tolist() == [4, 5]
     assert 0.0005 < made.width[4].min() == made.width[4].max() < 0.001
     assert design_report(made)["too_thin"] == 2

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.spiral_stiffness import renewed, stiffness
+from flexmaps.engine.mechanics.arms.spiral_stiffness import spiral_stiffness, update_stiffness
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import ChooseParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.constraints import Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, unfabricable_quads, uniform
+from flexmaps.engine.spirals.design import SpiralDesign, unfabricable_quads, uniform_design
 from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, paint_spirals
 from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.spirals.touching import find_contacts
@@ -62,14 +62,14 @@ def test_brushes_do_what_their_names_say() -> None:
     design, mesh = made()
     weight = spot(mesh, 12, 0.07)
     inside = weight > 0.3
-    before = stiffness(design, POM)
+    before = spiral_stiffness(design, POM)
     assert before is not None
     for brush, more in (("stiffer", True), ("softer", False)):
         for inverted in (False, True):
-            after = stiffness(paint_spirals(design, brush, weight, Stroke(inverted)), POM)
+            after = spiral_stiffness(paint_spirals(design, brush, weight, Stroke(inverted)), POM)
             assert after is not None
             assert ((after > before)[inside] == (more is not inverted)).all()
-    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    even = uniform_design(design.flat, design.params, width=1.4e-3, twist=1.0)
     wider = paint_spirals(even, "width", weight)
     assert (wider.width[inside] > even.width[inside]).all() and (wider.twist == even.twist).all()
     wound = paint_spirals(design, "twist", weight, Stroke(inverted=True))
@@ -93,7 +93,7 @@ def test_along_widens_the_arms_that_lie_along_and_thins_those_across() -> None:
 def test_a_symmetric_stroke_gives_a_symmetric_design() -> None:
     design, mesh = made()
     mirror = next(one for one in symmetries(mesh) if one.mirrors)
-    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    even = uniform_design(design.flat, design.params, width=1.4e-3, twist=1.0)
     assert np.ptp(even.width) < 1e-9 and np.ptp(even.twist) < 1e-9
     one = spot(mesh, 5, 0.08)
     weight = np.maximum(one, one[mirror.quads])
@@ -107,7 +107,7 @@ def test_a_symmetric_stroke_gives_a_symmetric_design() -> None:
 def test_smoothing_lowers_the_variation_and_leaves_even_spirals_as_they_are() -> None:
     design, mesh = made()
     rng = np.random.default_rng(2)
-    even = uniform(design.flat, design.params, width=1.4e-3, twist=1.0)
+    even = uniform_design(design.flat, design.params, width=1.4e-3, twist=1.0)
     same = paint_spirals(even, "smooth", np.ones(len(even.twist)))
     np.testing.assert_allclose(same.width, even.width, rtol=1e-12)
     pairs = mesh.edge_quads[~mesh.border]
@@ -129,7 +129,7 @@ def test_a_level_of_stiffness_orders_the_spirals() -> None:
     design, mesh = made()
     level = np.clip(mesh.centroids[:, 0] / np.ptp(mesh.centroids[:, 0]) + 0.5, 0.0, 1.0)
     after = paint_spirals(design, "stiffness", np.ones(len(level)), Stroke(level=level))
-    found = stiffness(after, POM)
+    found = spiral_stiffness(after, POM)
     assert found is not None
     assert np.corrcoef(np.argsort(np.argsort(level)), np.argsort(np.argsort(found)))[0, 1] > 0.95
     with pytest.raises(FlexMapsError, match="needs a stiffness"):
@@ -142,11 +142,11 @@ def test_a_level_of_stiffness_orders_the_spirals() -> None:
 
 def test_stiffness_of_a_part_is_that_of_the_whole() -> None:
     design, mesh = made()
-    before = stiffness(design, POM)
+    before = spiral_stiffness(design, POM)
     after = paint_spirals(design, "stiffer", spot(mesh, 7, 0.05))
     changed = (after.width != design.width).any(axis=1) | (after.twist != design.twist)
     assert before is not None and 0 < changed.sum() < len(changed)
-    np.testing.assert_allclose(renewed(before, after, POM, changed), stiffness(after, POM), rtol=1e-12)
+    np.testing.assert_allclose(update_stiffness(before, after, POM, changed), spiral_stiffness(after, POM), rtol=1e-12)
 
 
 @pytest.mark.parametrize("codesign", [False, pytest.param(True, marks=pytest.mark.thorough)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.assembly import of_design
+from flexmaps.engine.mechanics.assembly import assembly_from_design
 from flexmaps.engine.optimisation.bounds import narrowest_per_pair
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
@@ -17,7 +17,7 @@ from flexmaps.engine.spirals import pairs, spiral
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.opening import open_gaps
 from flexmaps.engine.spirals.room import ClearanceModel
-from flexmaps.engine.spirals.spiral import alike
+from flexmaps.engine.spirals.spiral import same_width
 
 WIDE = 6.0  # rooms: all that is near in any way
 
@@ -138,11 +138,11 @@ def test_the_narrowest_gaps_agree_with_shapely(flat_grid, clockwise):
             exact = shapely.LineString(lines[kind][0][a]).distance(shapely.LineString(lines[kind][1][b])) - 0.001
             assert least[a, b] * room.slot + need == pytest.approx(exact, abs=1e-7)
             seen[kind] += 1
-    assert seen[pairs.BESIDE] > 10 and seen[pairs.ACROSS] > 1
+    assert seen[pairs.SAME_QUAD] > 10 and seen[pairs.ACROSS] > 1
     # nothing else is near
     mates = {tuple(sorted(pair)) for pair in enumerate(room.shapes.mate.tolist())}
     known = {tuple(sorted(pair)) for pair in zip(room.pairs.one.tolist(), room.pairs.two.tolist(), strict=True)}
-    outer = [shapely.LineString(line[:1201]) for line in lines[pairs.BESIDE][1]]
+    outer = [shapely.LineString(line[:1201]) for line in lines[pairs.SAME_QUAD][1]]
     for a, b in combinations(range(36), 2):
         if a // 4 != b // 4 and (a, b) not in mates and outer[a].distance(outer[b]) < 0.0014:
             assert (a, b) in known
@@ -153,12 +153,14 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
     """Where no gap is in the way, to just where the model ends; spirals that nothing is joined to are left."""
     flat = flat_grid(4, 3, move=lambda p: _sheared(p, -0.6 if clockwise else 0.6))
     params = replace(SpiralParams(), clockwise=clockwise)
-    room, width, wound = ClearanceModel.from_flat(flat, params), alike(np.full(12, 0.002)), np.full(12, 9.0)
+    room, width, wound = ClearanceModel.from_flat(flat, params), same_width(np.full(12, 0.002)), np.full(12, 9.0)
     none = np.zeros(len(room.need), dtype=bool)
     room = replace(room, pairs=room.pairs.subset(none), need=room.need[none], sharpest=np.full(48, -np.inf))
 
     def beyond(twist):
-        model = build_model(of_design(SpiralDesign(flat, params, width, twist)), MATERIALS["vero"], "arm", quick=True)
+        model = build_model(
+            assembly_from_design(SpiralDesign(flat, params, width, twist)), MATERIALS["vero"], "arm", quick=True
+        )
         return [part.quantity for part in model.beyond()]
 
     assert beyond(wound) and room.closed(width, wound).all()

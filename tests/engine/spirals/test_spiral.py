@@ -50,8 +50,8 @@ def test_derivatives_agree_with_differences(shaken):
     np.testing.assert_allclose(d1, (p - q) / (2 * e), atol=2e-8)
     np.testing.assert_allclose(d2, (a - b) / (2 * e), atol=2e-6)
     for side in (spiral.LEFT, spiral.RIGHT):
-        tangent = spiral.edge(arms, t, side)[1]
-        difference = (spiral.edge(arms, t + e, side)[0] - spiral.edge(arms, t - e, side)[0]) / (2 * e)
+        tangent = spiral.edge_points(arms, t, side)[1]
+        difference = (spiral.edge_points(arms, t + e, side)[0] - spiral.edge_points(arms, t - e, side)[0]) / (2 * e)
         np.testing.assert_allclose(tangent, difference, atol=2e-8)
 
 
@@ -60,8 +60,8 @@ def test_edges_run_on_smoothly_across_every_edge_and_seam(shaken):
     mesh, corners = flat.layout.mesh, flat.corners
     quad, side = spiral.opposite_sides(mesh)
     zero = np.zeros((*arms.radius.shape, 1))
-    left, d_left = (x[:, :, 0] for x in spiral.edge(arms, zero, spiral.LEFT))
-    right, d_right = (x[:, :, 0] for x in spiral.edge(arms, zero, spiral.RIGHT))
+    left, d_left = (x[:, :, 0] for x in spiral.edge_points(arms, zero, spiral.LEFT))
+    right, d_right = (x[:, :, 0] for x in spiral.edge_points(arms, zero, spiral.RIGHT))
     checked = 0
     for q, k in np.argwhere(quad != np.arange(len(quad))[:, None]):
         other, j = quad[q, k], side[q, k]
@@ -78,7 +78,7 @@ def test_edges_run_on_smoothly_across_every_edge_and_seam(shaken):
 def test_arms_keep_their_own_width_beyond_the_blend(shaken):
     _, arms = shaken
     t = np.broadcast_to(np.linspace(0.71, 0.95, 20), (*arms.radius.shape, 20))
-    across = spiral.edge(arms, t, spiral.LEFT)[0] - spiral.edge(arms, t, spiral.RIGHT)[0]
+    across = spiral.edge_points(arms, t, spiral.LEFT)[0] - spiral.edge_points(arms, t, spiral.RIGHT)[0]
     np.testing.assert_allclose(
         np.linalg.norm(across, axis=-1), np.broadcast_to(arms.width[..., None], t.shape), rtol=1e-12
     )
@@ -95,7 +95,7 @@ def inner_radius(arms):
 
 def test_sharp_turns_get_longer_blends_and_never_fold(flat_grid):
     flat = flat_grid(2, 1)
-    arms = spiral.arms(flat, SpiralParams(), spiral.alike(np.array([0.002, 0.001])), np.array([0.0, 6.0]))
+    arms = spiral.arms(flat, SpiralParams(), spiral.same_width(np.array([0.002, 0.001])), np.array([0.0, 6.0]))
     assert arms.share[0, 1] > 0.2  # the straight, thick arm at the joint with the wound one
     assert arms.share[0, 3] == pytest.approx(0.15)
     assert inner_radius(arms).min() > 0.25

@@ -14,15 +14,15 @@ from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import judge as judging
 from flexmaps.engine.extras.choosing.alike import ROWS, alike
 from flexmaps.engine.extras.choosing.choose import choose
-from flexmaps.engine.extras.choosing.judge import Idea, JudgedLayout, Laid, LayoutProblem, lay
-from flexmaps.engine.extras.choosing.moves import joined, moves
+from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.moves import join_seams, moves
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals.design import from_spirals
+from flexmaps.engine.spirals.design import design_from_spirals
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import keeping, symmetries
@@ -75,7 +75,7 @@ def test_equal_parts_of_a_torus_are_equally_large() -> None:
 def test_equal_strips_of_a_sheet() -> None:
     mesh = grid(8, 6)
     sizes = set()
-    for name, cut in lines.drawn(mesh, 4, []):
+    for name, cut in lines.equal_cuts(mesh, 4, []):
         layout = PatchLayout(mesh, cut)
         sizes.add(tuple(len(quads) for quads in layout.patches))
         assert name.startswith(str(len(layout.patches)))
@@ -103,7 +103,7 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
     x = mesh.vertices[mesh.edges][:, :, 0]
     cut = (np.isclose(x, 0.02) | np.isclose(x, 0.12)).all(axis=1)  # two lines, at 1 and 6 quads of 8
     names = set()
-    for name, edges in lines.completed(cut, mesh, found):
+    for name, edges in lines.symmetrised(cut, mesh, found):
         names.add(name)
         assert keeping(found, edges)
         assert "images" not in name or (edges >= cut).all()
@@ -125,20 +125,20 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
     piece = ball()
     mesh, found = piece.mesh, piece.symmetries
     lost = 0
-    for name, cut in lines.unlike(lines.drawn(mesh, 5, found), found):
-        plain, even = (lay(piece, Idea(cut, name, way)) for way in (False, True))
+    for name, cut in lines.drop_images(lines.equal_cuts(mesh, 5, found), found):
+        plain, even = (lay_flat(piece, Idea(cut, name, way)) for way in (False, True))
         assert plain is not None
         if plain.symmetric > 1:
             assert even is None  # there is no need for another
         else:
             lost += 1
             assert even is not None and even.symmetric > 1 and PatchLayout(mesh, even.cut).planar.all()
-            opened = lines.evenly(cut, mesh, found)  # before crumbs are joined
+            opened = lines.open_symmetrically(cut, mesh, found)  # before crumbs are joined
             assert opened is not None and (opened >= cut).all()
     assert lost
     lopsided = np.zeros(len(mesh.edges), dtype=bool)
     lopsided[:3] = True
-    assert lines.evenly(lopsided, mesh, found[:1]) is None
+    assert lines.open_symmetrically(lopsided, mesh, found[:1]) is None
 
 
 def test_of_what_is_alike_by_symmetry_one_is_looked_at() -> None:
@@ -147,16 +147,16 @@ def test_of_what_is_alike_by_symmetry_one_is_looked_at() -> None:
     cuts = list(lines.planes(mesh, found))
     assert len(cuts) == 1 + 8 + 1  # the plane that the torus lies in, those through its axis, all together
     # of those through the axis some hold two vertices' circles of the short way, some lie between: these hold no edges
-    assert len(list(lines.unlike(cuts, found))) == 3
-    assert [name for name, _ in lines.unlike(cuts, [])] == [name for name, _ in cuts]
+    assert len(list(lines.drop_images(cuts, found))) == 3
+    assert [name for name, _ in lines.drop_images(cuts, [])] == [name for name, _ in cuts]
 
 
 def test_what_cannot_be_laid_flat_is_no_layout() -> None:
     piece = LayoutProblem(torus(), Settings())
     nothing = np.zeros(len(piece.mesh.edges), dtype=bool)
-    opened = lay(piece, Idea(nothing, "no cut at all"))
+    opened = lay_flat(piece, Idea(nothing, "no cut at all"))
     assert opened is not None and PatchLayout(piece.mesh, opened.cut).planar.all()
-    assert lay(piece, Idea(nothing, "too curved"), most=0.1) is None
+    assert lay_flat(piece, Idea(nothing, "too curved"), most=0.1) is None
 
 
 @pytest.mark.parametrize("corner", [(1, 1), (1, 2), (2, 2)])
@@ -170,7 +170,7 @@ def test_panels_below_the_smallest_size_are_joined_to_their_neighbours(corner: t
         one, two = mesh.edge_quads.T
         cut = (kept[one] != kept[two]) & ~mesh.border
         assert min(len(quads) for quads in PatchLayout(mesh, cut).patches) < 6
-        laid = lay(piece, Idea(cut, "corners"))
+        laid = lay_flat(piece, Idea(cut, "corners"))
         assert laid is not None
         assert min(len(quads) for quads in laid.flat.layout.patches) >= 6
         assert (laid.flat.layout.isthmus_widths(own=False) >= 2).all()
@@ -185,11 +185,11 @@ def test_small_panels_stay_where_no_neighbour_can_take_them() -> None:
         np.concatenate([large.vertices, small.vertices + np.array([1.0, 0.0, 0.0])]),
         np.concatenate([large.quads, small.quads + len(large.vertices)]),
     )
-    laid = lay(LayoutProblem(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
+    laid = lay_flat(LayoutProblem(mesh, Settings()), Idea(np.zeros(len(mesh.edges), dtype=bool), "nothing"))
     assert laid is not None and sorted(len(quads) for quads in laid.flat.layout.patches) == [4, 36]
 
 
-def judged_of(laid: Laid, blame: np.ndarray) -> JudgedLayout:
+def judged_of(laid: FlatLayout, blame: np.ndarray) -> JudgedLayout:
     kind = np.zeros(len(blame), dtype=np.int64)
     return JudgedLayout(
         laid,
@@ -203,7 +203,7 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
     mesh = grid(8, 6, height=0.04)
     piece = LayoutProblem(mesh, Settings())
     middle = np.isclose(mesh.vertices[mesh.edges][:, :, 0], 0.08).all(axis=1) & ~mesh.border
-    laid = lay(piece, Idea(middle, "halves"))
+    laid = lay_flat(piece, Idea(middle, "halves"))
     assert laid is not None
     blame = np.where(mesh.centroids[:, 0] < 0.08, 1.0, 0.0)  # the left half is to blame
     ideas = list(moves(piece, judged_of(laid, blame), fewer=True, more=True))
@@ -218,7 +218,7 @@ def test_changes_keep_the_symmetry_of_a_layout() -> None:
     mesh = grid(8, 6)
     piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     cut = dict(lines.planes(mesh, piece.symmetries))["along all mirror planes"]
-    laid = lay(piece, Idea(cut, "quarters"))
+    laid = lay_flat(piece, Idea(cut, "quarters"))
     assert laid is not None and laid.symmetric == 1 + len(piece.symmetries) == 4
     rng = np.random.default_rng(2)
     for idea in moves(piece, judged_of(laid, rng.random(len(mesh.quads))), fewer=True, more=True):
@@ -229,7 +229,7 @@ def test_a_seam_is_moved_aside_by_whole_rows_to_both_sides() -> None:
     """A straight seam through the middle of 12 by 6 quads lies on the lines beside it afterwards, and nothing else changes."""
     mesh = grid(12, 6)
     x = mesh.vertices[mesh.edges][:, :, 0]
-    laid = lay(LayoutProblem(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
+    laid = lay_flat(LayoutProblem(mesh, Settings()), Idea(np.isclose(x, 0.12).all(axis=1) & ~mesh.border, "halves"))
     assert laid is not None
     ideas = alike(LayoutProblem(mesh, Settings()), judged_of(laid, np.ones(len(mesh.quads))))
     moved = [idea.cut for idea in ideas if idea.origin == "a seam moved"]
@@ -243,7 +243,7 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
     x = mesh.vertices[mesh.edges][:, :, 0]
     thirds = (np.isclose(x, 0.06) | np.isclose(x, 0.12)).all(axis=1) & ~mesh.border
-    laid = lay(piece, Idea(thirds, "thirds"))
+    laid = lay_flat(piece, Idea(thirds, "thirds"))
     assert laid is not None and laid.panels == 3
     ideas = alike(piece, judged_of(laid, np.random.default_rng(2).random(len(mesh.quads))))
     exchanged = [idea for idea in ideas if "joined" in idea.origin]
@@ -255,7 +255,7 @@ def test_cuts_against_joins_give_no_more_panels_and_take_up_less_curvature_first
     assert (np.diff([float((one**2).sum()) for one in within]) >= -1e-6).all()
 
 
-def strips(*parts: int) -> dict[int, Laid]:
+def strips(*parts: int) -> dict[int, FlatLayout]:
     """A dome of 24 by 4 quads in so many strips across."""
     mesh = grid(24, 4)
     piece = LayoutProblem(mesh, Settings())
@@ -264,7 +264,7 @@ def strips(*parts: int) -> dict[int, Laid]:
     found = {}
     for count in parts:
         strip = column * count // 24
-        laid = lay(piece, Idea((strip[one] != strip[two]) & ~mesh.border, f"{count} strips"))
+        laid = lay_flat(piece, Idea((strip[one] != strip[two]) & ~mesh.border, f"{count} strips"))
         assert laid is not None and laid.panels == count
         found[count] = laid
     return found
@@ -274,7 +274,7 @@ def strips(*parts: int) -> dict[int, Laid]:
 def test_panels_are_joined_down_to_a_number_within_the_limits(most: int) -> None:
     laid = strips(8)[8]
     piece = LayoutProblem(laid.flat.layout.mesh, Settings())
-    made = joined(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
+    made = join_seams(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
     assert made is not None and 0 < made.panels <= most
     assert (made.cut <= laid.cut).all()  # nothing is cut anew
     assert float(made.flat.energy.max()) <= piece.settings.layout.distortion_limit
@@ -328,7 +328,7 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
     assert ("Chosen for" in choice.note) == choice.reached and f"{taken['panels']} panel" in choice.note
     assert any("the best: " in text for text in seen)
     # what it tells is what one gets: its panels with its spirals, simulated by themselves
-    design = from_spirals(choice.best.flat, small.settings.spiral, *choice.best.judged.spirals)
+    design = design_from_spirals(choice.best.flat, small.settings.spiral, *choice.best.judged.spirals)
     found = simulate(design, small.mesh, small.settings.material.chosen, small.settings.simulate)
     assert found.match["rms_percent"] == pytest.approx(taken["rms_percent"], rel=0.05, abs=0.001)
 
@@ -338,7 +338,9 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = LayoutProblem(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
-    given = lay(piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves"))
+    given = lay_flat(
+        piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves")
+    )
     assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
     first = next(one for one in choice.proposals if one.judged.laid.origin == "as it was")
@@ -371,12 +373,12 @@ def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.Monk
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
     mesh = PolygonMesh.from_quads(grid(4, 4, height=0.02))
     made = job.run(mesh, quick, stop_after="simulate", optimised=True)
-    after = job.go_on(made, quick, ("choose",))
+    after = job.run_stages(made, quick, ("choose",))
     assert after.choice is not None and made.simulation is not None
     assert after.choice.best.proved
     assert 100.0 * after.choice.best.rms == pytest.approx(made.simulation.match["rms_percent"], rel=1e-12)
     assert after.flat is made.flat and after.design is made.design and after.optimisation is made.optimisation
-    plain = job.go_on(job.run(mesh, quick, stop_after="simulate"), quick, ("choose",))  # nothing was optimised
+    plain = job.run_stages(job.run(mesh, quick, stop_after="simulate"), quick, ("choose",))  # nothing was optimised
     assert plain.design is None and plain.simulation is None and plain.flat is not None
 
 

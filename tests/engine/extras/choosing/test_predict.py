@@ -8,8 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import lines
-from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, lay
-from flexmaps.engine.extras.choosing.predict import PredictionStart, predicted
+from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
 from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.params import Settings
@@ -29,20 +29,20 @@ def sheet(height: float, across: int = 8, along: int = 6) -> QuadMesh:
 
 
 @cache
-def dome() -> tuple[LayoutProblem, dict[str, Laid]]:
+def dome() -> tuple[LayoutProblem, dict[str, FlatLayout]]:
     """A dome with three of its layouts: whole and halved both ways."""
     piece = LayoutProblem(sheet(0.03), Settings())
     ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
-    for name, cut in lines.drawn(piece.mesh, 2, []):
+    for name, cut in lines.equal_cuts(piece.mesh, 2, []):
         ideas[f"{name}, {int(cut.sum())} edges"] = cut
-    laid = {name: lay(piece, Idea(cut, name)) for name, cut in ideas.items()}
+    laid = {name: lay_flat(piece, Idea(cut, name)) for name, cut in ideas.items()}
     return piece, {name: one for name, one in laid.items() if one is not None}
 
 
 def test_a_flat_sheet_is_matched() -> None:
     piece = LayoutProblem(sheet(0.0), Settings())
-    laid = lay(piece, Idea(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
-    assert laid is not None and predicted(piece, laid.flat) < 1e-6
+    laid = lay_flat(piece, Idea(np.zeros(len(piece.mesh.edges), dtype=bool), "whole"))
+    assert laid is not None and predict(piece, laid.flat) < 1e-6
 
 
 def test_no_search_begins_nearer_than_is_predicted() -> None:
@@ -52,20 +52,20 @@ def test_no_search_begins_nearer_than_is_predicted() -> None:
         start = PredictionStart.from_layout(piece, laid.flat)
         design = SpiralDesign(laid.flat, piece.settings.spiral, *start.spirals)
         found = simulate(design, piece.mesh, piece.settings.material.chosen, piece.settings.simulate)
-        near = predicted(piece, laid.flat, start)
+        near = predict(piece, laid.flat, start)
         assert 0.0 < near < 0.01 * found.match["rms_percent"]
 
 
 def test_a_step_out_of_the_limits_of_flat_shapes_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     piece, layouts = dome()
-    near = [predicted(piece, laid.flat) for laid in layouts.values()]
+    near = [predict(piece, laid.flat) for laid in layouts.values()]
 
     def beyond(self: FlatProblem, x: np.ndarray, inner: DesignPoint) -> np.ndarray:
         return np.concatenate([x[: self.own], np.resize([0.0, 1.0, 1.0], len(x) - self.own)])
 
     monkeypatch.setattr(FlatProblem, "within", beyond)
     for laid, usual in zip(layouts.values(), near, strict=True):
-        assert 0.0 < predicted(piece, laid.flat) < 10.0 * usual
+        assert 0.0 < predict(piece, laid.flat) < 10.0 * usual
 
 
 def test_every_further_step_shrinks_the_distance_by_the_same_share() -> None:
@@ -73,7 +73,7 @@ def test_every_further_step_shrinks_the_distance_by_the_same_share() -> None:
     shares = []
     for laid in layouts.values():
         start = PredictionStart.from_layout(piece, laid.flat)
-        two, three, four = (predicted(piece, laid.flat, start, further=steps) for steps in range(3))
+        two, three, four = (predict(piece, laid.flat, start, further=steps) for steps in range(3))
         assert 0.0 < four <= three <= two and three / two == pytest.approx(four / three)
         shares.append(three / two)
     assert min(shares) < 1.0, "more steps bring one of these layouts nearer"
@@ -83,7 +83,7 @@ def test_it_hardly_matters_which_layout_gives_the_start() -> None:
     piece, layouts = dome()
     starts = [PredictionStart.from_layout(piece, laid.flat) for laid in layouts.values()]
     for laid in layouts.values():
-        several = [predicted(piece, laid.flat, start) for start in starts]
+        several = [predict(piece, laid.flat, start) for start in starts]
         assert max(several) < 1.5 * min(several)
 
 
@@ -92,5 +92,5 @@ def test_borders_of_all_kinds_and_supports_are_predicted(border: str) -> None:
     piece, layouts = dome()
     settings = replace(piece.settings, spiral=replace(piece.settings.spiral, border=border))
     held = replace(piece, settings=settings, supports=np.arange(6))
-    near = predicted(held, layouts["whole"].flat)
+    near = predict(held, layouts["whole"].flat)
     assert 0.0 < near < 0.1

@@ -16,7 +16,7 @@ from flexmaps.engine.optimisation.reach import find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.folds import SHARP, turns
 from flexmaps.engine.surface.checking.topology import sides_of
@@ -28,7 +28,7 @@ def saddle() -> Simulation:
     """A saddle of evenly soft spirals, which is far from its target."""
     made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="spirals")
     assert made.flat is not None
-    design = uniform(made.flat, Settings().spiral)
+    design = uniform_design(made.flat, Settings().spiral)
     found = simulate(design, made.mesh, MATERIALS["vero"], SimulateParams())
     assert found.match["rms_percent"] > Settings().choose.match
     return found
@@ -101,7 +101,7 @@ def test_folds_are_tried_rounded_under_the_same_seams(monkeypatch: pytest.Monkey
     roof = PolygonMesh(points, np.stack([first, first + 7, first + 8, first + 1], axis=1).ravel(), np.full(48, 4))
     made = job.run(roof, Settings(), edge=0.02, stop_after="spirals")
     assert made.flat is not None
-    found = simulate(uniform(made.flat, Settings().spiral), made.mesh, MATERIALS["vero"], SimulateParams())
+    found = simulate(uniform_design(made.flat, Settings().spiral), made.mesh, MATERIALS["vero"], SimulateParams())
     tried: list[tuple[Any, Any]] = []
 
     def judged(piece: Any, laid: Any, **_: Any) -> Any:
@@ -133,7 +133,7 @@ def test_supports_that_somebody_chose_stay(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_full_search_comes_as_near_as_is_told() -> None:
     from dataclasses import replace
 
-    from flexmaps.engine.mechanics.loads import LOWEST, standing
+    from flexmaps.engine.mechanics.loads import LOWEST, parse_supports
     from flexmaps.engine.optimisation.optimise import optimise
 
     made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), Settings(), edge=0.02, stop_after="simulate")
@@ -142,7 +142,9 @@ def test_the_full_search_comes_as_near_as_is_told() -> None:
     settings = Settings()
     for name in set(found) - {prospects.CUT}:
         mesh = made.mesh
-        quads = standing(mesh, LOWEST) if name == LOWEST else np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
+        quads = (
+            parse_supports(mesh, LOWEST) if name == LOWEST else np.unique(np.nonzero(mesh.border[mesh.quad_edges])[0])
+        )
         better = optimise(
             made.design, mesh, settings.material.chosen, replace(settings.optimise), settings.simulate, supports=quads
         )

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import search as searching
-from flexmaps.engine.extras.choosing.decide import hopeful, pick
-from flexmaps.engine.extras.choosing.judge import LONG, WHOLE, Idea, JudgedLayout, Laid, LayoutProblem, lay
-from flexmaps.engine.extras.choosing.predict import PredictionStart, foreseen, predicted
-from flexmaps.engine.extras.choosing.search import LayoutSearch, creeping, key
+from flexmaps.engine.extras.choosing.decide import may_replace_initial, pick
+from flexmaps.engine.extras.choosing.judge import LONG, WHOLE, FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.predict import PredictionStart, judge_by_prediction, predict
+from flexmaps.engine.extras.choosing.search import LayoutSearch, clocked_progress, key
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
@@ -21,7 +21,7 @@ from flexmaps.engine.workers import Workers
 
 
 @pytest.fixture(scope="module")
-def layouts() -> tuple[LayoutProblem, list[Laid]]:
+def layouts() -> tuple[LayoutProblem, list[FlatLayout]]:
     """A ball in its six faces, in three pairs of them, and in two times three."""
     mesh = shapes.make("cubesphere")
     piece, out = LayoutProblem(mesh, Settings()), mesh.centroids - mesh.centroids.mean(axis=0)
@@ -29,22 +29,24 @@ def layouts() -> tuple[LayoutProblem, list[Laid]]:
     one, two = mesh.edge_quads.T
     made = []
     for parts in (face, np.array([0, 1, 1, 2, 2, 0])[face], np.array([0, 1, 0, 1, 0, 1])[face]):
-        laid = lay(piece, Idea((parts[one] != parts[two]) & ~mesh.border, "drawn"))
+        laid = lay_flat(piece, Idea((parts[one] != parts[two]) & ~mesh.border, "drawn"))
         assert laid is not None
         made.append(laid)
     return piece, made
 
 
-def test_a_layout_is_judged_by_what_is_predicted_of_it(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
+def test_a_layout_is_judged_by_what_is_predicted_of_it(layouts: tuple[LayoutProblem, list[FlatLayout]]) -> None:
     piece, made = layouts
     start = PredictionStart.from_layout(piece, made[0].flat)
     for laid in made:
-        one = foreseen(piece, start, laid)
-        assert one is not None and one.rms == predicted(piece, laid.flat, start) and one.share == 0.0
+        one = judge_by_prediction(piece, start, laid)
+        assert one is not None and one.rms == predict(piece, laid.flat, start) and one.share == 0.0
         assert one.cut_length is None and one.largest >= one.rms and one.spirals[0].shape == (len(piece.mesh.quads), 4)
 
 
-def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
+def test_a_long_search_scales_what_is_predicted_of_other_layouts(
+    layouts: tuple[LayoutProblem, list[FlatLayout]],
+) -> None:
     piece, (six, three, two) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.008), (three, 0.016), (two, 0.05)):
@@ -60,7 +62,7 @@ def test_a_long_search_scales_what_is_predicted_of_other_layouts(layouts: tuple[
     assert search.expected == pytest.approx(1.5), "the worst of several"
 
 
-def _judged(laid: Laid, rms: float, share: float) -> JudgedLayout:
+def _judged(laid: FlatLayout, rms: float, share: float) -> JudgedLayout:
     count = len(laid.flat.layout.mesh.quads)
     spirals = np.zeros((count, 4)), np.zeros(count)
     empty = np.zeros(count)
@@ -69,7 +71,7 @@ def _judged(laid: Laid, rms: float, share: float) -> JudgedLayout:
 
 @pytest.mark.parametrize(("near", "panels"), [(0.017, 3), (0.0195, 3), (0.022, 6)])
 def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
-    layouts: tuple[LayoutProblem, list[Laid]], near: float, panels: int
+    layouts: tuple[LayoutProblem, list[FlatLayout]], near: float, panels: int
 ) -> None:
     """Nothing holds 1 %: six panels come to 1.6 %, three with fewer joints less near."""
     piece, (six, three, two) = layouts
@@ -93,7 +95,7 @@ def test_joints_are_spent_only_on_a_match_that_somebody_would_notice(
     ],
 )
 def test_an_optimised_layout_stays_unless_another_comes_nearer(
-    layouts: tuple[LayoutProblem, list[Laid]], given: int, others: dict[int, float], panels: int
+    layouts: tuple[LayoutProblem, list[FlatLayout]], given: int, others: dict[int, float], panels: int
 ) -> None:
     """Optimised it came to 2 %; searches of others ended at these shares of the size."""
     piece, made = layouts
@@ -114,7 +116,7 @@ def test_an_optimised_layout_stays_unless_another_comes_nearer(
     ],
 )
 def test_only_layouts_that_would_be_taken_are_searched(
-    layouts: tuple[LayoutProblem, list[Laid]], given: int, other: int, rms: float, worth: bool
+    layouts: tuple[LayoutProblem, list[FlatLayout]], given: int, other: int, rms: float, worth: bool
 ) -> None:
     """The given layout was optimised and came to 2 %; of the other one this is predicted."""
     piece, made = layouts
@@ -122,9 +124,9 @@ def test_only_layouts_that_would_be_taken_are_searched(
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     one = _judged(laid[other], rms, 0.0)
     search.known[key(laid[other])] = one
-    assert hopeful(search, one), "nothing was optimised"
+    assert may_replace_initial(search, one), "nothing was optimised"
     search.known[key(laid[given])] = search.proved[key(laid[given])] = _judged(laid[given], 0.02, WHOLE)
-    assert hopeful(search, one) == worth and choosing._better(search, 2) == ([laid[other]] if worth else [])
+    assert may_replace_initial(search, one) == worth and choosing._better(search, 2) == ([laid[other]] if worth else [])
 
 
 @pytest.mark.parametrize(
@@ -138,7 +140,7 @@ def test_only_layouts_that_would_be_taken_are_searched(
     ],
 )
 def test_a_second_search_is_for_layouts_that_it_may_decide_on(
-    layouts: tuple[LayoutProblem, list[Laid]], rms: float, strain: float, again: bool
+    layouts: tuple[LayoutProblem, list[FlatLayout]], rms: float, strain: float, again: bool
 ) -> None:
     """The given layout was optimised and came to 2 %."""
     piece, (six, three, _) = layouts
@@ -150,7 +152,9 @@ def test_a_second_search_is_for_layouts_that_it_may_decide_on(
     assert found.proved == (strain <= 1.0)
 
 
-def test_layouts_are_searched_for_that_are_expected_to_be_better(layouts: tuple[LayoutProblem, list[Laid]]) -> None:
+def test_layouts_are_searched_for_that_are_expected_to_be_better(
+    layouts: tuple[LayoutProblem, list[FlatLayout]],
+) -> None:
     piece, (six, three, two) = layouts
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.015), (three, 0.03), (two, 0.02)):
@@ -176,18 +180,18 @@ def test_the_first_of_many_layouts_go_from_end_to_end(count: int) -> None:
 def test_time_that_nobody_reports_goes_on_and_never_comes_to_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     now, seen = [100.0], list[float]()
     monkeypatch.setattr(searching.time, "monotonic", lambda: now[0])
-    progress = creeping(Progress(lambda fraction, _: seen.append(fraction)).part(0.2, 0.6), 10.0)
+    progress = clocked_progress(Progress(lambda fraction, _: seen.append(fraction)).part(0.2, 0.6), 10.0)
     for seconds in (0.0, 3.0, 6.0, 10.0, 20.0, 1000.0):
         now[0] = 100.0 + seconds
         progress(0.0)
     assert seen[0] == 0.2 and seen[1] == pytest.approx(0.2 + 0.4 * 0.3), "in step as long as it may well be in time"
     assert seen == sorted(set(seen)) and seen[-1] < 0.6
     quiet = Progress()
-    assert creeping(quiet, 10.0) is quiet and creeping(replace(progress), 0.0).report is progress.report
+    assert clocked_progress(quiet, 10.0) is quiet and clocked_progress(replace(progress), 0.0).report is progress.report
 
 
 def test_progress_goes_on_while_layouts_are_judged(
-    layouts: tuple[LayoutProblem, list[Laid]], monkeypatch: pytest.MonkeyPatch
+    layouts: tuple[LayoutProblem, list[FlatLayout]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     piece, made = layouts
     now, seen = [100.0], list[float]()

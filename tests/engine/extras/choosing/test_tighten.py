@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.choosing.judge import Idea, Laid, LayoutProblem, judge, lay
+from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
 from flexmaps.engine.extras.choosing.lines import along_folds
-from flexmaps.engine.extras.choosing.predict import predicted
-from flexmaps.engine.extras.choosing.tighten import MOST, tightened
+from flexmaps.engine.extras.choosing.predict import predict
+from flexmaps.engine.extras.choosing.tighten import MOST, tighten
 from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.layout import PatchLayout
@@ -32,27 +32,27 @@ def _sphere() -> tuple[LayoutProblem, PatchLayout, FlatPatches]:
 
 def reached(piece: LayoutProblem, flat: FlatPatches) -> float:
     """What a short search leaves of the distance, as a share of the size."""
-    found = judge(piece, Laid(flat, "", 1))
+    found = judge(piece, FlatLayout(flat, "", 1))
     assert found is not None
     return found.rms
 
 
 def test_few_panels_stay_where_they_hold_the_match(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
-    assert tightened(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
+    assert tighten(piece, layout, flat, replace(SETTINGS.choose, match=100.0)) is flat
     expected = flat.layout.notes["expected_percent"]
     assert isinstance(expected, float) and 0.0 < expected < 100.0
-    assert tightened(piece, layout, flat, replace(NEAR, goal="panels")) is flat
-    assert tightened(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
+    assert tighten(piece, layout, flat, replace(NEAR, goal="panels")) is flat
+    assert tighten(replace(piece, settings=_rods()), layout, flat, NEAR) is flat
 
 
 def test_more_panels_come_nearer_where_few_are_far(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
-    more = tightened(piece, layout, flat, NEAR)
+    more = tighten(piece, layout, flat, NEAR)
     few = len(flat.layout.patches)
     assert few < len(more.layout.patches) <= MOST * few
     assert more.layout.notes["fewest_panels"] == few
-    assert predicted(piece, more) < predicted(piece, flat)
+    assert predict(piece, more) < predict(piece, flat)
 
 
 def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> None:
@@ -65,16 +65,16 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     across = (np.abs(ends[:, :, 0] - 0.08) < 1e-9).all(axis=1)
     piece, layout = LayoutProblem(mesh, SETTINGS), trace(mesh, SETTINGS.layout)
     ((_, ridge),) = along_folds(mesh)
-    quartered = lay(piece, Idea(ridge | across, "quarters"))
+    quartered = lay_flat(piece, Idea(ridge | across, "quarters"))
     assert quartered is not None and len(quartered.flat.layout.patches) == 4
-    found = tightened(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
+    found = tighten(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
     np.testing.assert_array_equal(found.layout.cut, ridge)
 
 
 @pytest.mark.thorough
 def test_what_is_predicted_of_more_panels_comes_true(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
     piece, layout, flat = sphere
-    assert reached(piece, tightened(piece, layout, flat, NEAR)) < reached(piece, flat)
+    assert reached(piece, tighten(piece, layout, flat, NEAR)) < reached(piece, flat)
 
 
 def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, FlatPatches]) -> None:
@@ -82,7 +82,7 @@ def test_an_end_from_outside_ends_it(sphere: tuple[LayoutProblem, PatchLayout, F
 
     piece, layout, flat = sphere
     with pytest.raises(Cancelled):
-        tightened(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
+        tighten(piece, layout, flat, NEAR, Progress(stopped=lambda: True))
 
 
 def _rods() -> Settings:

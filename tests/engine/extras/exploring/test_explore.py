@@ -19,7 +19,7 @@ from flexmaps.engine.extras.exploring import candidate as candidates
 from flexmaps.engine.extras.exploring import folder as folders
 from flexmaps.engine.extras.exploring.candidate import Candidate, ExplorationInput
 from flexmaps.engine.extras.exploring.explore import explore
-from flexmaps.engine.extras.exploring.space import goal, space, variable
+from flexmaps.engine.extras.exploring.space import make_space, parse_goal, parse_variable
 from flexmaps.engine.params import ObjectSettings, with_values
 from flexmaps.engine.progress import Progress
 
@@ -39,7 +39,7 @@ def bowl(base, values):
 
 def searched(count=60, goals=(), task=bowl, vary=PLANE, **options):
     with ThreadPoolExecutor(3) as executor:
-        return explore(BASE, space(vary, DEFAULTS, goals), count, executor, task=task, **options)
+        return explore(BASE, make_space(vary, DEFAULTS, goals), count, executor, task=task, **options)
 
 
 # -- what can be asked -------------------------------------------------------------------------------------------------
@@ -60,22 +60,22 @@ def searched(count=60, goals=(), task=bowl, vary=PLANE, **options):
 )
 def test_what_cannot_be_varied_is_refused(name, given, why):
     with pytest.raises(FlexMapsError, match=why):
-        variable(name, given, DEFAULTS)
+        parse_variable(name, given, DEFAULTS)
 
 
 def test_goals_and_measures_that_are_none_are_refused():
     for text in ("rms_percent", "beauty<=1", "rms_percent<=low"):
         with pytest.raises(FlexMapsError):
-            goal(text)
+            parse_goal(text)
     for vary, minimised in (({}, ("panels", "joints")), (PLANE, ("panels", "panels")), (PLANE, ("panels",))):
         with pytest.raises(FlexMapsError):
-            space(vary, DEFAULTS, (), minimised)
+            make_space(vary, DEFAULTS, (), minimised)
     with pytest.raises(FlexMapsError, match="vary one of them"):
-        space({"edge": "10:20", "height": "10:20"}, DEFAULTS)
+        make_space({"edge": "10:20", "height": "10:20"}, DEFAULTS)
 
 
 def test_values_are_those_of_the_bounds_and_back():
-    asked = space({"spiral.thickness": "1:3", "material.material": "pom,birch", "choose.panels": "2:4"}, DEFAULTS)
+    asked = make_space({"spiral.thickness": "1:3", "material.material": "pom,birch", "choose.panels": "2:4"}, DEFAULTS)
     assert asked.values(np.zeros(3)) == {"spiral.thickness": 1.0, "material.material": "pom", "choose.panels": 2}
     assert asked.values(np.ones(3)) == {"spiral.thickness": 3.0, "material.material": "birch", "choose.panels": 4}
     for place in np.random.default_rng(0).random((20, 3)):
@@ -159,7 +159,7 @@ def test_faults_are_told_and_the_rest_goes_on():
 
 
 def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
-    whole, asked = searched(), space(PLANE, DEFAULTS, ())
+    whole, asked = searched(), make_space(PLANE, DEFAULTS, ())
     calls, lock = [], threading.Lock()
 
     def counted(base, values):
@@ -178,7 +178,7 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
         assert not part.finished
         assert 20 <= len(part.candidates) < 60
         kept.write(part)
-    with (tmp_path / folders.TRIED).open("a") as stream:
+    with (tmp_path / folders.CANDIDATES_FILE).open("a") as stream:
         stream.write('{"values": {"spiral.th')  # as if the disk had been full
     calls.clear()
     with folders.Folder(tmp_path, BASE, asked) as kept:
@@ -198,16 +198,16 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
 
 
 def test_another_exploration_is_not_mixed_in(tmp_path):
-    with folders.Folder(tmp_path, BASE, space(PLANE, DEFAULTS)):
+    with folders.Folder(tmp_path, BASE, make_space(PLANE, DEFAULTS)):
         pass
     with pytest.raises(FlexMapsError, match="another folder"):
-        folders.Folder(tmp_path, BASE, space({"edge": "10:30"}, DEFAULTS))
+        folders.Folder(tmp_path, BASE, make_space({"edge": "10:30"}, DEFAULTS))
     with pytest.raises(FlexMapsError, match="another folder"):
-        folders.Folder(tmp_path, ExplorationInput({}, DEFAULTS, effort=0.5), space(PLANE, DEFAULTS))
+        folders.Folder(tmp_path, ExplorationInput({}, DEFAULTS, effort=0.5), make_space(PLANE, DEFAULTS))
     file = tmp_path / "file"
     file.write_text("")
     with pytest.raises(FlexMapsError, match="file"):
-        folders.Folder(file / "below", BASE, space(PLANE, DEFAULTS))
+        folders.Folder(file / "below", BASE, make_space(PLANE, DEFAULTS))
 
 
 def test_stopped_before_anything_was_found_is_stopped():
@@ -247,7 +247,7 @@ def test_thicker_sheets_of_a_dome_are_strained_more():
     base = ExplorationInput(
         {0: candidates.StartSurface(dome.mesh, dome.result.flat.layout.cut)}, dome.settings, effort=0.03
     )
-    thin, thick = (candidates.evaluate(base, {"spiral.thickness": t}).measures for t in (1.0, 4.0))
+    thin, thick = (candidates.evaluate_candidate(base, {"spiral.thickness": t}).measures for t in (1.0, 4.0))
     assert thin["strain_share"] > 0.05
     assert thick["strain_share"] > 1.5 * thin["strain_share"]
     assert thick["cut_minutes"] > thin["cut_minutes"]
@@ -258,7 +258,7 @@ def test_settings_that_cross_are_the_fault_of_a_candidate_alone(strip):
     base = ExplorationInput(
         {0: candidates.StartSurface(result.mesh, result.flat.layout.cut)}, strip.settings, effort=0.03
     )
-    one = candidates.evaluate(base, {"spiral.width_max": 0.5})
+    one = candidates.evaluate_candidate(base, {"spiral.width_max": 0.5})
     assert "Largest width" in one.fault
     assert not one.measures
 
@@ -287,5 +287,5 @@ def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     settings = with_values(strip.settings, {"choose.goal": "panels", "optimise.patience": 0.1})
     base = ExplorationInput({0: candidates.StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.03)
     for panels in (1, 2):
-        one = candidates.evaluate(base, {"choose.panels": panels})
+        one = candidates.evaluate_candidate(base, {"choose.panels": panels})
         assert not one.fault and 1 <= one.measures["panels"] <= panels

@@ -10,7 +10,7 @@ from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.extras.film import film as assembly_film
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose, rest_joints
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -29,7 +29,7 @@ def dome():
     """Two panels with four seams, and where they rest."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(), twist=3.0)
+    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 
@@ -37,7 +37,7 @@ def dome():
 def film(dome):
     made, pose = dome
     count = len(made.flat.layout.patches)
-    low = panel_mesh(made, DETAILS["COARSE"]).placed(bent(made, pose), pose)[:, 2].min()
+    low = panel_mesh(made, DETAILS["COARSE"]).placed(bend_arms(made, pose), pose)[:, 2].min()
     table = np.c_[0.4 * np.arange(count), np.zeros(count), np.full(count, low + 0.5 * made.params.thickness)]
     return assembly_film.film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams()), table
 
@@ -94,7 +94,7 @@ def test_nothing_dips_under_the_table(film):
 def test_it_ends_in_the_pose(dome, film):
     made, pose = dome
     found, _ = film
-    ends = panel_mesh(made, DETAILS["COARSE"]).placed(bent(made, pose), pose)
+    ends = panel_mesh(made, DETAILS["COARSE"]).placed(bend_arms(made, pose), pose)
     seen = np.concatenate([track.vertices for track in found.tracks])
     assert (np.sort(seen) == np.arange(len(ends))).all()
     for track in found.tracks:
@@ -122,7 +122,7 @@ def test_at_its_stages_it_shows_them(dome, film):
         stand = Pose(pose.centres.copy(), pose.rotations.copy())
         stand.centres[stage.hubs], stand.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         there = np.isin(owner, np.unique(made.flat.layout.patch_of[stage.hubs]))
-        wanted = found.panels.placed(bent(made, stand, closed=stage.closed), stand)[there]
+        wanted = found.panels.placed(bend_arms(made, stand, closed=stage.closed), stand)[there]
         away = shown(found, time)[there] - wanted
         lift = away[:, 2].mean()
         assert lift > -0.01 * edge

@@ -11,7 +11,7 @@ from flexmaps.engine.extras.film import stages
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
-from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
@@ -34,7 +34,7 @@ def piece(name: str, model: str):
     """A design, its simulation and its stages."""
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(), twist=3.0)
+    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
     params = SimulateParams(model=model)
     simulation = simulate(made, mesh, POM, params)
     assert simulation.equilibrium.converged
@@ -76,7 +76,7 @@ def test_all_joints_are_closed_one_after_the_other(dome):
 def test_every_one_rests(dome):
     """Differences of the energy of a model that is built of the closed joints alone, along random ways."""
     made, _, found, model = dome
-    rng, whole = np.random.default_rng(1), of_design(made)
+    rng, whole = np.random.default_rng(1), assembly_from_design(made)
     assert len(found.all) > 4
     for stage in found.all:
         number = np.full(whole.size, -1)
@@ -103,7 +103,7 @@ def test_every_one_rests(dome):
 def test_open_joints_are_not_forced(dome):
     """While a seam is being closed, its open end gapes; what is free bends less than it will."""
     made, _, found, _ = dome
-    whole, edge = of_design(made), made.flat.layout.mesh.median_edge
+    whole, edge = assembly_from_design(made), made.flat.layout.mesh.median_edge
     stage = found.all[-2]
     assert not stage.closed.all()
     pose = Pose(np.empty((whole.size, 3)), np.empty((whole.size, 3, 3)))
@@ -149,7 +149,7 @@ def ring():
     flat = FlatPatches(layout, points, np.zeros(COUNT), np.zeros(COUNT))
     # arms that are wider than thick: they bend out of the sheet, and the ring does not roll over
     made = design.SpiralDesign(flat, SpiralParams(thickness=0.001), np.full((COUNT, 4), 0.002), np.full(COUNT, 2.0))
-    assembly = of_design(made)
+    assembly = assembly_from_design(made)
     model = build_model(assembly, POM, "arm")
     rest = solve(model, target_pose(mesh, flat.corners), Loads.for_spirals(COUNT), SimulateParams())
     assert rest.converged
@@ -234,8 +234,8 @@ def test_parts_of_a_model_are_its_joints(name):
     """The energy of a part is that of its joints in the whole; weaker joints have their share of it."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(), twist=3.0)
-    model, pose = build_model(of_design(made), POM, name), target_pose(mesh, flat.corners)
+    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
+    model, pose = build_model(assembly_from_design(made), POM, name), target_pose(mesh, flat.corners)
     each = model.expand(model.start(pose)).per_joint
     hubs = np.random.default_rng(0).permutation(len(mesh.quads))[:120]
     joints = np.flatnonzero(np.isin(model.pairs, hubs).all(axis=1))[::2]

@@ -12,13 +12,13 @@ from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.extras.live.piece import LiveEquilibrium, LivePiece
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.loads import standing
+from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing.trace import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals.design import SpiralDesign, uniform
+from flexmaps.engine.spirals.design import SpiralDesign, uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.workers import Workers
@@ -32,7 +32,7 @@ def dome() -> FlatPatches:
 
 
 def given_of(flat: FlatPatches, twist: float = 1.5) -> LiveInput:
-    made, mesh = uniform(flat, SpiralParams(), twist=twist), flat.layout.mesh
+    made, mesh = uniform_design(flat, SpiralParams(), twist=twist), flat.layout.mesh
     cut, sizes = flat.layout.cut, np.full(len(mesh.quads), 4)
     rest = (made.params, LayoutParams(), MaterialParams().chosen, SimulateParams())
     return LiveInput(
@@ -72,7 +72,7 @@ CHANGES = {
     "thickness": lambda g, flat: replace(g, spiral=replace(g.spiral, thickness=0.0025)),
     "material": lambda g, flat: replace(g, material=material("birch")),
     "weight": lambda g, flat: replace(
-        g, simulate=replace(g.simulate, gravity=True), supports=standing(flat.layout.mesh, "lowest")
+        g, simulate=replace(g.simulate, gravity=True), supports=parse_supports(flat.layout.mesh, "lowest")
     ),
 }
 
@@ -116,7 +116,7 @@ def test_a_rim_comes_and_goes_and_follows_too(dome: FlatPatches) -> None:
     """A rim has bodies and joints of its own, which no piece without one knows."""
     piece, plain = LivePiece(), given_of(dome)
     rimmed = replace(plain, spiral=replace(plain.spiral, border="rim"))
-    made = uniform(dome, rimmed.spiral, twist=1.5)
+    made = uniform_design(dome, rimmed.spiral, twist=1.5)
     rimmed = replace(rimmed, width=made.width, twist=made.twist)
     last = None
     for wanted in (plain, rimmed, softer(rimmed, slice(40, 50)), plain):
@@ -209,9 +209,11 @@ def test_a_piece_that_snaps_is_told_and_comes_back() -> None:
 def test_in_a_process_of_its_own(dome: FlatPatches) -> None:
     first = given_of(dome)
     with Workers(1) as workers:
-        assert workers.submit(session.step, session.LiveRequest("piece")).result() is None  # nobody has sent it yet
+        assert (
+            workers.submit(session.step_piece, session.LiveRequest("piece")).result() is None
+        )  # nobody has sent it yet
         call = session.LiveRequest("piece", first.changes(None), whole=True)
-        while not (shape := workers.submit(session.step, call).result()).resting:
+        while not (shape := workers.submit(session.step_piece, call).result()).resting:
             call = session.LiveRequest("piece")
     assert shape.vertices == pytest.approx(simulated(first, dome), abs=SAME)
 

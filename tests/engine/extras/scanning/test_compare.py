@@ -233,9 +233,9 @@ def test_it_is_a_stage_that_a_new_simulation_drops():
     settings = ObjectSettings()
     made = job.run(PolygonMesh.from_quads(shapes.make("saddle")), settings, stop_after="spirals")
     with pytest.raises(FlexMapsError, match="no scan"):
-        job.go_on(made, settings, ("compare",))
+        job.run_stages(made, settings, ("compare",))
     scan, _, _ = scanned(made.mesh, 15, 5, 3000)
-    targeted = job.go_on(made.with_user(scanned=Scan(scan, "my scan.ply", "m", False)), settings, ("compare",))
+    targeted = job.run_stages(made.with_user(scanned=Scan(scan, "my scan.ply", "m", False)), settings, ("compare",))
     block = report.build(targeted, source="saddle", settings=settings)["scan"]
     assert (
         block["file"] == "my scan.ply"
@@ -244,8 +244,8 @@ def test_it_is_a_stage_that_a_new_simulation_drops():
     )
     assert block["max_percent"] >= block["rms_percent"] > 0 and block["rms_percent"] < 0.1
     assert targeted.scan is not None and not targeted.scan.simulated
-    simulated = job.go_on(targeted, settings, ("simulate",))
+    simulated = job.run_stages(targeted, settings, ("simulate",))
     assert simulated.scan is None
-    again = job.go_on(simulated, settings, ("compare",))
+    again = job.run_stages(simulated, settings, ("compare",))
     assert again.without("simulation").scan is None
     assert again.scan.simulated and report.blocks(again, ("scan",))["scan"]["against"] == "simulated shape"

@@ -8,7 +8,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.structure.actions import Action, Ground, actions, hidden, lasting
 from flexmaps.engine.extras.structure.cases import Case, Combination, Load, line_of, plan
 from flexmaps.engine.mechanics.assembly import Pose
-from flexmaps.engine.mechanics.loads import standing
+from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -98,7 +98,7 @@ def ground(mesh: QuadMesh, held: tuple[int, ...] = ()) -> Ground:
     fixed = np.isin(np.arange(len(p)), held)
     pairs, sides = mesh.edge_quads[inner], mesh.edge_sides[inner]
     pose, mass = Pose(p.mean(axis=1), frames), np.full(len(p), 1e-3)
-    return Ground(pose, p, flat, pairs, sides, mass, fixed, lambda text: standing(mesh, text))
+    return Ground(pose, p, flat, pairs, sides, mass, fixed, lambda text: parse_supports(mesh, text))
 
 
 def action(text: str, place: Ground) -> Action:

@@ -11,15 +11,15 @@ from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
 from flexmaps.engine.extras.structure.path import BRANCH, LIMIT, Path, PathFollower, follow
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Assembly, Pose, of_design, target_pose
-from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.surface.mesh import QuadMesh
 from scipy.integrate import trapezoid
 
@@ -112,8 +112,8 @@ class Arch:
         place = np.stack([radius * np.sin(angle), y.ravel(), radius * np.cos(angle)], axis=1)
         mesh = QuadMesh(SPACING * place, quads)
         flat = flatten(PatchLayout(mesh, np.zeros(len(mesh.edges), bool)), LayoutParams())
-        self.design = uniform(flat, SpiralParams(), twist=2.6)
-        self.model = ArmModel.from_assembly(of_design(self.design), VERO)
+        self.design = uniform_design(flat, SpiralParams(), twist=2.6)
+        self.model = ArmModel.from_assembly(assembly_from_design(self.design), VERO)
         self.loads = Loads.for_spirals(18, supports=np.array([0, 8, 9, 17]))
         self.middle = [4, 13]
         start = target_pose(mesh, flat.corners)
@@ -192,7 +192,7 @@ def test_marks_are_equilibria_at_their_factor(arch: Arch) -> None:
 
 def product(blocks: np.ndarray, way: np.ndarray, model: ArmModel) -> np.ndarray:
     ends = way[model.pairs].reshape(-1, 12)
-    return summed(np.einsum("mij,mj->mi", blocks, ends), model.pairs, len(way))
+    return sum_joint_vectors(np.einsum("mij,mj->mi", blocks, ends), model.pairs, len(way))
 
 
 def slope(found: Callable[[float], np.ndarray], step: float = 1e-4) -> np.ndarray:

@@ -26,7 +26,7 @@ from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job, report, report_page
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.design import uniform
+from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 
@@ -42,7 +42,7 @@ def arch(material: str = "pom", supports: np.ndarray | None = FEET, clamped: boo
     angle, radius = (x.ravel() / 9.0 - 0.5) * 1.86, 9.0 / 1.86
     mesh = QuadMesh(SIDE * np.stack([radius * np.sin(angle), y.ravel(), radius * np.cos(angle)], axis=1), quads)
     across = (x.ravel() == 4.0)[mesh.edges].all(axis=1)
-    design = uniform(flatten(PatchLayout(mesh, across), LayoutParams()), SpiralParams(), twist=2.6)
+    design = uniform_design(flatten(PatchLayout(mesh, across), LayoutParams()), SpiralParams(), twist=2.6)
     return simulate(design, mesh, MATERIALS[material], replace(HOW, clamped=clamped), supports=supports)
 
 
@@ -228,9 +228,9 @@ def test_the_stage_runs_when_asked_for_and_the_report_tells() -> None:
     snow, both = block["outcomes"][0], block["outcomes"][2]
     assert snow["curve"][0] == [0.0, 0.0] and snow["deflection_max_mm"] > 0.1
     assert both["critical"] < snow["critical"] / 1.5
-    drawn = report_page.drawings(result, described, 0.035)
+    drawn = report_page.draw_plots(result, described, 0.035)
     assert {"loads", "utilisation"} <= drawn.keys()
-    page = report_page.page(described, {"loads": "<svg></svg>"})
+    page = report_page.render_page(described, {"loads": "<svg></svg>"})
     assert "What it bears" in page and "Linear buckling at" in page
 
 

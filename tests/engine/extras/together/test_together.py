@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.together.together import together
+from flexmaps.engine.extras.together.together import nest_together
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
 from flexmaps.engine.fabrication.writers import export, parts
@@ -36,7 +36,7 @@ def copies(*counts: int) -> list[ObjectSettings]:
 
 
 def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
-    made = together(["arch", "dome"], pieces, copies(2, 1))
+    made = nest_together(["arch", "dome"], pieces, copies(2, 1))
     alone = [len(r.flat.layout.patches) for r in pieces if r.flat is not None]
     panels = [p for p in made.sheets.panels if p.patch >= 0]
     assert len(panels) == 2 * alone[0] + alone[1]
@@ -54,8 +54,8 @@ def test_all_copies_lie_apart_on_common_sheets(pieces: list[Result]) -> None:
 
 def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
     """The strokes that a copy's panel has and its plain panel has not are those of its letter, before the number and every joint."""
-    made = together(["arch"], pieces[:1], copies(2))
-    plain = together(["arch"], pieces[:1], copies(1))
+    made = nest_together(["arch"], pieces[:1], copies(2))
+    plain = nest_together(["arch"], pieces[:1], copies(1))
     layout = made.parts[0].design.flat.layout
     assert {p.mark for p in plain.sheets.panels} == {""} and {p.mark for p in made.sheets.panels if p.patch >= 0} == {
         "A",
@@ -76,7 +76,7 @@ def test_the_letter_is_engraved_before_the_number(pieces: list[Result]) -> None:
 
 
 def test_parts_list_and_files(pieces: list[Result], tmp_path: Path) -> None:
-    made = together(["arch", "dome"], pieces, copies(1, 2))
+    made = nest_together(["arch", "dome"], pieces, copies(1, 2))
     parts.write(made.sheets, made.designs, made.parts[0].material, tmp_path / "parts.csv")
     rows = list(csv.DictReader((tmp_path / "parts.csv").open(encoding="utf-8")))[:-1]
     assert len(rows) == len(made.sheets.panels) and len({row["part"] for row in rows}) == len(rows)
@@ -103,21 +103,21 @@ def test_what_cannot_share_a_sheet_is_refused(pieces: list[Result], values: dict
     if "spiral.thickness" in values:
         result = result.updated(other)
     with pytest.raises(FlexMapsError, match=f"dome and arch cannot share sheets, for their .*{says}"):
-        together(["arch", "dome"], [pieces[0], result], [QUICK, other])
+        nest_together(["arch", "dome"], [pieces[0], result], [QUICK, other])
 
 
 def test_none_and_too_many_are_refused(pieces: list[Result]) -> None:
     with pytest.raises(FlexMapsError, match="nothing to lay"):
-        together([], [], [])
+        nest_together([], [], [])
     with pytest.raises(FlexMapsError, match="too many"):
-        together(["dome"] * 3, [pieces[1]] * 3, copies(1000, 1000, 1000))
+        nest_together(["dome"] * 3, [pieces[1]] * 3, copies(1000, 1000, 1000))
     begun = job.begin(pieces[0].surface.source)
     with pytest.raises(FlexMapsError, match=r"^bare: "):
-        together(["bare"], [begun], [QUICK])
+        nest_together(["bare"], [begun], [QUICK])
 
 
 def test_one_piece_once_is_as_ever(pieces: list[Result]) -> None:
-    made = together(["arch"], pieces[:1], copies(1)).sheets
-    plain = job.go_on(pieces[0], QUICK, ("sheets",)).sheets
+    made = nest_together(["arch"], pieces[:1], copies(1)).sheets
+    plain = job.run_stages(pieces[0], QUICK, ("sheets",)).sheets
     assert plain is not None and made.count == plain.count
     assert np.allclose(made.packing.shift, plain.packing.shift) and made.cut_length == pytest.approx(plain.cut_length)

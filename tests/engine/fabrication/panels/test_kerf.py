@@ -71,7 +71,7 @@ def test_open_curve_keeps_its_ends():
 
 @pytest.fixture
 def made(flat_grid):
-    return design.uniform(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
+    return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
 
 
 @pytest.mark.parametrize("outline, holes", [(0.0001, 0.0001), (0.0002, 0.0001), (0.0, 0.0002)])

@@ -23,13 +23,15 @@ RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))
 
 @pytest.fixture
 def made(flat_grid):
-    return design.uniform(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
+    return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
 
 
 @pytest.fixture
 def milled(flat_grid):
     flat = flat_grid(4, 3, 0.05, cut=lambda x, _: x == 2)
-    return design.uniform(flat, SpiralParams(width_max=0.003, slot_min=0.0031, fillet=0.00155), width=0.003, twist=0.5)
+    return design.uniform_design(
+        flat, SpiralParams(width_max=0.003, slot_min=0.0031, fillet=0.00155), width=0.003, twist=0.5
+    )
 
 
 def _line(curve):
@@ -80,7 +82,7 @@ def test_lead_ins_lie_in_the_waste(made):
 
 
 def test_slots_without_room_have_no_lead_in(flat_grid):
-    wound = design.uniform(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
+    wound = design.uniform_design(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
     result = sheets.make_sheets(wound, FAST, cut=CutParams(lead_in=0.02))
     runs = result.runs(0)
     assert runs.without_lead == len(runs.inner)
@@ -224,6 +226,6 @@ def test_mill_too_thick_for_the_slots_names_the_faces(made, milled):
 
 
 def test_slots_as_wide_as_the_mill_will_do(flat_grid):
-    spirals = design.uniform(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
+    spirals = design.uniform_design(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
     assert not len(spirals.narrower(0.003))
     assert spirals.narrower(0.0031).tolist() == list(range(12))

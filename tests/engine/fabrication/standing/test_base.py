@@ -143,7 +143,7 @@ def test_a_wound_support_asks_for_spirals_anew():
     settings = with_values(Settings(), QUICK | {"base.base": "none"})
     made = job.run(_arch(rows=6), settings, supports="lowest")
     with pytest.raises(FlexMapsError, match="press Spirals again"):
-        job.go_on(made, with_values(settings, {"base.base": "feet"}), ("sheets",))
+        job.run_stages(made, with_values(settings, {"base.base": "feet"}), ("sheets",))
 
 
 def test_rounded_corners_touch_their_sides():

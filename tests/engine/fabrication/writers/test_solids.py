@@ -21,7 +21,7 @@ from flexmaps.engine.spirals.arcs import Curve
 @pytest.fixture
 def made(flat_grid):
     flat = flat_grid(5, 3, cut=lambda x, y: x == 2)
-    return sheets.make_sheets(design.uniform(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
+    return sheets.make_sheets(design.uniform_design(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
 
 
 def lost(panel: Panel) -> float:

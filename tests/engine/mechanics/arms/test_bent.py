@@ -9,16 +9,16 @@ from flexmaps.engine.display.panel_mesh import DETAILS, Detail, panel_mesh
 from flexmaps.engine.fabrication.connectors.connect import connect
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms import bent as bent_arms
-from flexmaps.engine.mechanics.arms.bent import bent, hub_ends
+from flexmaps.engine.mechanics.arms.bent import bend_arms, hub_edge_of_design
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Pose, of_design, target_pose
-from flexmaps.engine.mechanics.vectors import exponential
+from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.vectors import rotation_matrix
 from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge, opposite_sides
+from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge_points, opposite_sides
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
 
@@ -37,7 +37,7 @@ def dome(request):
     """A dome of wound spirals in several patches, in its equilibrium."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(clockwise=request.param), twist=3.5)
+    made = design.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
     found = simulate(made, mesh, material("pom"), SimulateParams())
     assert found.equilibrium.converged
     return made, found.equilibrium.pose
@@ -47,15 +47,15 @@ def test_two_straight_arms_become_a_circular_arc(flat_grid):
     """A pure bending moment M = E I angle / length, the same everywhere (Euler and Bernoulli)."""
     made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full((2, 4), 0.002), np.zeros(2))
     angle, size = 0.8, 0.02
-    clamp = 0.5 * size * (1 - hub_ends(made)[0, 1])  # from a hub's centre to where its arm begins
+    clamp = 0.5 * size * (1 - hub_edge_of_design(made)[0, 1])  # from a hub's centre to where its arm begins
     length = size - 2 * clamp
     radius = length / angle
     # both hubs touch a circle of this radius about the y axis, at half the angle before and behind its top
     turns = np.stack([Rotation.from_euler("y", a).as_matrix() for a in (-0.5 * angle, 0.5 * angle)])
     ends = np.array([[-np.sin(angle / 2), 0, np.cos(angle / 2)], [np.sin(angle / 2), 0, np.cos(angle / 2)]]) * radius
     centres = ends + np.array([-1, 1])[:, None] * clamp * turns[:, :, 0]
-    arms = bent(made, Pose(centres, turns))
-    t = np.linspace(0, hub_ends(made)[0, 1], 30)
+    arms = bend_arms(made, Pose(centres, turns))
+    t = np.linspace(0, hub_edge_of_design(made)[0, 1], 30)
     middle = np.c_[0.5 * size * (1 - t), 0 * t, 0 * t]
     place, turn = arms.at(np.full(30, 1), t, middle)
     assert np.hypot(place[:, 0], place[:, 2]) == pytest.approx(radius, rel=2e-4)
@@ -74,7 +74,7 @@ def test_a_twisted_bar_turns_evenly(flat_grid):
     made = design.SpiralDesign(flat_grid(2, 1), STRAIGHT, np.full((2, 4), 0.002), np.zeros(2))
     pose = flat_pose(made)
     turns = np.stack([Rotation.from_euler("x", a).as_matrix() for a in (0.0, 0.6)])
-    arms = bent(made, Pose(pose.centres, turns))
+    arms = bend_arms(made, Pose(pose.centres, turns))
     along = Rotation.from_matrix(arms.turn[1]).as_rotvec()
     assert along == pytest.approx(np.linspace(0, 0.3, 17)[:, None] * [1, 0, 0], abs=1e-9)
 
@@ -82,12 +82,12 @@ def test_a_twisted_bar_turns_evenly(flat_grid):
 def test_wrenches_agree_with_the_elastic_model(dome):
     """Moments of beams against those of the table that was made with finite elements."""
     made, pose = dome
-    model = ArmModel.from_assembly(of_design(made), material("pom"), curving=False)
+    model = ArmModel.from_assembly(assembly_from_design(made), material("pom"), curving=False)
     theirs = model.wrenches(model.start(pose))[:, 3:]
     mesh = made.flat.layout.mesh
     inner = ~mesh.border
     first = 4 * mesh.edge_quads[inner, 0] + mesh.edge_sides[inner, 0]
-    ours = material("pom").youngs * bent(made, pose, material=material("pom")).wrench[first, 3:]
+    ours = material("pom").youngs * bend_arms(made, pose, material=material("pom")).wrench[first, 3:]
     away = np.linalg.norm(ours - theirs, axis=1) / np.linalg.norm(theirs, axis=1)
     assert np.median(away) < 0.1
     assert (ours * theirs).sum() / (theirs**2).sum() == pytest.approx(1.0, abs=0.1)
@@ -95,9 +95,9 @@ def test_wrenches_agree_with_the_elastic_model(dome):
 
 def test_tips_of_neighbours_coincide(dome):
     made, pose = dome
-    arms = bent(made, pose)
+    arms = bend_arms(made, pose)
     zero = np.zeros((*made.arms.radius.shape, 1))
-    centre = np.concatenate([edge(made.arms, zero, way)[0] for way in (RIGHT, LEFT)], axis=2)  # (F, 4, 2, 2)
+    centre = np.concatenate([edge_points(made.arms, zero, way)[0] for way in (RIGHT, LEFT)], axis=2)  # (F, 4, 2, 2)
     offset = np.zeros((*centre.shape[:3], 3))
     offset[..., :2] = 0.5 * (centre - centre[:, :, ::-1])
     place, turn = arms.tips
@@ -114,7 +114,7 @@ def test_tips_of_neighbours_coincide(dome):
 
 def test_arms_keep_their_length(dome):
     made, pose = dome
-    arms = bent(made, pose)
+    arms = bend_arms(made, pose)
     now = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
     before = np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1)
     assert now == pytest.approx(before, rel=0.01)
@@ -126,7 +126,7 @@ def test_sections_keep_width_and_thickness(dome):
     panels = panel_mesh(made, DETAILS["MEDIUM"])
     whole = np.full((panels.section.max() + 1, 4, 3), np.nan)
     order = np.concatenate([np.tile(np.arange(4), len(panels.arm)), np.tile(np.arange(2), len(panels.rim_quad))])
-    whole[panels.section, order[panels.used]] = panels.placed(bent(made, pose), pose)
+    whole[panels.section, order[panels.used]] = panels.placed(bend_arms(made, pose), pose)
     whole = whole[: len(panels.arm)]
     width = np.linalg.norm(whole[:, 0] - whole[:, 1], axis=1)
     flat = np.linalg.norm(panels.sides[:, 0] - panels.sides[:, 1], axis=1)
@@ -147,7 +147,7 @@ def test_at_rest_every_panel_is_its_own_outline(dome):
     layout = made.flat.layout
     panels = panel_mesh(made, Detail(20, 4.0, 4))
     inside = ~layout.cut[~layout.mesh.border]
-    points = panels.placed(bent(made, pose, closed=inside), pose)
+    points = panels.placed(bend_arms(made, pose, closed=inside), pose)
     assert points == pytest.approx(panels.flat(np.zeros((len(layout.patches), 2))), abs=1e-12)
     starts = np.cumsum(panels.sizes) - panels.sizes
     faces = [panels.corners[s : s + n] for s, n in zip(starts, panels.sizes)]
@@ -182,7 +182,7 @@ def test_every_part_is_a_closed_body(dome):
     made, pose = dome
     for name, much in (("COARSE", 0.04), ("MEDIUM", 0.01), ("FINE", 0.005)):
         panels = panel_mesh(made, DETAILS[name])
-        solid = closed_body(panels, panels.placed(bent(made, pose), pose))
+        solid = closed_body(panels, panels.placed(bend_arms(made, pose), pose))
         assert solid.body_count == len(made.flat.layout.patches)
         assert solid.volume == pytest.approx(made.area.sum() * made.params.thickness, rel=much)
 
@@ -192,7 +192,7 @@ def test_connectors_have_their_true_outlines(dome):
     found = connect(made, ConnectorParams(), 2e-5)
     assert len(found.tips) > 20
     panels = panel_mesh(made, DETAILS["FINE"], found.tips)
-    solid = closed_body(panels, panels.placed(bent(made, pose), pose))
+    solid = closed_body(panels, panels.placed(bend_arms(made, pose), pose))
     assert solid.body_count == len(made.flat.layout.patches)
     flat = closed_body(panels, panels.flat(np.zeros((len(made.flat.layout.patches), 2))))
     area = sum(o.outer.area + sum(hole.area for hole in o.holes) for o in found.outlines)
@@ -202,11 +202,11 @@ def test_connectors_have_their_true_outlines(dome):
 
 def test_open_joints_carry_what_they_are_given(dome):
     made, pose = dome
-    whole = bent(made, pose)
+    whole = bend_arms(made, pose)
     layout = made.flat.layout
     inside = ~layout.cut[~layout.mesh.border]
-    apart = bent(made, pose, closed=inside)
-    again = bent(made, pose, closed=inside, wrench=whole.wrench)
+    apart = bend_arms(made, pose, closed=inside)
+    again = bend_arms(made, pose, closed=inside, wrench=whole.wrench)
     quad, side = np.nonzero(layout.cut[layout.mesh.quad_edges])
     free = 4 * quad + side
     assert apart.bend[free] == pytest.approx(0, abs=1e-15)
@@ -218,7 +218,7 @@ def test_torn_poses_are_closed_all_the_same(dome):
     made, pose = dome
     rng = np.random.default_rng(1)
     torn = pose.moved(np.c_[rng.normal(0, 0.01, (len(made.width), 3)), rng.normal(0, 1.0, (len(made.width), 3))])
-    arms = bent(made, torn)
+    arms = bend_arms(made, torn)
     place, _ = arms.tips
     quad, side = opposite_sides(made.flat.layout.mesh)
     inner = ~made.flat.layout.mesh.border[made.flat.layout.mesh.quad_edges]
@@ -230,9 +230,9 @@ def test_torn_poses_are_closed_all_the_same(dome):
 def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
     """As they are after a setting was changed: arms that are hub to the tip keep to it."""
     made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full((2, 4), 0.0015), np.full(2, 6.2))
-    assert hub_ends(made).min() == 0.0
+    assert hub_edge_of_design(made).min() == 0.0
     panels, pose = panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
-    points = panels.placed(bent(made, pose), pose)
+    points = panels.placed(bend_arms(made, pose), pose)
     apart = points[:, :2] - made.arms.centre[panels.vertex_quad]
     assert np.abs(apart).max() < 0.02 and np.abs(points[:, 2]).max() < 0.002
 
@@ -240,13 +240,13 @@ def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
 def test_rotation_matrices_agree_with_scipy():
     rng = np.random.default_rng(2)
     turns = rng.normal(0, 1.0, (200, 3)) * np.logspace(-12, 0.5, 200)[:, None]
-    assert exponential(turns) == pytest.approx(Rotation.from_rotvec(turns).as_matrix(), abs=1e-14)
+    assert rotation_matrix(turns) == pytest.approx(Rotation.from_rotvec(turns).as_matrix(), abs=1e-14)
     assert bent_arms.STATIONS % 2 == 0
 
 
 def test_on_the_target_without_a_simulation(dome):
     made, _ = dome
     pose = target_pose(shapes.make("dome"), made.flat.corners)
-    arms = bent(made, pose)
+    arms = bend_arms(made, pose)
     stretched = np.linalg.norm(np.diff(arms.place, axis=1), axis=2).sum(axis=1)
     assert stretched == pytest.approx(np.linalg.norm(np.diff(arms.flat, axis=1), axis=2).sum(axis=1), rel=0.02)

@@ -10,8 +10,8 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arm_bend import bend_point
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
-from flexmaps.engine.mechanics.arms.curving import CurvedArms, curved, second_order_strains
-from flexmaps.engine.mechanics.arms.cut import HUB
+from flexmaps.engine.mechanics.arms.curving import CurvedArms, add_second_order, second_order_strains
+from flexmaps.engine.mechanics.arms.cut import ROOT_DISTANCE
 from flexmaps.engine.mechanics.assembly import Assembly
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -41,7 +41,7 @@ class Curve:
 
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
-        self.begin = HUB * WIDTH / (0.5 * SPACING)
+        self.begin = ROOT_DISTANCE * WIDTH / (0.5 * SPACING)
         torsion = torsion_constant(np.array(THICKNESS / WIDTH))[0] * WIDTH**4 * 0.5 / (1.0 + VERO.poisson)
         inertias = np.array([float(torsion), WIDTH * THICKNESS**3 / 12.0, THICKNESS * WIDTH**3 / 12.0])
         self.flexible = 1.0 / (VERO.youngs * inertias)
@@ -106,7 +106,9 @@ def models_energy(
     turn = Rotation.from_matrix(turned).as_rotvec()
     shift = Rotation.from_rotvec(-0.5 * turn).apply(place) - [SPACING, 0.0, 0.0]
     strains = np.concatenate([shift, turn])[None]
-    return tuple(0.5 * float(np.einsum("ei,eij,ej->", e, at_joint, e)) for e in (strains, curved(strains, curving)[0]))
+    return tuple(
+        0.5 * float(np.einsum("ei,eij,ej->", e, at_joint, e)) for e in (strains, add_second_order(strains, curving)[0])
+    )
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -133,7 +135,7 @@ def test_straight_arms_bend_into_an_arc() -> None:
     """Closed form: rigid hubs and an arc between them; the chord shortens, which is no compression."""
     arms = table_arms(pair((0.0, 0.0)))
     curving = second_order_strains(arms, np.linalg.inv(arms.compliance.sum(axis=1)), np.zeros((1, 2, 3)))
-    hub = HUB * WIDTH
+    hub = ROOT_DISTANCE * WIDTH
     for axis in (4, 5):
         assert curving[0, 0, axis, axis] == pytest.approx(hub / 4.0 + (SPACING - 2.0 * hub) / 24.0, rel=0.02)
 

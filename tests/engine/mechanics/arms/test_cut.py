@@ -11,8 +11,8 @@ from flexmaps.engine.materials import MATERIALS, Material
 from flexmaps.engine.mechanics.arms import cut
 from flexmaps.engine.mechanics.arms.beams import torsion_constant
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
-from flexmaps.engine.mechanics.arms.cut import HUB, CutArms, more_compliant
-from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, of_design
+from flexmaps.engine.mechanics.arms.cut import ROOT_DISTANCE, CutArms, added_compliance
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, assembly_from_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -48,13 +48,15 @@ def pulls(count: int, seed: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_derivatives_are_differences(clockwise: bool) -> None:
     known = joints(30, clockwise=clockwise)
-    by = more_compliant(CutArms.from_assembly(known), THICKNESS, VERO)[1].reshape(30, 2, cut.NUMBERS, 6, 6)
+    by = added_compliance(CutArms.from_assembly(known), THICKNESS, VERO)[1].reshape(30, 2, cut.N_PARAMETERS, 6, 6)
     wrench = pulls(1)[0]
     own = known.pairs, known.sides
     beside = known.pairs, (known.sides + 1) % 4
 
     def stored(width: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        value = more_compliant(CutArms.from_assembly(known.redesigned(width, twist)), THICKNESS, VERO, slopes=False)[0]
+        value = added_compliance(CutArms.from_assembly(known.redesigned(width, twist)), THICKNESS, VERO, slopes=False)[
+            0
+        ]
         return wrench @ value.reshape(30, 2, 6, 6) @ wrench
 
     for side in (0, 1):
@@ -80,21 +82,23 @@ def test_derivatives_are_differences(clockwise: bool) -> None:
 @pytest.mark.parametrize("material", [VERO, BIRCH], ids=lambda one: one.name)
 def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
     known, wrench = joints(30), pulls(1)[0]
-    shape = cut.shapes(known, material)
+    shape = cut.rest_shapes(known, material)
 
     def stored(moved: np.ndarray) -> np.ndarray:
         return (
-            wrench @ more_compliant(CutArms.from_assembly(known, moved), THICKNESS, material, slopes=False)[0] @ wrench
+            wrench
+            @ added_compliance(CutArms.from_assembly(known, moved), THICKNESS, material, slopes=False)[0]
+            @ wrench
         )
 
     yields = arm_compliances(known, material).table.reshape(-1, 6, 6)
-    by = wrench @ cut.by_shapes(known, yields, material) @ wrench
+    by = wrench @ cut.added_compliance_by_shape(known, yields, material) @ wrench
     assert by.shape == shape.shape
     # of stubs less is believed, which counts as given
-    whole = cut.believable(
+    whole = cut.limit_reduction(
         CutArms.from_assembly(known, shape),
         yields,
-        more_compliant(CutArms.from_assembly(known), THICKNESS, material)[0],
+        added_compliance(CutArms.from_assembly(known), THICKNESS, material)[0],
     )
     assert (whole == 1.0).mean() > 0.9
     for k, size in enumerate((1e-7, 1e-5, 1e-5, 1e-5)[: shape.shape[1]]):
@@ -106,11 +110,11 @@ def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
 def test_arms_alike_without_cut_are_those_of_the_table() -> None:
     known = joints(5)
     alike = replace(known, width=np.full_like(known.width, 0.001), cut=None)
-    assert not more_compliant(CutArms.from_assembly(alike), THICKNESS, VERO)[0].any()
+    assert not added_compliance(CutArms.from_assembly(alike), THICKNESS, VERO)[0].any()
     # but thinner neighbours make an arm longer, and so softer in all ways
     thinner = np.full_like(known.width, 0.001)
     thinner[known.pairs, known.sides] = 0.0015
-    softer = more_compliant(CutArms.from_assembly(replace(alike, width=thinner)), THICKNESS, VERO)[0]
+    softer = added_compliance(CutArms.from_assembly(replace(alike, width=thinner)), THICKNESS, VERO)[0]
     assert (
         np.linalg.eigvalsh(softer)[:, :3].min() > -1e-12 * softer.max()
         and (np.trace(softer, axis1=1, axis2=2) > 0).all()
@@ -124,10 +128,10 @@ def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
     lever[:, 0, 0], lever[:, 1, 0] = 0.01, -0.01
     width = np.full((2, 4), 0.0012)
     width[[0, 1], known.sides[0]] = 0.001
-    found = more_compliant(
+    found = added_compliance(
         CutArms.from_assembly(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO
     )[0]
-    short, long = 0.01 - HUB * 0.0012, 0.01 - HUB * 0.001
+    short, long = 0.01 - ROOT_DISTANCE * 0.0012, 0.01 - ROOT_DISTANCE * 0.001
     w, h = 0.001, THICKNESS
     slip = 1.2 * 2.0 * (1.0 + VERO.poisson) / (VERO.youngs * w * h)
     bend = 12.0 / (VERO.youngs * h * w**3)
@@ -146,9 +150,9 @@ def test_blended_end_is_that_of_the_drawn_arm(flat_grid: Callable[..., FlatPatch
     flat = flat_grid(3, 2, move=lambda p: p @ np.array([[1.0, 0.0], [0.25, 0.9]]), cut=lambda x, y: x == 1.0)
     count = len(flat.corners)
     design = SpiralDesign(flat, params, rng.uniform(0.0007, 0.0018, (count, 4)), rng.uniform(0.0, 4.5, count))
-    known = of_design(design)
+    known = assembly_from_design(design)
     arms = CutArms.from_assembly(known)
-    found = more_compliant(replace(arms, fillet=0.0 * arms.fillet, beside=arms.width), THICKNESS, VERO)[0]
+    found = added_compliance(replace(arms, fillet=0.0 * arms.fillet, beside=arms.width), THICKNESS, VERO)[0]
     pure = design.arms.unblended(design.arms.wind)
     drawn = design.arms
     t = np.broadcast_to((np.arange(4000) + 0.5) / 4000, (*drawn.radius.shape, 4000))

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from flexmaps.engine.fabrication.sheets import make_sheets
 from flexmaps.engine.materials import MATERIALS, Material, Orthotropy
-from flexmaps.engine.mechanics.arms.bent import bent
+from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
-from flexmaps.engine.mechanics.arms.cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH, shapes
-from flexmaps.engine.mechanics.arms.grain import GrainBeams, Yielding
+from flexmaps.engine.mechanics.arms.cut import BESIDE, MATE_TWIST, MATE_WIDTH, TWIST, WIDTH, rest_shapes
+from flexmaps.engine.mechanics.arms.grain import GrainBeams, SectionFlexibility
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.stiffness import tip_compliance
-from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.arms.stiffness import table_tip_compliance
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, assembly_from_design, target_pose
 from flexmaps.engine.params import MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import measured
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -50,7 +50,7 @@ def test_youngs_modulus_at_an_angle() -> None:
     angle, width = np.linspace(-2.0, 2.0, 9), np.full(9, 0.002)
     c, s = np.cos(angle) ** 2, np.sin(angle) ** 2
     soft = c * c / WOOD.along + s * s / WOOD.across + (1.0 / WOOD.shear - 2.0 * WOOD.poisson / WOOD.along) * s * c
-    found = Yielding.evaluate(WOOD, angle, width, HEIGHT)
+    found = SectionFlexibility.evaluate(WOOD, angle, width, HEIGHT)
     np.testing.assert_allclose(found.stretch[0], soft / (width * HEIGHT), rtol=1e-12)
     np.testing.assert_allclose(found.bend[0], soft * 12.0 / (HEIGHT * width**3), rtol=1e-12)
 
@@ -58,7 +58,7 @@ def test_youngs_modulus_at_an_angle() -> None:
 def test_wide_strips_are_plates() -> None:
     """Torsion 3 S66 / (w h^3) and 12 S16 / (2 w h^3) with bending: Kirchhoff's plate whose sides are free."""
     width, height, angle = np.array(0.5), 0.001, np.array(0.6)
-    found = Yielding.evaluate(WOOD, angle, width, height)
+    found = SectionFlexibility.evaluate(WOOD, angle, width, height)
     shear = found.slide[0] * width * height / 1.2
     assert found.twist[0] == pytest.approx(3.0 * shear / (width * height**3), rel=3e-3)
     mixed = found.mixed[0] * width * height
@@ -71,7 +71,9 @@ def test_torsion_along_the_grain() -> None:
     q = width / height * np.sqrt(WOOD.shear_along / WOOD.shear)
     k = 2.0 * np.arange(60) + 1.0
     rigid = WOOD.shear * width * height**3 * (1 / 3 - 64 / np.pi**5 / q * (np.tanh(0.5 * np.pi * k * q) / k**5).sum())
-    assert Yielding.evaluate(WOOD, np.array(0.0), width, height).twist[0] == pytest.approx(1.0 / rigid, rel=1e-6)
+    assert SectionFlexibility.evaluate(WOOD, np.array(0.0), width, height).twist[0] == pytest.approx(
+        1.0 / rigid, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -126,7 +128,7 @@ def test_derivatives_of_single_arms(name: str) -> None:
     def values(given: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         beam = GrainBeams(WOOD, given["grain"], BIRCH.youngs, BIRCH.poisson)
         kind = {"thickness": HEIGHT, "youngs": BIRCH.youngs, "poisson": BIRCH.poisson}
-        found = tip_compliance(given["scale"], given["width"], given["twist"], beam=beam, **kind)
+        found = table_tip_compliance(given["scale"], given["width"], given["twist"], beam=beam, **kind)
         return found.values, getattr(found, f"by_{name}")
 
     step = 1e-6 * (at[name] if name in ("scale", "width") else np.ones(100))
@@ -180,7 +182,7 @@ def test_compliances_follow_the_rest_geometry() -> None:
         apart = model.varied(there).compliance.values - exact
         return float(np.abs(apart / (unit[..., None] * unit[..., None, :])).max())
 
-    assert shapes(known, BIRCH).shape == (60, 4) and shapes(known, POM).shape == (60, 3)
+    assert rest_shapes(known, BIRCH).shape == (60, 4) and rest_shapes(known, POM).shape == (60, 3)
     assert missed(1.0) < 1e-6
     assert missed(10.0) == pytest.approx(100.0 * missed(1.0), rel=0.2)
 
@@ -208,11 +210,11 @@ def test_bent_arms_meet_and_follow_the_grain(flat_grid: object, clockwise: bool)
     mesh = design.flat.layout.mesh
     pose = target_pose(mesh, design.flat.corners)
     moved = pose.moved(1e-4 * np.random.default_rng(2).normal(size=(8, 6)) * np.repeat([0.01, 1.0], 3))
-    plain, wood = (bent(design, moved, material=one) for one in (uniform(BIRCH), BIRCH))
-    told = bent(design, moved, material=replace(BIRCH, orthotropy=None))
+    plain, wood = (bend_arms(design, moved, material=one) for one in (uniform(BIRCH), BIRCH))
+    told = bend_arms(design, moved, material=replace(BIRCH, orthotropy=None))
     assert plain.place == pytest.approx(told.place, abs=1e-9)
     assert np.abs(wood.place - told.place).max() > 1e-9
-    model = ArmModel.from_assembly(of_design(design), BIRCH)
+    model = ArmModel.from_assembly(assembly_from_design(design), BIRCH)
     wanted = model.wrenches(model.start(moved))
     inner = np.flatnonzero(~mesh.border)
     arm = 4 * mesh.edge_quads[inner, 0] + mesh.edge_sides[inner, 0]

@@ -10,7 +10,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
-from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.mechanics.rods.model import RodModel
 from scipy.spatial.transform import Rotation
 
@@ -81,7 +81,7 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
         way, step = rng.normal(size=design.shape) * scale, 2e-4
         line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
         expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
-        found = summed(np.einsum("miks,mks->mi", blocks, way[chain.pairs]), chain.pairs, chain.size)
+        found = sum_joint_vectors(np.einsum("miks,mks->mi", blocks, way[chain.pairs]), chain.pairs, chain.size)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 

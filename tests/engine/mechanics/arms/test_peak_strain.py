@@ -6,22 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexmaps.engine.materials import MATERIALS, STRAINED, Material
+from flexmaps.engine.materials import MATERIALS, OVERSTRAIN_SHARE, Material
 from flexmaps.engine.mechanics.arms.bar_loads import BEYOND, FIRST_ORDER, LOADS, TURN, WRENCH, BarLoads
 from flexmaps.engine.mechanics.arms.bar_sections import SATURATION, Curvature, Torsion
 from flexmaps.engine.mechanics.arms.bars import BEFORE_FILLET, BESIDE, Bars
-from flexmaps.engine.mechanics.arms.peak_strain import GRAIN, NUMBERS, SHARE, StrainedArms
+from flexmaps.engine.mechanics.arms.peak_strain import GRAIN_INDEX, MEAN_OVER_MAX, NUMBERS, StrainedArms
 from flexmaps.engine.mechanics.arms.sensitivity import arm_loads
 from flexmaps.engine.mechanics.arms.strain_changes import (
-    KINKED,
-    KINKED_STRAIN,
+    KINK_LIMIT,
+    KINK_STRAIN_FACTOR,
     arm_strains,
-    by_shapes,
-    kinks,
-    largest,
+    kink_angles,
+    strain_by_rest_shape,
+    strain_by_spiral,
     strained_arms,
 )
-from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, of_design
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, assembly_from_design
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
@@ -56,7 +56,7 @@ def arms(count: int, material: Material = POM, seed: int = 0) -> StrainedArms:
     numbers[:, [OWN_WIDTH, MATE_WIDTH, BESIDE]] = rng.uniform(0.001, 0.002, (count, 3))
     numbers[:, [OWN_WIND, MATE_WIND]] = rng.uniform(0.0, 4.0, (count, 2))
     numbers[:, RADIUS] = rng.uniform(0.008, 0.015, count)
-    numbers[:, [ANGLE, OWN_LEAN, MATE_LEAN, GRAIN]] = rng.uniform(-0.4, 0.4, (count, 4))
+    numbers[:, [ANGLE, OWN_LEAN, MATE_LEAN, GRAIN_INDEX]] = rng.uniform(-0.4, 0.4, (count, 4))
     return StrainedArms(numbers, 0.3, 0.00015, 0.002, material)
 
 
@@ -131,11 +131,11 @@ def test_straight_arms_are_cantilevers() -> None:
         assert 0.010 < found < 0.015
     stretched = known.values(unbent(np.array([[10.0, 0.0, 0.0, 0.0, 0.0, 0.0]])))[0]
     uniform = 10.0 / (POM.youngs * 0.0015 * 0.002)
-    assert stretched == pytest.approx(uniform / SHARE, rel=0.01)
+    assert stretched == pytest.approx(uniform / MEAN_OVER_MAX, rel=0.01)
     twisted = straight(0.002).values(unbent(np.array([[0.0, 0.0, 0.0, 0.01, 0.0, 0.0]])))[0]
     shear = 0.01 / (0.208 * 0.002**3) * 2.0 * (1.0 + POM.poisson) / POM.youngs
     # reached in half of the points: the middles of the sides
-    assert twisted == pytest.approx(0.5 * shear * 0.5 ** (1.0 / 32.0) / SHARE, rel=0.02)
+    assert twisted == pytest.approx(0.5 * shear * 0.5 ** (1.0 / 32.0) / MEAN_OVER_MAX, rel=0.02)
 
 
 def test_loads_that_cancel_do() -> None:
@@ -189,7 +189,7 @@ def test_derivatives_by_loads_and_numbers(material: Material) -> None:
         )
         slope = fourth_order(lambda t, d=way: replace(known, numbers=known.numbers + t * d).values(loads), 1e-5)
         assert found.by_numbers @ way == pytest.approx(slope, rel=1e-6, abs=1e-9), k
-    assert found.by_numbers[:, GRAIN].any() == (material is BIRCH)
+    assert found.by_numbers[:, GRAIN_INDEX].any() == (material is BIRCH)
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -201,7 +201,7 @@ def test_bars_end_before_the_first_fillets_of_the_arms_that_are_cut(clockwise: b
     rng, count = np.random.default_rng(7), len(mesh.quads)
     width, twist = rng.uniform(0.0008, 0.0015, (count, 4)), rng.uniform(0.0, 3.5, count)
     design = SpiralDesign(flat, SpiralParams(clockwise=clockwise), width, twist)
-    known, roots = of_design(design), design.roots
+    known, roots = assembly_from_design(design), design.roots
     own = strained_arms(known, POM)
     bars = Bars.from_numbers(own.numbers, own.shortest, own.fillet)
     at = known.pairs, known.sides
@@ -238,7 +238,7 @@ def test_the_mirror_image_is_strained_alike() -> None:
     found = arm_strains(known, arm_loads(known, wrench, linear, turn), BIRCH)
     turned = arm_loads(image, wrench * across, linear * across, turn * across[3:])
     assert arm_strains(image, turned, BIRCH) == pytest.approx(found, rel=1e-12)
-    assert largest(known, found) == pytest.approx(np.repeat(found.max(axis=1), 2))
+    assert strain_by_spiral(known, found) == pytest.approx(np.repeat(found.max(axis=1), 2))
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -246,7 +246,7 @@ def test_derivatives_by_the_rest_geometry(clockwise: bool) -> None:
     known = joints(20, clockwise=clockwise)
     own = strained_arms(known, BIRCH)
     loads = np.random.default_rng(4).normal(size=(40, LOADS)) * LOAD_UNITS
-    found = by_shapes(known, np.arange(40), own.slopes(loads, np.arange(40)).by_numbers)
+    found = strain_by_rest_shape(known, np.arange(40), own.slopes(loads, np.arange(40)).by_numbers)
     rng = np.random.default_rng(6)
     move, turn = rng.normal(size=(20, 2, 2)) * 0.01, rng.normal(size=(20, 2))
 
@@ -282,8 +282,8 @@ def test_kinks_are_what_blends_turn_arms_by(checker: Simulation) -> None:
     at_joint = np.zeros((*arms.radius.shape, 1))
     blended, pure = (centre_line(one, at_joint)[1][..., 0, :] for one in (arms, arms.unblended(arms.wind)))
     turned = np.linalg.norm(blended - pure, axis=-1)[known.pairs, known.sides]
-    assert kinks(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
-    assert kinks(known).max() > KINKED and not kinks(replace(known, cut=None)).any()
+    assert kink_angles(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
+    assert kink_angles(known).max() > KINK_LIMIT and not kink_angles(replace(known, cut=None)).any()
 
 
 def test_kinks_that_may_break_are_named(checker: Simulation) -> None:
@@ -294,8 +294,10 @@ def test_kinks_that_may_break_are_named(checker: Simulation) -> None:
         material = replace(POM, strain_limit=largest_share / share)
         return {finding.code for finding in replace(checker, material=material).findings}
 
-    assert "kinked" in codes(0.99 * STRAINED) and "kinked" not in codes(0.99 * STRAINED / KINKED_STRAIN)
-    assert "strained" in codes(1.01 * STRAINED) and "strained" not in codes(0.99 * STRAINED)
+    assert "kinked" in codes(0.99 * OVERSTRAIN_SHARE) and "kinked" not in codes(
+        0.99 * OVERSTRAIN_SHARE / KINK_STRAIN_FACTOR
+    )
+    assert "strained" in codes(1.01 * OVERSTRAIN_SHARE) and "strained" not in codes(0.99 * OVERSTRAIN_SHARE)
 
 
 def test_arms_that_are_cut_as_pure_spirals_have_no_kink() -> None:

@@ -8,7 +8,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.rest_geometry import RestChanges
 from flexmaps.engine.mechanics.arms.tip_motion import tip_motions
-from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, of_design, target_pose
+from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, assembly_from_design, target_pose
 from flexmaps.engine.optimisation.codesign_geometry import joint_derivatives
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
@@ -90,7 +90,7 @@ def rimmed() -> tuple[ArmModel, Pose]:
     assert made.rim is not None
     pose, rng = target_pose(mesh, flat.corners), np.random.default_rng(3)
     moved = pose.moved(rng.normal(size=(12, 6)) * np.repeat([0.0005, 0.2], 3))
-    return ArmModel.from_assembly(of_design(made), MATERIALS["vero"]), moved
+    return ArmModel.from_assembly(assembly_from_design(made), MATERIALS["vero"]), moved
 
 
 def test_arms_at_a_rim() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.materials import material
-from flexmaps.engine.mechanics.arms.bent import BentArms, bent
+from flexmaps.engine.mechanics.arms.bent import BentArms, bend_arms
 from flexmaps.engine.mechanics.arms.slots_in_space import DEEPEST, SpaceSlots, _near_stations, slots_in_space
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
@@ -16,7 +16,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import LEFT, RIGHT, centre_line, edge
+from flexmaps.engine.spirals.spiral import LEFT, RIGHT, centre_line, edge_points
 from flexmaps.engine.surface import shapes
 from scipy.spatial import cKDTree
 
@@ -44,7 +44,7 @@ def edges(made: design.SpiralDesign, arm: int, t: np.ndarray) -> tuple[np.ndarra
     """Centre line and left and right edge of an arm at t, flat, from the hub's centre."""
     one = made.arms.one_by_one(np.array([arm // 4]), np.array([arm % 4]))
     line = centre_line(one, t[None, None])[0][0, 0]
-    left, right = (edge(one, t[None, None], side)[0][0, 0] for side in (LEFT, RIGHT))
+    left, right = (edge_points(one, t[None, None], side)[0][0, 0] for side in (LEFT, RIGHT))
     return tuple(points - one.centre[0] for points in (line, left, right))  # type: ignore[return-value]
 
 
@@ -65,7 +65,7 @@ def dome(request):
     """A dome of wound spirals in several patches, simulated."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform(flat, SpiralParams(clockwise=request.param), twist=4.5)
+    made = design.uniform_design(flat, SpiralParams(clockwise=request.param), twist=4.5)
     return simulate(made, mesh, material("pom"), SimulateParams())
 
 
@@ -75,7 +75,7 @@ def test_flat_slots_are_those_between_polygons(flat_grid, clockwise):
     flat = flat_grid(3, 3, 0.02, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))
     width, twist = np.repeat(rng.uniform(0.0008, 0.0016, 9), 4).reshape(9, 4), rng.uniform(6.0, 8.0, 9)
     made = design.make_fabricable(flat, replace(PARAMS, clockwise=clockwise), width, twist)
-    arms = bent(made, flat_pose(made))
+    arms = bend_arms(made, flat_pose(made))
     found = slots_in_space(made, arms)
     own = 4 * len(width)
     assert len(found.width) > own and not len(found.closed)
@@ -94,7 +94,7 @@ def test_flat_slots_are_those_between_polygons(flat_grid, clockwise):
 
 def test_bent_slots_are_those_between_clouds_of_points(dome):
     made = dome.design
-    arms = bent(made, dome.equilibrium.pose, material=dome.material)
+    arms = bend_arms(made, dome.equilibrium.pose, material=dome.material)
     found, own = dome.slots(), 4 * len(made.width)
     order = np.argsort(found.width)
     order = order[found.width[order] > 5e-5]  # points tell no depth
@@ -112,7 +112,7 @@ def test_bent_slots_are_those_between_clouds_of_points(dome):
 def test_parallel_bars_are_as_far_apart_as_their_sections(flat_grid, aside, above, wanted):
     """Two straight arms, 2 mm wide and 1.5 mm thick, one carried so many millimetres beside and above the other."""
     made = design.SpiralDesign(flat_grid(2, 1), PARAMS, np.full((2, 4), 0.002), np.zeros(2))
-    arms = bent(made, flat_pose(made))
+    arms = bend_arms(made, flat_pose(made))
     place = arms.place.copy()
     place[6] += np.array([1e-3 * aside - 0.02, 0.0, 1e-3 * above])
     found = slots_in_space(made, replace(arms, place=place))
@@ -136,7 +136,7 @@ def test_a_squeezed_shape_names_the_spirals_whose_slots_close(dome):
 
 def test_arms_of_different_bodies_are_no_slot(flat_grid):
     made = design.SpiralDesign(flat_grid(2, 1), PARAMS, np.full((2, 4), 0.002), np.zeros(2))
-    arms = bent(made, flat_pose(made))
+    arms = bend_arms(made, flat_pose(made))
     place = arms.place.copy()
     place[6] += np.array([0.0012 - 0.02, 0.0, 0.0])  # one arm through the other
     through = replace(arms, place=place)

@@ -26,7 +26,7 @@ def arms():
 def test_straight_slender_arm_is_a_cantilever():
     """End deflection F L^3 / (3 E I), stretch F L / (E A), twist M L / (G J); the arm starts at the hub's border."""
     s, w, h = 0.05, 0.001, 0.0008
-    c = stiffness.tip_compliance([s], [w], [0.0], thickness=h, youngs=1e9, poisson=0.3).values[0]
+    c = stiffness.table_tip_compliance([s], [w], [0.0], thickness=h, youngs=1e9, poisson=0.3).values[0]
     length = 0.5 * s - 0.35 * w
     assert c[1, 1] == pytest.approx(length**3 / (3 * 1e9 * h * w**3 / 12), rel=0.03)
     assert c[2, 2] == pytest.approx(length**3 / (3 * 1e9 * w * h**3 / 12), rel=0.03)
@@ -44,15 +44,15 @@ def test_derivatives_are_exact(arms, name):
     for sign in (1, -1):
         moved = list(arms)
         moved[position] = arms[position] + sign * step
-        sides.append(stiffness.tip_compliance(*moved, **SHEET).values)
+        sides.append(stiffness.table_tip_compliance(*moved, **SHEET).values)
     slope = (sides[0] - sides[1]) / (2 * step)[:, None, None]
-    found = getattr(stiffness.tip_compliance(*arms, **SHEET), f"by_{name}")
+    found = getattr(stiffness.table_tip_compliance(*arms, **SHEET), f"by_{name}")
     size = np.abs(slope).max(axis=0)
     assert (np.abs(found - slope) <= 1e-6 * size + 1e-30).all()
 
 
 def test_compliances_are_positive_symmetric_and_mirrored(arms):
-    values = stiffness.tip_compliance(*arms, **SHEET).values
+    values = stiffness.table_tip_compliance(*arms, **SHEET).values
     assert np.array_equal(values, values.swapaxes(1, 2))
     unit = np.array([1, 1, 1, 1e2, 1e2, 1e2])
     assert (np.linalg.eigvalsh(values / np.outer(unit, unit)) > 0).all()
@@ -61,17 +61,19 @@ def test_compliances_are_positive_symmetric_and_mirrored(arms):
 
 def test_one_table_serves_every_size_and_modulus(arms):
     """Energies go with E h^3 f(s/h, w/h, twist): a sheet 3 times as thick, of twice the modulus, 3 times as large."""
-    a = stiffness.tip_compliance(*arms, **SHEET).values
-    b = stiffness.tip_compliance(3 * arms[0], 3 * arms[1], arms[2], thickness=0.006, youngs=5.2e9, poisson=0.33).values
+    a = stiffness.table_tip_compliance(*arms, **SHEET).values
+    b = stiffness.table_tip_compliance(
+        3 * arms[0], 3 * arms[1], arms[2], thickness=0.006, youngs=5.2e9, poisson=0.33
+    ).values
     unit = np.array([1, 1, 1, 1 / 3, 1 / 3, 1 / 3])
     assert np.allclose(b, a * np.outer(unit, unit) * 3 / 9 / 2 * 1.0, rtol=1e-9)
 
 
 def test_more_twist_is_softer_and_more_width_stiffer():
     one = np.ones(20)
-    soft = stiffness.tip_compliance(0.02 * one, 0.0015 * one, np.linspace(0, 6, 20), **SHEET).values[:, 2, 2]
+    soft = stiffness.table_tip_compliance(0.02 * one, 0.0015 * one, np.linspace(0, 6, 20), **SHEET).values[:, 2, 2]
     assert (np.diff(soft) > 0).all()
-    stiff = stiffness.tip_compliance(0.02 * one, np.linspace(0.001, 0.002, 20), 2 * one, **SHEET).values[:, 2, 2]
+    stiff = stiffness.table_tip_compliance(0.02 * one, np.linspace(0.001, 0.002, 20), 2 * one, **SHEET).values[:, 2, 2]
     assert (np.diff(stiff) < 0).all()
 
 
@@ -87,12 +89,12 @@ def test_more_twist_is_softer_and_more_width_stiffer():
 )
 def test_what_is_no_arm_or_sheet_is_refused(twist, change):
     with pytest.raises(FlexMapsError):
-        stiffness.tip_compliance([0.02, 0.02], [0.0015, 0.002], [1.0, twist], **{**SHEET, **change})
+        stiffness.table_tip_compliance([0.02, 0.02], [0.0015, 0.002], [1.0, twist], **{**SHEET, **change})
 
 
 def test_error_names_the_arms():
     with pytest.raises(FlexMapsError) as found:
-        stiffness.tip_compliance([0.02, 0.02, 0.011], [0.0015, 0.0015, math.nan], [1.0, 1.0, 6.0], **SHEET)
+        stiffness.table_tip_compliance([0.02, 0.02, 0.011], [0.0015, 0.0015, math.nan], [1.0, 1.0, 6.0], **SHEET)
     assert found.value.faces == [2]
 
 
@@ -113,8 +115,8 @@ def test_outside_the_table_derivatives_stay_exact(wild, name):
     for sign in (1, -1):
         moved = list(wild)
         moved[position] = wild[position] + sign * step
-        sides.append(stiffness.tip_compliance(*moved, **SHEET).values)
-    found = stiffness.tip_compliance(*wild, **SHEET)
+        sides.append(stiffness.table_tip_compliance(*moved, **SHEET).values)
+    found = stiffness.table_tip_compliance(*wild, **SHEET)
     slope = (sides[0] - sides[1]) / (2 * step)[:, None, None]
     diagonal = np.einsum("nii->ni", found.values)
     size = np.sqrt(diagonal[:, :, None] * diagonal[:, None]) / step[:, None, None] * 1e-6
@@ -131,10 +133,10 @@ def test_no_step_at_the_edges_of_the_table():
                 for f in (1.0 - 1e-9, 1.0 + 1e-9):
                     width = 0.002 * flatness * (1.0 if across_ratio else f)
                     arm = ([ratio * width * (f if across_ratio else 1.0)], [width], [twist])
-                    ends.append(stiffness.tip_compliance(*arm, **SHEET).values)
+                    ends.append(stiffness.table_tip_compliance(*arm, **SHEET).values)
                 assert ends[0] == pytest.approx(ends[1], rel=1e-6, abs=1e-7 * np.abs(ends[0]).max())
     limit = float(stiffness.table_twist_limit(10.0))
-    ends = [stiffness.tip_compliance([0.02], [0.002], [limit * f], **SHEET).values for f in (1 - 1e-9, 1 + 1e-9)]
+    ends = [stiffness.table_tip_compliance([0.02], [0.002], [limit * f], **SHEET).values for f in (1 - 1e-9, 1 + 1e-9)]
     assert ends[0] == pytest.approx(ends[1], rel=1e-6)
 
 
@@ -143,7 +145,7 @@ def test_slender_arms_tend_to_the_curved_beam():
     apart = []
     for ratio in (100.0, 400.0):
         arm = np.array([ratio]), np.array([1.25]), np.array([4.0])
-        beam = beams.tip_compliance(arm[0], 1.0 / arm[1], arm[2], 0.33).values[:, [0, 2, 5]]
+        beam = beams.beam_tip_compliance(arm[0], 1.0 / arm[1], arm[2], 0.33).values[:, [0, 2, 5]]
         table = stiffness.load_table(0.33)
         own = stiffness.blocks(*arm, table, 0.33).values[:, [0, 2, 5]]
         apart.append(float(np.abs(own / beam - 1.0).max()))
@@ -271,9 +273,11 @@ def test_short_arms_go_on_like_beams() -> None:
     given = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.3}
     width, twist = np.array([0.002]), np.array([0.5])
     edge = 5.0 * width
-    below, above = (stiffness.tip_compliance(edge * f, width, twist, **given).values for f in (1 - 1e-9, 1 + 1e-9))
+    below, above = (
+        stiffness.table_tip_compliance(edge * f, width, twist, **given).values for f in (1 - 1e-9, 1 + 1e-9)
+    )
     assert below == pytest.approx(above, rel=1e-6)
-    short = stiffness.tip_compliance(0.6 * edge, width, twist, **given)
+    short = stiffness.table_tip_compliance(0.6 * edge, width, twist, **given)
     assert short.values[0, 2, 2] / above[0, 2, 2] == pytest.approx(0.6**3)
     assert short.values[0, 4, 4] / above[0, 4, 4] == pytest.approx(0.6)
     for name, k in (("by_scale", 0), ("by_width", 1), ("by_twist", 2)):
@@ -282,6 +286,6 @@ def test_short_arms_go_on_like_beams() -> None:
         for sign in (1.0, -1.0):
             moved = list(at)
             moved[k] = at[k] + sign * h
-            ends.append(stiffness.tip_compliance(*moved, **given).values)
+            ends.append(stiffness.table_tip_compliance(*moved, **given).values)
         slope = getattr(short, name)
         assert (ends[0] - ends[1]) / (2.0 * h) == pytest.approx(slope, rel=1e-5, abs=1e-7 * np.abs(slope).max())

@@ -11,7 +11,7 @@ from flexmaps.database import rods
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics import assembly
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
-from flexmaps.engine.mechanics.elastic import summed
+from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.mechanics.rods.model import RodModel
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import design
@@ -69,7 +69,9 @@ def net(flat_grid) -> tuple[Assembly, Pose]:
     rng = np.random.default_rng(3)
     flat = flat_grid(5, 4, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape), cut=lambda x, y: x == 2)
     corners = flat.corners
-    found = assembly.of_design(design.uniform(flat, SpiralParams(thickness=0.002), width=0.0015, twist=1.0))
+    found = assembly.assembly_from_design(
+        design.uniform_design(flat, SpiralParams(thickness=0.002), width=0.0015, twist=1.0)
+    )
     centres = np.zeros((len(corners), 3))
     centres[:, :2] = corners.mean(axis=1)
     return found, Pose(centres, np.tile(np.eye(3), (len(corners), 1, 1)))
@@ -104,7 +106,7 @@ def test_derivatives_agree_with_finite_differences(net, shape, amount):
         way = rng.normal(size=(one.size, 6)) * np.repeat([0.01, 1.0], 3)
         line = [model.energy(model.moved(state, k * step * way)) for k in range(-3, 4)]
         ends = way[one.pairs].reshape(-1, 12)
-        force = summed(np.einsum("mij,mj->mi", here.hessian, ends), one.pairs, one.size)
+        force = sum_joint_vectors(np.einsum("mij,mj->mi", here.hessian, ends), one.pairs, one.size)
         assert (here.gradient * way).sum() == pytest.approx(slopes @ line / step, rel=1e-7)
         assert (force * way).sum() == pytest.approx(bulges @ line / step**2, rel=1e-6)
     largest = np.abs(here.hessian).max()
@@ -135,7 +137,7 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
         way, step = rng.normal(size=(one.size, 5)) * scale, 1e-3
         line = [forces(design + k * step * way) for k in (-2, -1, 1, 2)]
         expected = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * step)
-        found = summed(np.einsum("miks,mks->mi", blocks, way[one.pairs]), one.pairs, one.size)
+        found = sum_joint_vectors(np.einsum("miks,mks->mi", blocks, way[one.pairs]), one.pairs, one.size)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
