@@ -190,11 +190,11 @@ def calibration_sheet(
     FlexMapsError where a file may not be replaced, or a setting is out of its bounds.
     """
     registry.need("calibrating")
-    from ..engine.extras.calibrating import sheet
+    from ..engine.extras.calibrating import sheet_files
 
     wanted = settings if isinstance(settings, ObjectSettings) else with_values(ObjectSettings(), settings or {})
-    guard, kinds = Guard(remnants_of(wanted), overwrite), sheet.USUAL if formats is None else formats
-    return sheet.write(sheet.make(wanted), Path(folder), kinds, name, progress_of(progress), guard)
+    guard, kinds = Guard(remnants_of(wanted), overwrite), sheet_files.USUAL if formats is None else formats
+    return sheet_files.write(sheet_files.make(wanted), Path(folder), kinds, name, progress_of(progress), guard)
 
 
 def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -> Calibration:

@@ -7,7 +7,7 @@ from typing import Any
 
 from .. import api
 from ..engine.extras.calibrating.coupons import KINDS
-from ..engine.extras.calibrating.sheet import USUAL, WRITERS
+from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
 from .sources import assigned
 
 

@@ -18,8 +18,8 @@ from scipy.optimize import lsq_linear
 
 from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.rods import stiffness as stiffness_rods
-from ..engine.mechanics.rods.stiffness import PARAMETERS
+from ..engine.mechanics.rods import rod_stiffness as stiffness_rods
+from ..engine.mechanics.rods.rod_stiffness import PARAMETERS
 from ..engine.spirals.known import twist_limit_and_slope
 from . import packs, rods
 from .geometry import Spiral

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..engine.arrays import Complex, Float
 from ..engine.errors import FlexMapsError
-from ..engine.mechanics.rim import BACKWARDS, NECK
+from ..engine.mechanics.rim_bodies import BACKWARDS, NECK
 from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.rim import Rim
 

@@ -36,7 +36,7 @@ class CalibrationSheet(Writes, AtOnce, OnObject, bpy.types.Operator):
 
 def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     """Return the flat formats that the object's sheets have, or the usual ones."""
-    from ..engine.extras.calibrating.sheet import USUAL, WRITERS
+    from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
     from ..engine.fabrication.writers import export
 
     return tuple(key for key in export.chosen(wanted.export) if key in WRITERS) or USUAL

@@ -58,7 +58,7 @@ class LayoutStage(ContinuedStage):
 
 def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
     """Return the flat patches and their note; too slow for the main thread with thousands of quads."""
-    from ..engine.patches.flattening.report import layout_report
+    from ..engine.patches.flattening.flattening_report import layout_report
     from ..engine.runs.outputs import FinalLayout
 
     flat = result.needed(FinalLayout).flat

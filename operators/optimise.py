@@ -49,7 +49,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         search = designing.searching(snapshot.settings)
 
         def go_on(result: Result, progress: Progress) -> SearchedSpirals:
-            from ..engine.patches.flattening.report import layout_report
+            from ..engine.patches.flattening.flattening_report import layout_report
             from ..engine.runs import job
             from ..engine.runs.outputs import DesignVersion, OptimisationRecord
             from ..engine.spirals.design_report import design_report

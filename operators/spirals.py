@@ -34,7 +34,7 @@ class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
         settings = snapshot.settings
 
         def go_on(result: Result, progress: Progress) -> DrawnSpirals:
-            from ..engine.patches.flattening.report import layout_report
+            from ..engine.patches.flattening.flattening_report import layout_report
             from ..engine.runs import job
             from ..engine.runs.outputs import DesignVersion
             from ..engine.spirals.design_report import design_report

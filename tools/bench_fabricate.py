@@ -26,7 +26,7 @@ from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.fabrication.writers import solids as solid_files
+from flexmaps.engine.fabrication.writers import panel_solids as solid_files
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.splitting import split

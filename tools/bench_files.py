@@ -29,7 +29,7 @@ from bench_layout import EDGE, surfaces
 from flexmaps import api
 from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.fabrication.writers import export, solids, svg
+from flexmaps.engine.fabrication.writers import export, panel_solids, svg
 from flexmaps.engine.fabrication.writers.operations import frame
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.progress import SILENT
@@ -169,8 +169,8 @@ def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> l
     """Compare size and slicing time of the first sheet's solids with those at the former tolerance."""
     new, old = folder / "new.stl", folder / "old.stl"
     panels = made.on_sheet(0)
-    for path, tolerance in ((new, solids.TOLERANCE), (old, FORMER)):
-        solids.stl([solids.extruded(p, made.thickness, tolerance) for p in panels], path)
+    for path, tolerance in ((new, panel_solids.TOLERANCE), (old, FORMER)):
+        panel_solids.stl([panel_solids.extruded(p, made.thickness, tolerance) for p in panels], path)
     found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
     slicer = shutil.which("prusa-slicer")
     if thorough and slicer:

@@ -26,7 +26,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening import edit, flatten, outline
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.patches.flattening.triangles import corner_triangles, quad_energy
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace

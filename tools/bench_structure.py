@@ -16,8 +16,8 @@ from equilibrium_cases import EDGE, MATERIAL, straight_row
 from equilibrium_cases import dome as dome_of
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
-from flexmaps.engine.extras.structure.path import Path as LoadPath
-from flexmaps.engine.extras.structure.path import PathFollower, follow
+from flexmaps.engine.extras.structure.load_path import Path as LoadPath
+from flexmaps.engine.extras.structure.load_path import PathFollower, follow
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import solve

@@ -32,7 +32,7 @@ from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, used_length
 from flexmaps.engine.fabrication.nesting.process import PackedStrip
-from flexmaps.engine.fabrication.nesting.search import NestingSearch
+from flexmaps.engine.fabrication.nesting.sheet_search import NestingSearch
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job

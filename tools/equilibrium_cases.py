@@ -10,8 +10,8 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
-from flexmaps.engine.mechanics.rods.model import RodModel
-from flexmaps.engine.mechanics.rods.stiffness import rod_parameters
+from flexmaps.engine.mechanics.rods.rod_model import RodModel
+from flexmaps.engine.mechanics.rods.rod_stiffness import rod_parameters
 from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace

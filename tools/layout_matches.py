@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.choosing.drawn_cuts import equal_cuts
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
-from flexmaps.engine.extras.choosing.lines import equal_cuts
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.params import Settings

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from flexmaps.engine.extras.live.given import LiveInput
-from flexmaps.engine.extras.live.piece import LiveEquilibrium
+from flexmaps.engine.extras.live.live_piece import LiveEquilibrium
 from flexmaps.engine.extras.live.session import LiveRequest, step_piece
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from flexmaps.engine.materials import Material
 from flexmaps.engine.mechanics.arms.rim_beams import _beams
-from flexmaps.engine.mechanics.rim import RimBeams
+from flexmaps.engine.mechanics.rim_bodies import RimBeams
 from scipy.sparse.linalg import splu
 
 PIECES = 400  # of the beams, so many that their number counts for nothing

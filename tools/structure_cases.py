@@ -9,7 +9,7 @@ from flexmaps.database.design_mesh import UNIT
 from flexmaps.database.design_solid import DesignSolid
 from flexmaps.database.validation_cases import MATERIAL, SIDE, cells, grid_mesh, sheet, shell
 from flexmaps.engine.extras.structure.actions import Action
-from flexmaps.engine.extras.structure.path import Path, PathFollower, follow
+from flexmaps.engine.extras.structure.load_path import Path, PathFollower, follow
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve

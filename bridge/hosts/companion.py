@@ -8,7 +8,7 @@ from typing import Any
 
 from ...engine.errors import Cancelled, FlexMapsError
 from ...engine.extras.live.given import LiveInput
-from ...engine.extras.live.piece import LiveEquilibrium
+from ...engine.extras.live.live_piece import LiveEquilibrium
 from ...engine.extras.live.session import LiveRequest, step_piece
 from ...engine.mechanics.assembly import Pose
 from ...engine.workers import Workers

@@ -16,7 +16,7 @@ from . import background
 
 if TYPE_CHECKING:
     from ...engine.extras.live.given import LiveInput
-    from ...engine.extras.live.piece import LiveEquilibrium
+    from ...engine.extras.live.live_piece import LiveEquilibrium
     from ..view.followed import Followed
     from .companion import Companion
 

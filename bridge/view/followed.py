@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine import colours
-from ...engine.extras.live.piece import LiveEquilibrium
+from ...engine.extras.live.live_piece import LiveEquilibrium
 from ..store.i18n import translate
 from .legend import Legend
 from .live_shape import LiveShape

@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Float, Int
 from ..fabrication.panels.panel import Panel
 from ..fabrication.standing.base import Base
-from ..fabrication.writers.solids import extruded
+from ..fabrication.writers.panel_solids import extruded
 
 DRAWN = 5e-5  # metres: tolerance of round corners
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.solids import places
+from ..fabrication.writers.panel_solids import places
 from ..mechanics.arms.bent import BentArms, hub_edge_of_design
 from ..mechanics.assembly import Pose
 from ..mechanics.vectors import matvec

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Complex, Float, Int
-from ..fabrication.writers.solids import places
+from ..fabrication.writers.panel_solids import places
 from ..mechanics.arms.bent import BentArms
-from ..mechanics.rim import BACKWARDS, FORWARDS, NECK
+from ..mechanics.rim_bodies import BACKWARDS, FORWARDS, NECK
 from ..mechanics.vectors import matvec
 from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.solids import places
+from ..fabrication.writers.panel_solids import places
 from ..spirals.caps import Cap
 from ..spirals.contours import SlotRoots
 from ..spirals.design import SpiralDesign
@@ -107,7 +107,7 @@ def solid(
 ) -> PolygonSolid:
     """Build all panels as closed bodies from z = 0 up to the sheet's thickness; every edge has exactly two faces.
 
-    For printing, ``engine/fabrication/writers/solids.py`` follows the true outlines.
+    For printing, ``engine/fabrication/writers/panel_solids.py`` follows the true outlines.
 
     Parameters
     ----------

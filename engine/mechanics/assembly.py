@@ -18,7 +18,7 @@ from ..errors import FlexMapsError
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from .arm_bend import bend_point
-from .rim import BACKWARDS, FORWARDS, NECK, RimJoints
+from .rim_bodies import BACKWARDS, FORWARDS, NECK, RimJoints
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from scipy.sparse import coo_array, csr_array
 from ..arrays import Float
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Nodes, Pose
-from ..mechanics.rim import RimJoints
+from ..mechanics.rim_bodies import RimJoints
 from ..patches.layout import PatchLayout
 
 STEP = 3e-5  # of the central differences, in radii and radians; smaller ones suffer from rounding, larger ones from truncation

@@ -28,7 +28,7 @@ from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
-from .terms import TermRows
+from .terms import Rows
 from .work import GEOMETRY, VARIED
 
 # Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
@@ -321,7 +321,7 @@ class FlatPoint(DesignPoint):
         size = 6 * self.assembly.whole.size
         return csr_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(size, size))
 
-    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> TermRows:
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         assert self.strains is not None
         e, found = arms // 2, self.strains.slopes(arms)
         rows = self._rows_of_spirals(e, found)
@@ -334,7 +334,7 @@ class FlatPoint(DesignPoint):
         shape = (len(e), self._by_flats.shape[0])
         values = np.where(rims[:, None], 0.0, by)
         by_flats = csr_array((values.ravel(), column.ravel(), start), shape=shape) @ self._by_flats
-        return TermRows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
+        return Rows(rows.hubs, csr_array(hstack([rows.own, by_flats])))
 
     def _by_modes(self) -> tuple[np.ndarray, np.ndarray]:
         hubs, own = super()._by_modes()

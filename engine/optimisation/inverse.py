@@ -31,25 +31,12 @@ from .factors import Factors
 from .firmness import SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
-from .terms import (
-    WEIGHT,
-    MismatchTerm,
-    ScalarChange,
-    StrainLimit,
-    StrainTerm,
-    Term,
-    TermRows,
-    rows_in_runs,
-    total,
-    turning,
-)
+from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
 # Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
 MIN_STABILITY = 0.01
-NEARLY_CLOSED = (
-    1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
-)
+NEAR_GAP = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +130,7 @@ class InverseProblem:
 
     def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
-        terms = narrowest_per_pair(
-            self._room(x).terms(*self.space.design(x), below=NEARLY_CLOSED, quads=quads, least=True)
-        )
+        terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), below=NEAR_GAP, quads=quads, least=True))
         return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
@@ -379,17 +364,17 @@ class DesignPoint:
         """Derivatives (6 n, coordinates) of the supports' poses by the coordinates; None where these do not move."""
         return None
 
-    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> TermRows:
+    def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         """Return the derivatives of the strains of some arms, numbered 2 e + side of the joint e."""
         assert self.strains is not None
         return self._rows_of_spirals(arms // 2, self.strains.slopes(arms))
 
-    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> TermRows:
+    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
         """Return the derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
         problem, whole = self.problem, self.problem.assembly.whole
         hubs = rows_in_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
-        return TermRows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
+        return Rows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:

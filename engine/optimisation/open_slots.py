@@ -33,9 +33,9 @@ from ..spirals.blends import (
 )
 from ..spirals.design import SpiralDesign
 from ..spirals.lines import N_ARM_PARAMETERS
-from ..spirals.shapes import ArmGeometry
+from ..spirals.quad_geometry import ArmGeometry
 from ..spirals.slots import min_slot_width
-from .terms import ScalarChange, Term, TermRows
+from .terms import Rows, ScalarChange, Term
 
 # Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a
 # sphere of 150 spirals ended at 1.03 times the error, and the worst of its closed slots, all between different spirals, overlapped
@@ -279,9 +279,9 @@ class SlotPenalty(Term):
         return rows.backward(weight * rows.forward(moves, change))
 
     @cached_property
-    def _curved(self) -> tuple[Float[np.ndarray, " k"], TermRows]:
+    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
         """Second derivatives of the penalty by the widths, where they are not 0, and the Jacobian of these widths."""
-        return TermRows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
+        return Rows(self.closing.by_pose, self.by_x).curved(self.closing.curvature(self.missing))
 
     def ahead(self, moves: np.ndarray, change: np.ndarray) -> SlotPenalty:
         ahead = SlotPenalty(self.closing, self.slopes, self.closing.found.values + self._forward(moves, change))

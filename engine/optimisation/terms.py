@@ -62,7 +62,7 @@ class Term(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class TermRows:
+class Rows:
     """Jacobian of K quantities.
 
     hubs : (K, 6 n) by the increments of the hubs; own : (K, coordinates) by the coordinates at fixed hubs
@@ -79,12 +79,12 @@ class TermRows:
         """Return the transposed product (vjp)."""
         return ScalarChange((self._transposed[0] @ weight).reshape(-1, 6), self._transposed[1] @ weight)
 
-    def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], TermRows]:
+    def curved(self, curvature: Float[np.ndarray, " k"]) -> tuple[Float[np.ndarray, " some"], Rows]:
         """Return the second derivatives that are not 0, and the Jacobian of these quantities only, which is enough for products."""
         some = np.flatnonzero(curvature)
         if len(some) == len(curvature):
             return curvature, self
-        return curvature[some], TermRows(self.hubs[some], self.own[some])
+        return curvature[some], Rows(self.hubs[some], self.own[some])
 
     @cached_property
     def _transposed(self) -> tuple[csr_array, csr_array]:
@@ -172,7 +172,7 @@ class StrainTerm(Term):
 
     bearing: StrainLimit
     strains: Float[np.ndarray, "joints 2"]
-    changes: Callable[[np.ndarray], TermRows]
+    changes: Callable[[np.ndarray], Rows]
 
     @cached_property
     def _push(self) -> Float[np.ndarray, " k"]:
@@ -191,7 +191,7 @@ class StrainTerm(Term):
         return np.flatnonzero(self._pushes > -ACTIVE_FROM)
 
     @cached_property
-    def _rows(self) -> TermRows:
+    def _rows(self) -> Rows:
         """Jacobian of the active arms' strains."""
         return self.changes(self._active)
 
@@ -261,7 +261,7 @@ class StrainTermAtStep(Term):
         return self.start.gradient_at(self._push)
 
     @cached_property
-    def _curved(self) -> tuple[Float[np.ndarray, " k"], TermRows]:
+    def _curved(self) -> tuple[Float[np.ndarray, " k"], Rows]:
         return self.start._rows.curved(self.start.curvature_at(self._push, 0.0))
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:

@@ -19,7 +19,7 @@ from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
 from ..fabrication.sheets import sheets_report
 from ..params import Settings, values_in_shown_units
-from ..patches.flattening.report import layout_report
+from ..patches.flattening.flattening_report import layout_report
 from ..progress import SILENT, Progress
 from ..spirals.design_report import design_report
 from ..surface.mesh import QuadMesh

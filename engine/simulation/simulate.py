@@ -21,7 +21,7 @@ from ..mechanics.equilibrium import Equilibrium, other_minima, solve
 from ..mechanics.laplacian import laplacian_rmse
 from ..mechanics.loads import Loads
 from ..mechanics.newton_system import NewtonSystem
-from ..mechanics.rods.model import RodModel
+from ..mechanics.rods.rod_model import RodModel
 from ..mechanics.stance import Stance
 from ..params import SimulateParams
 from ..progress import SILENT, Progress

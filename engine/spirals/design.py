@@ -167,10 +167,8 @@ class SpiralDesign:
             every, roots = np.arange(len(self.width)), self.roots
             for part in progress.batches(len(every), BATCH, "the narrowest places"):
                 some = every[part]
-                left, right = roots.left[some], roots.right[some]
-                own = slots.min_slot_and_bridge(
-                    self.arms.subset(some), left, right, self.params.fillet, self.absent[some]
-                )
+                arms, ends = self.arms.subset(some), (roots.left[some], roots.right[some])
+                own = slots.min_slot_and_bridge(arms, *ends, self.params.fillet, self.absent[some])
                 slot, bridge = min(slot, own[0]), min(bridge, own[1])
             other = self._gaps(slot)[1]
             slot = min(slot, float(other.min(initial=np.inf)))
@@ -182,9 +180,8 @@ class SpiralDesign:
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
         apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
-        least = np.where((lean > PARALLEL_COSINE) & ~beside_absent(self.absent)[..., None], apart, NO_NEIGHBOUR).min(
-            axis=(1, 2)
-        )
+        faces = (lean > PARALLEL_COSINE) & ~beside_absent(self.absent)[..., None]
+        least = np.where(faces, apart, NO_NEIGHBOUR).min(axis=(1, 2))
         quads, gap = self._gaps(width)
         np.minimum.at(least, quads, gap[:, None])
         return np.flatnonzero(least < 0.999 * width)

@@ -28,7 +28,7 @@ from .gaps import gap_slopes, narrow, sharp, sharp_slopes
 from .known import twist_margin
 from .lines import N_ARM_PARAMETERS, ArmCurves
 from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
-from .shapes import ArmGeometry
+from .quad_geometry import ArmGeometry
 from .slots import min_slot_width, width_range
 from .spiral import same_width
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexmaps.bridge.store import mesh, pose
 from flexmaps.bridge.view import animation, preview
-from flexmaps.engine.extras.film import stages
+from flexmaps.engine.extras.film import unfinished_pieces
 from flexmaps.engine.surface import shapes
 from support.buttons import press
 
@@ -83,7 +83,7 @@ def _film_and_preview(piece: Any) -> np.ndarray:
 
 def test_half_finished_pieces_that_find_no_rest_are_told_of(piece: Any, capsys: Any, monkeypatch: Any) -> None:
     piece.flexmaps.simulate.iterations = 1
-    monkeypatch.setattr(stages, "WEAKER", ())
+    monkeypatch.setattr(unfinished_pieces, "WEAKER", ())
     press("animate")
     assert "find no rest" in capsys.readouterr().out
     assert len(animation.existing(piece)) > 2

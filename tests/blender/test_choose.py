@@ -14,7 +14,7 @@ from flexmaps import api
 from flexmaps.bridge.store import mesh, next_button, states
 from flexmaps.bridge.view import choices
 from flexmaps.engine.extras.choosing import choose as choosing
-from flexmaps.engine.extras.choosing import search
+from flexmaps.engine.extras.choosing import layout_search
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from support.bowl import bowl
@@ -25,8 +25,8 @@ from support.drawing import draw
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few layouts, which is quicker."""
-    monkeypatch.setattr(search, "MOST", 5)
-    monkeypatch.setattr(search, "FEWEST", 5)
+    monkeypatch.setattr(layout_search, "MOST", 5)
+    monkeypatch.setattr(layout_search, "FEWEST", 5)
     monkeypatch.setattr(choosing, "MOST_PARTS", 2)
 
 
@@ -84,8 +84,8 @@ def test_the_spirals_are_those_with_which_the_layout_was_chosen(chosen: Any) -> 
 
 def test_what_was_made_fit_stays_where_no_layout_comes_nearer(add: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """With no other layout to compare, the present one keeps its spirals, its shape, and the match that it has reached."""
-    monkeypatch.setattr(search, "MOST", 1)
-    monkeypatch.setattr(search, "FEWEST", 1)
+    monkeypatch.setattr(layout_search, "MOST", 1)
+    monkeypatch.setattr(layout_search, "FEWEST", 1)
     obj = add(bowl(closed=True))
     obj.flexmaps.choose.match = 0.001
     obj.flexmaps.optimise.iterations = 1  # stays farther than the match that is wanted

@@ -10,7 +10,7 @@ import pytest
 from flexmaps.bridge.store import attributes, mesh, notes, settings
 from flexmaps.engine.materials import material
 from flexmaps.engine.params import SimulateParams, SpiralParams
-from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flexmaps.database import cli, fits, packs, report, table, table_file
 from flexmaps.engine.mechanics.arms import stiffness
-from flexmaps.engine.mechanics.rods import stiffness as stiffness_rods
+from flexmaps.engine.mechanics.rods import rod_stiffness as stiffness_rods
 
 REPORT = cli.ROOT / "database" / "report"
 

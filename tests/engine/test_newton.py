@@ -14,7 +14,7 @@ from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
-from flexmaps.engine.mechanics.rods.model import RodModel
+from flexmaps.engine.mechanics.rods.rod_model import RodModel
 from flexmaps.engine.newton import Damped, Iteration, LineSearch, Local, minimise
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import rosen, rosen_der, rosen_hess

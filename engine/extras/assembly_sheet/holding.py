@@ -9,7 +9,7 @@ from ...fabrication.standing.base import Base, foot_name
 from ...fabrication.standing.eyelets import Eyelet
 from ...fabrication.writers.pdf import Page
 from ...patches.joining import panel_numbers
-from .pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
+from .step_pictures import GREY, HEIGHT, INK, MARGIN, PALE, WIDTH
 
 DOT = 0.0013  # half the size of an eyelet's mark on paper, metres
 LINE = 0.0045  # distance between lines of the table on paper, metres

@@ -20,7 +20,7 @@ from ...patches.joining import Join, Step, panel_numbers, steps
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from .holding import held_page
-from .pictures import (
+from .step_pictures import (
     GREY,
     HEIGHT,
     INK,

@@ -35,6 +35,7 @@ from ...workers import Workers
 from .alike import alike
 from .choice import INITIAL, STRIDE, Choice, front
 from .decide import decide, may_replace_initial
+from .drawn_cuts import along_folds, drop_images, equal_cuts, planes, symmetrised
 from .judge import (
     LONG,
     WHOLE,
@@ -47,11 +48,10 @@ from .judge import (
     lay_flat,
     panel_curvature,
 )
-from .lines import along_folds, drop_images, equal_cuts, planes, symmetrised
+from .layout_search import LayoutSearch, Together, clocked_progress, key
 from .moves import IDEAS, join_seams, moves
 from .predict import PredictionStart
 from .prospects import WORTH
-from .search import LayoutSearch, Together, clocked_progress, key
 
 # Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)

@@ -7,8 +7,8 @@ from dataclasses import replace
 from ...surface.checking.finding import counted
 from .choice import INITIAL, Choice, Proposal, proposal, worth_showing
 from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
+from .layout_search import DUPLICATE_TOL, EXPECTED, LayoutSearch, key, short
 from .prospects import WORTH
-from .search import DUPLICATE_TOL, EXPECTED, LayoutSearch, key, short
 
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
 ENOUGH = 1.05

@@ -24,7 +24,7 @@ from ...spirals.design import curvature_adjusted, make_fabricable
 from ...surface import curvature
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
-from .lines import open_symmetrically
+from .drawn_cuts import open_symmetrically
 
 # Shares of the optimiser's own patience. Four layouts of 986 quads end at 0.50, 0.41, 0.21 and 0.16 % of RMS distance after 5 s of
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same

@@ -14,14 +14,14 @@ import numpy as np
 from ...errors import FlexMapsError
 from ...params import ChooseParams
 from ...patches.flattening.flatten import FlatPatches
-from ...patches.flattening.report import forced_notes
+from ...patches.flattening.flattening_report import forced_notes
 from ...patches.layout import PatchLayout
 from ...patches.merging.merge import merge
 from ...progress import SILENT, Progress
 from ...surface.curvature import is_flat
 from ...threads import one_thread
+from .drawn_cuts import along_folds
 from .judge import Idea, LayoutProblem, lay_flat
-from .lines import along_folds
 from .predict import PredictionStart, predict
 
 SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again

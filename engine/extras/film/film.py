@@ -1,6 +1,6 @@
 """Film of the assembly: panels fly from the table to their places and are joined seam by seam.
 
-The order is that of ``joining.steps``. After every few joints the joined part has its shape at rest (``stages``): an
+The order is that of ``joining.steps``. After every few joints the joined part has its shape at rest (``unfinished_pieces``): an
 equilibrium of the panels present, floating and without weight. Between two stages hubs turn evenly, and joints closed
 in the first stay closed (``blend``). Arms are bent anew in every shape as in ``bent_arms``; arms of a seam that is
 being closed gradually take up their final wrench, so that their tips meet as it closes.
@@ -27,7 +27,7 @@ from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from .blend import Blend, means
 from .flight import flight, lowest
-from .stages import Stages, UnfinishedPiece, find_stages, lying
+from .unfinished_pieces import Stages, UnfinishedPiece, find_stages, lying
 
 # durations of flight and of joining in steps, chosen by eye; the next panel flies during joining
 FLIGHT, CLOSING = 0.6, 0.9

@@ -14,7 +14,7 @@ from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
 from .film import CLOSING, Shots, shoot
-from .stages import at_once, find_stages
+from .unfinished_pieces import at_once, find_stages
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ...mechanics.assembly import Pose
-from .piece import LiveEquilibrium, LivePiece
+from .live_piece import LiveEquilibrium, LivePiece
 
 _pieces: dict[str, LivePiece] = {}  # the pieces of this process
 

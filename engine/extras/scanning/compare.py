@@ -13,7 +13,7 @@ from ...progress import SILENT, Progress
 from ...surface.mesh import QuadMesh
 from .reading import FEWEST, MOST, UNITS, Scan
 from .register import Registration, register
-from .surface import TriangleSurface
+from .scan_target import TriangleSurface
 
 # maximum distance of points that belong to the piece as a share of its size; the largest error in the paper is 0.041
 MAX_DISTANCE = 0.1

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Float, Int
-from .surface import Distances
+from .scan_target import Distances
 
 # poses per array: 256 poses of 400 points and six columns are 5 MB, about the size of a processor's cache
 AT_ONCE = 256

@@ -1,6 +1,6 @@
 """Find the rigid motion that registers a scan to a surface, without markers.
 
-Thousands of initial poses are fitted at once to a table of closest points (``surface``, ``poses``), then fewer and
+Thousands of initial poses are fitted at once to a table of closest points (``scan_target``, ``poses``), then fewer and
 fewer of them with more points and a shorter reach. Each round also searches along directions in which the surface can
 slide in itself. The final choice uses all points with a reach that matches the scan's noise, and with reduced weights
 for the table on which the piece stood.
@@ -16,7 +16,7 @@ import numpy as np
 from ...arrays import Float
 from ...progress import SILENT, Progress
 from .poses import Poses, ScanFit, distinct
-from .surface import ClosestPoints, TriangleSurface
+from .scan_target import ClosestPoints, TriangleSurface
 
 # Measured on 26 surfaces of the zoo, 20 scans each: with 3 offsets instead of 5 and reaches from 0.12, a coil was
 # registered between its own turns; without the search along weakly constrained directions a third of all gables and a

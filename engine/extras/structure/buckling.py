@@ -13,7 +13,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ...mechanics.newton_system import MAX_DENSE_SIZE
-from .path import PathFollower, PathPoint, following
+from .load_path import PathFollower, PathPoint, following
 
 STEP = 1e-4  # step in radians or edges for the change of the tangent: errors of 1e-4, and of 1e-9 by rounding
 EIGENVALUE_TOL = 1e-6  # relative tolerance of the lowest factor

@@ -1,6 +1,6 @@
 """A piece under its load cases: deflection, use of arms and joints relative to their limits, and snapping.
 
-All figures of a case come from its own load path (``path``), which begins at the shape without loads. The state after a
+All figures of a case come from its own load path (``load_path``), which begins at the shape without loads. The state after a
 year is computed under the lasting loads with the share of Young's modulus left by then (effective modulus, EN 1995-1-1,
 2.3.2.2): as all stiffnesses are proportional to the modulus, it is the equilibrium under these loads divided by the
 share.
@@ -32,7 +32,7 @@ from ...threads import one_thread
 from .actions import Action, Ground, actions, lasting
 from .buckling import linear_buckling
 from .cases import LoadPlan
-from .path import Path, PathFollower, follow
+from .load_path import Path, PathFollower, follow
 from .structure_params import StructureParams
 
 YEAR = "after a year"  # name and kind of the outcome under lasting loads

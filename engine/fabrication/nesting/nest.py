@@ -1,7 +1,7 @@
 """Nesting: lay the true shapes of the panels on equal sheets as tightly as a time limit permits, with spyrrow.
 
 spyrrow (the sparrow algorithm of Gardeyn, Vanden Berghe and Wauters 2025) packs a strip of fixed height as short as it
-can. ``search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing is computed first and
+can. ``sheet_search`` looks for sets of panels whose strip is no longer than a sheet. The quick packing is computed first and
 returned if the search finds nothing better in time.
 """
 
@@ -19,7 +19,7 @@ from .odd import on_remnants
 from .packing import Packing, pack, used_length
 from .process import python
 from .remnants import read
-from .search import NestingSearch
+from .sheet_search import NestingSearch
 from .strips import FINE_SECONDS
 
 PATIENCE = 4  # successive orders without an improvement before the time per set is doubled

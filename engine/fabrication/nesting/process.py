@@ -75,7 +75,7 @@ class Worker:
         where = [str(Path(p).parent) for p in (found.submodule_search_locations or ()) if found] if found else []
         self.lines = queue.Queue()
         self.process = subprocess.Popen(
-            [str(python()), "-I", str(Path(__file__).with_name("worker.py"))],
+            [str(python()), "-I", str(Path(__file__).with_name("spyrrow_worker.py"))],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -13,7 +13,7 @@ from ...files import NewFile, describe_error, write_all_atomically
 from ...params import ExportParams
 from ...progress import SILENT, Progress
 from ..sheets import CutSheets
-from . import dxf, pdf, series, solids, svg
+from . import dxf, panel_solids, pdf, series, svg
 
 
 class Format(NamedTuple):
@@ -38,8 +38,8 @@ TABLE = {
     "dxf": Format(".dxf", "dxf", {"R2010", "BOTH"}, dxf.write, usual=True),
     "dxf-r12": Format("-r12.dxf", "dxf", {"R12", "BOTH"}, dxf.write_r12, usual=True),
     "pdf": Format(".pdf", "pdf", {True}, pdf.write, usual=True),
-    "stl": Format(".stl", "solids", {"STL", "BOTH"}, solids.write_stl),
-    "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, solids.write_3mf),
+    "stl": Format(".stl", "solids", {"STL", "BOTH"}, panel_solids.write_stl),
+    "3mf": Format(".3mf", "solids", {"3MF", "BOTH"}, panel_solids.write_3mf),
 }
 FORMATS = tuple(TABLE)
 USUAL = tuple(key for key, kind in TABLE.items() if kind.usual)

@@ -36,7 +36,7 @@ _MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
 class BentArms:
     """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from the hub, 0, to the tip, S.
 
-    The arms of the rim's nodes follow, four per node, see ``mechanics.rim``. A point P of the flat arm, in the frame of
+    The arms of the rim's nodes follow, four per node, see ``mechanics.rim_bodies``. A point P of the flat arm, in the frame of
     its patch, that lies beside the centre line point c(t), moves to x(t) + D(t) (P - c(t)).
 
     hub : (A,) t where the arm leaves its rigid hub; t is 0 at the tip

@@ -12,7 +12,7 @@ from ...materials import Material
 from ...spirals.design import SpiralDesign
 from ...spirals.rim import Rim
 from ..assembly import Pose, assembly_from_design
-from ..rim import BACKWARDS, FORWARDS, NECK, RimBeams
+from ..rim_bodies import BACKWARDS, FORWARDS, NECK, RimBeams
 from .model import ArmModel
 from .pieces import POISSON, STATIONS, Grain, piece_flexibilities
 

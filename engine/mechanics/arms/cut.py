@@ -1,7 +1,7 @@
 """Compliance of a cut arm minus the compliance of the stiffness table's arm, with exact derivatives.
 
 The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
-ways: its end is blended with the arm beyond its joint (see ``spirals.blend_joints``), and its root lies where its neighbours'
+ways: its end is blended with the arm beyond its joint (see ``spirals.blends``), and its root lies where its neighbours'
 widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
 
     blended arm - pure spiral, over the blended part of t,
@@ -126,7 +126,7 @@ class CutArms:
 
 def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
     """(2 m, 3) rest shape of both arms of every joint: radius (metres), own and mate's lean (radians, positive in the
-    sense of the spirals, see ``spirals.blend_joints``). Sheets with a grain add a column: the angle from radius to grain."""
+    sense of the spirals, see ``spirals.blends``). Sheets with a grain add a column: the angle from radius to grain."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
@@ -219,10 +219,8 @@ def _sum_lines(
             out[:, rows] += sign * _line_compliance(place, pace, width, weight, thickness, material)
             continue
         turned = {k - 1: 1.0 for k, row in enumerate(rows) if row == 1 + SHAPE_GRAIN and count == 2 + SHAPE_GRAIN}
-        grain, of = (
-            _dual(arms.grain[None], turned, len(place) - 1),
-            partial(SectionFlexibility.evaluate, material.orthotropy),
-        )
+        grain = _dual(arms.grain[None], turned, len(place) - 1)
+        of = partial(SectionFlexibility.evaluate, material.orthotropy)
         out[:, rows] += sign * line_compliance(place, pace, width, weight, grain, thickness, of)
     return out
 
@@ -267,8 +265,7 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _spiral(
     arms: CutArms, t: np.ndarray, *, twist: int | None = None, radius: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions, seen from the tips, and t-derivatives of pure spirals at t (1 + P, S, N); twist, radius : parameter
-    indices."""
+    """Positions, seen from the tips, and t-derivatives of pure spirals at t (1 + P, S, N); ``twist``, ``radius``: indices."""
     wind = arms.twist * t
     if twist is not None:
         wind[1 + twist] += t[0]

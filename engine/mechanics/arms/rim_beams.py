@@ -7,7 +7,7 @@ import numpy as np
 from ...arrays import Float
 from ...materials import Material
 from ..assembly import Assembly
-from ..rim import NECK_STEP, RimBeams, rim_tip_compliance
+from ..rim_bodies import NECK_STEP, RimBeams, rim_tip_compliance
 from .cut import MATE_TWIST, MATE_WIDTH, TWIST, WIDTH
 from .pieces import Grain, piece_flexibilities
 

@@ -14,7 +14,7 @@ from ...arrays import Float, Int
 from ...materials import Material
 from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..assembly import Assembly
-from ..rim import FORWARDS
+from ..rim_bodies import FORWARDS
 from ..vectors import matvec
 from .bar_loads import FIRST_ORDER, LOADS, TURN, WRENCH
 from .bars import BESIDE

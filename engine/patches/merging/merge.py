@@ -14,7 +14,7 @@ from ...surface.checking.finding import counted
 from ...surface.symmetry import Symmetry, close_under, keeping, subgroups, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
-from ..flattening.report import forced_notes, symmetry_kept
+from ..flattening.flattening_report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from ..tracing.regions import Halving
 from ..tracing.trace import make_disks

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from ...arrays import Int
-from ...surface.corners import rings
+from ...surface.corner_costs import rings
 from ...surface.mesh import QuadMesh
 from .board import Board
 from .straighten import GAIN, attempted, gain_of

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...arrays import Int
 from ...progress import Progress
-from ...surface.corners import corner_cost, rings
+from ...surface.corner_costs import corner_cost, rings
 from ..layout import PatchLayout
 from .board import BOTTLENECK, NOTHING, Board
 from .sketch import SketchedPatch

@@ -21,7 +21,7 @@ from ...surface.checking.finding import counted
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
-from ..flattening.report import forced_notes, symmetry_kept
+from ..flattening.flattening_report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
 from .runs import StraightRuns, chord_areas, straight_runs
 

@@ -14,7 +14,7 @@ import svgelements
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import checks, sheets
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.fabrication.writers import solids, svg
+from flexmaps.engine.fabrication.writers import panel_solids, svg
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.spirals import design
@@ -64,13 +64,13 @@ def test_arms_are_compared_with_the_nozzle(drawn: SpiralDesign) -> None:
 
 def test_solids_are_as_fine_as_they_are_printed(made: CutSheets) -> None:
     panel = made.panels[0]
-    solid = solids.extruded(panel, 0.002)
+    solid = panel_solids.extruded(panel, 0.002)
     fine = shapely.Polygon(panel.outline.sampled(1e-7), [h.sampled(1e-7) for h in panel.holes])
     flat = solid.vertices[: len(solid.vertices) // 2, :2]
     assert shapely.distance(shapely.points(flat), fine.boundary).max() < 1e-6
     rings = [panel.outline, *panel.holes]
-    starts = np.cumsum([0, *(len(r.sampled(solids.TOLERANCE)) for r in rings)])
+    starts = np.cumsum([0, *(len(r.sampled(panel_solids.TOLERANCE)) for r in rings)])
     lines = [shapely.LinearRing(flat[a:b]) for a, b in pairwise(starts.tolist())]
     away = [shapely.distance(shapely.points(r.sampled(1e-7)), line).max() for r, line in zip(rings, lines, strict=True)]
     assert 1e-5 < max(away) <= 2.01e-5
-    assert len(solid.triangles) < 0.55 * len(solids.extruded(panel, 0.002, 4e-6).triangles)
+    assert len(solid.triangles) < 0.55 * len(panel_solids.extruded(panel, 0.002, 4e-6).triangles)

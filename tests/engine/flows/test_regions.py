@@ -11,7 +11,7 @@ from flexmaps.engine.params import LayoutParams, RegulariseParams, Settings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.arap import PatchProblem, settle
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace

@@ -14,7 +14,7 @@ from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.extras.film import film as assembly_film
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
-from flexmaps.engine.fabrication.writers.solids import TOLERANCE, extruded
+from flexmaps.engine.fabrication.writers.panel_solids import TOLERANCE, extruded
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import target_pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.optimisation.terms import MAX_MULTIPLIER, StrainLimit, StrainTerm, TermRows
+from flexmaps.engine.optimisation.terms import MAX_MULTIPLIER, Rows, StrainLimit, StrainTerm
 from scipy.sparse import csr_array, eye_array
 
 JOINTS = 3
@@ -21,7 +21,7 @@ def excess(strains: np.ndarray, pushes: float) -> StrainTerm:
     """Of strains that are themselves the coordinates."""
     bearing = StrainLimit(MATERIALS["vero"], 1.0, pushes=np.full((JOINTS, 2), pushes))
     sizes = csr_array(bearing.limit * eye_array(strains.size))
-    return StrainTerm(bearing, bearing.limit * strains, lambda arms: TermRows(csr_array((len(arms), 6)), sizes[arms]))
+    return StrainTerm(bearing, bearing.limit * strains, lambda arms: Rows(csr_array((len(arms), 6)), sizes[arms]))
 
 
 def test_its_gradient_against_differences(strains: np.ndarray) -> None:
@@ -68,7 +68,7 @@ def test_a_larger_weight_leaves_the_force_of_the_multipliers() -> None:
 
 def test_products_need_only_rows_with_a_second_derivative() -> None:
     rng = np.random.default_rng(1)
-    rows = TermRows(csr_array(rng.normal(size=(5, 12))), csr_array(rng.normal(size=(5, 3))))
+    rows = Rows(csr_array(rng.normal(size=(5, 12))), csr_array(rng.normal(size=(5, 3))))
     moves, change, curvature = rng.normal(size=(2, 6)), rng.normal(size=3), np.array([0.0, 2.0, 0.0, 0.5, 0.0])
     some, kept = rows.curved(curvature)
     confined = kept.backward(some * kept.forward(moves, change))

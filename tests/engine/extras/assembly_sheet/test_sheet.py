@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.extras.assembly_sheet import pictures
 from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
+from flexmaps.engine.extras.assembly_sheet import step_pictures
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.fabrication.writers import pdf
@@ -96,14 +96,14 @@ def test_the_sheet_says_what_to_do(tmp_path):
 def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
     flat = flat_grid(4, 4)
     mesh = flat.layout.mesh
-    view = pictures.camera(np.array([0.0, 0.0, 1.0]))
+    view = step_pictures.camera(np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
-    assert pictures.seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
+    assert step_pictures.seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
     # a second sheet above hides the first one, seen from above
     places = np.concatenate([mesh.vertices, mesh.vertices + np.array([0.0, 0.0, 0.1])])
     quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
-    assert not pictures.seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
+    assert not step_pictures.seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
 
 
 def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):

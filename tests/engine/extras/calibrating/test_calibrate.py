@@ -13,7 +13,7 @@ import pytest
 import shapely
 import shapely.affinity
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.calibrating import bending, drawing, sheet
+from flexmaps.engine.extras.calibrating import bending, calibration_pieces, sheet_files
 from flexmaps.engine.extras.calibrating.calibrate import (
     Calibration,
     MeasuredValue,
@@ -219,7 +219,7 @@ def test_settings_are_those_of_a_material_and_a_machine(laser: Coupons) -> None:
 @pytest.mark.parametrize("name", KINDS_OF_SHEETS)
 def test_its_pieces_are_sound_and_apart(name: str) -> None:
     """By shapely: valid outlines, holes inside, nothing overlaps even on the way of the cutter, all inside the sheet."""
-    drawn = sheet.make(with_values(Settings(), KINDS_OF_SHEETS[name]))
+    drawn = sheet_files.make(with_values(Settings(), KINDS_OF_SHEETS[name]))
     width, height = drawn.packing.sizes[0]
     paths = []
     for piece in drawn.pieces:
@@ -240,7 +240,7 @@ def test_its_pieces_are_sound_and_apart(name: str) -> None:
 
 def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
     """What is left of the window when every line has taken one kerf, by shapely: n squares, and a gap of n + 1 kerfs."""
-    piece = drawing.comb(laser, "")
+    piece = calibration_pieces.comb(laser, "")
     lines = [shapely.LinearRing(c.points) if c.closed else shapely.LineString(c.points) for c in piece.shared]
     taken = shapely.unary_union([line.buffer(0.5 * KERF, cap_style="square", join_style="mitre") for line in lines])
     window = shapely.Polygon(shapely.get_parts(taken)[0].exterior)
@@ -253,7 +253,7 @@ def test_the_comb_counts_its_kerfs(laser: Coupons) -> None:
 @pytest.mark.parametrize("kind", ["dovetail", pytest.param("key", marks=pytest.mark.thorough)])
 def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
     """The counterpart laid into its recess stays the engraved clearance away from it everywhere, by shapely."""
-    piece = drawing.ladder(laser, ConnectorParams(), kind)
+    piece = calibration_pieces.ladder(laser, ConnectorParams(), kind)
     rail = shapely.Polygon(piece.outlines[0].sampled(1e-7))
     others = [shapely.Polygon(c.sampled(1e-7)) for c in piece.outlines[1:]]
     parts = others[::2] if kind == "key" else others  # the loose key goes first into the rail
@@ -270,7 +270,7 @@ def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
 
 
 def test_plain_ends_have_play_on_both_sides(laser: Coupons) -> None:
-    piece = drawing.ladder(laser, ConnectorParams(), "tab")
+    piece = calibration_pieces.ladder(laser, ConnectorParams(), "tab")
     rail, *tongues = (shapely.Polygon(c.sampled(1e-7)) for c in piece.outlines)
     across = shapely.LineString([(-1.0, rail.bounds[3] - 6e-4), (1.0, rail.bounds[3] - 6e-4)])
     walls = [part.bounds for part in shapely.get_parts(rail.intersection(across))]
@@ -284,8 +284,8 @@ def test_files_are_read_by_others(tmp_path: Path) -> None:
     import ezdxf
     import svgelements
 
-    drawn = sheet.make(with_values(Settings(), LASER))
-    paths = sheet.write(drawn, tmp_path, tuple(sheet.WRITERS))
+    drawn = sheet_files.make(with_values(Settings(), LASER))
+    paths = sheet_files.write(drawn, tmp_path, tuple(sheet_files.WRITERS))
     assert {p.name for p in paths} == {p.name for p in tmp_path.iterdir()}
     width, height = drawn.packing.sizes[0] * 1e3
     svg = svgelements.SVG.parse(tmp_path / "calibration.svg")
@@ -317,5 +317,5 @@ def test_numbers_that_are_none_in_the_file_are_refused(tmp_path: Path, laser: Co
 
 def test_unknown_formats_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FlexMapsError, match="no format 'stl'"):
-        sheet.write(sheet.make(Settings()), tmp_path / "out", ("stl",))
+        sheet_files.write(sheet_files.make(Settings()), tmp_path / "out", ("stl",))
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.extras.choosing import choice, choice_stage, lines, search
+from flexmaps.engine.extras.choosing import choice, choice_stage, drawn_cuts, layout_search
 from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import judge as judging
 from flexmaps.engine.extras.choosing.alike import ROWS, alike
@@ -56,18 +56,18 @@ def grid(n: int = 8, m: int = 6, height: float = 0.02) -> QuadMesh:
 
 def test_the_lines_of_a_torus_are_its_circles() -> None:
     mesh = torus()
-    line_of = lines.lines_of(mesh)
+    line_of = drawn_cuts.lines_of(mesh)
     assert sorted(np.bincount(line_of).tolist()) == [8] * 16 + [16] * 8
-    found = lines.families(mesh)
+    found = drawn_cuts.families(mesh)
     assert sorted(len(np.unique(family.lines)) for family in found) == [8, 16]
     assert all(family.closed for family in found)
 
 
 def test_equal_parts_of_a_torus_are_equally_large() -> None:
     mesh = torus()
-    long = max(lines.families(mesh), key=lambda family: len(family.lines))  # the circles the short way round
+    long = max(drawn_cuts.families(mesh), key=lambda family: len(family.lines))  # the circles the short way round
     for parts in (2, 4, 8):
-        cut = np.isin(lines.lines_of(mesh), long.equal(parts))
+        cut = np.isin(drawn_cuts.lines_of(mesh), long.equal(parts))
         a, b = mesh.edge_quads[~cut & ~mesh.border].T
         assert np.bincount(groups(len(mesh.quads), a, b)).tolist() == [len(mesh.quads) // parts] * parts
 
@@ -75,7 +75,7 @@ def test_equal_parts_of_a_torus_are_equally_large() -> None:
 def test_equal_strips_of_a_sheet() -> None:
     mesh = grid(8, 6)
     sizes = set()
-    for name, cut in lines.equal_cuts(mesh, 4, []):
+    for name, cut in drawn_cuts.equal_cuts(mesh, 4, []):
         layout = PatchLayout(mesh, cut)
         sizes.add(tuple(len(quads) for quads in layout.patches))
         assert name.startswith(str(len(layout.patches)))
@@ -85,12 +85,12 @@ def test_equal_strips_of_a_sheet() -> None:
 
 def test_seams_lie_in_the_mirror_planes() -> None:
     mesh = grid(8, 6)
-    cuts = dict(lines.planes(mesh, symmetries(mesh)))
+    cuts = dict(drawn_cuts.planes(mesh, symmetries(mesh)))
     cut = cuts["along all mirror planes"]
     middle = mesh.vertices[mesh.edges[cut]].mean(axis=1)
     off = np.minimum(np.abs(middle[:, 0] - 0.08), np.abs(middle[:, 1] - 0.06))
     assert cut.sum() == 8 + 6 and off.max() < 1e-9
-    assert len(lines.in_plane(mesh, next(s for s in symmetries(mesh) if np.linalg.det(s.matrix) > 0))) == 0
+    assert len(drawn_cuts.in_plane(mesh, next(s for s in symmetries(mesh) if np.linalg.det(s.matrix) > 0))) == 0
 
 
 # -- judging and changing ----------------------------------------------------------------------------------------------
@@ -103,7 +103,7 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
     x = mesh.vertices[mesh.edges][:, :, 0]
     cut = (np.isclose(x, 0.02) | np.isclose(x, 0.12)).all(axis=1)  # two lines, at 1 and 6 quads of 8
     names = set()
-    for name, edges in lines.symmetrised(cut, mesh, found):
+    for name, edges in drawn_cuts.symmetrised(cut, mesh, found):
         names.add(name)
         assert keeping(found, edges)
         assert "images" not in name or (edges >= cut).all()
@@ -125,7 +125,7 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
     piece = ball()
     mesh, found = piece.mesh, piece.symmetries
     lost = 0
-    for name, cut in lines.drop_images(lines.equal_cuts(mesh, 5, found), found):
+    for name, cut in drawn_cuts.drop_images(drawn_cuts.equal_cuts(mesh, 5, found), found):
         plain, even = (lay_flat(piece, Idea(cut, name, way)) for way in (False, True))
         assert plain is not None
         if plain.symmetric > 1:
@@ -133,22 +133,22 @@ def test_what_is_no_disk_is_opened_as_symmetrically_as_the_cuts_are() -> None:
         else:
             lost += 1
             assert even is not None and even.symmetric > 1 and PatchLayout(mesh, even.cut).planar.all()
-            opened = lines.open_symmetrically(cut, mesh, found)  # before crumbs are joined
+            opened = drawn_cuts.open_symmetrically(cut, mesh, found)  # before crumbs are joined
             assert opened is not None and (opened >= cut).all()
     assert lost
     lopsided = np.zeros(len(mesh.edges), dtype=bool)
     lopsided[:3] = True
-    assert lines.open_symmetrically(lopsided, mesh, found[:1]) is None
+    assert drawn_cuts.open_symmetrically(lopsided, mesh, found[:1]) is None
 
 
 def test_of_what_is_alike_by_symmetry_one_is_looked_at() -> None:
     mesh = torus()
     found = symmetries(mesh)
-    cuts = list(lines.planes(mesh, found))
+    cuts = list(drawn_cuts.planes(mesh, found))
     assert len(cuts) == 1 + 8 + 1  # the plane that the torus lies in, those through its axis, all together
     # of those through the axis some hold two vertices' circles of the short way, some lie between: these hold no edges
-    assert len(list(lines.drop_images(cuts, found))) == 3
-    assert [name for name, _ in lines.drop_images(cuts, [])] == [name for name, _ in cuts]
+    assert len(list(drawn_cuts.drop_images(cuts, found))) == 3
+    assert [name for name, _ in drawn_cuts.drop_images(cuts, [])] == [name for name, _ in cuts]
 
 
 def test_what_cannot_be_laid_flat_is_no_layout() -> None:
@@ -217,7 +217,7 @@ def test_cuts_and_darts_go_where_the_blame_is_and_joins_where_it_is_not() -> Non
 def test_changes_keep_the_symmetry_of_a_layout() -> None:
     mesh = grid(8, 6)
     piece = LayoutProblem(mesh, Settings(), symmetries=tuple(symmetries(mesh)))
-    cut = dict(lines.planes(mesh, piece.symmetries))["along all mirror planes"]
+    cut = dict(drawn_cuts.planes(mesh, piece.symmetries))["along all mirror planes"]
     laid = lay_flat(piece, Idea(cut, "quarters"))
     assert laid is not None and laid.symmetric == 1 + len(piece.symmetries) == 4
     rng = np.random.default_rng(2)
@@ -298,8 +298,8 @@ def test_each_proposal_has_few_more_panels_than_the_one_before_and_all_look_diff
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer layouts than anybody would compare, which is quicker."""
-    monkeypatch.setattr(search, "MOST", 6)
-    monkeypatch.setattr(search, "FEWEST", 6)
+    monkeypatch.setattr(layout_search, "MOST", 6)
+    monkeypatch.setattr(layout_search, "FEWEST", 6)
     monkeypatch.setattr(choosing, "MOST_PARTS", 3)
     monkeypatch.setattr(choosing, "CLOSE", 0.0)
     monkeypatch.setattr(judging, "LEAST", 1.0)  # what is judged here has little patience as it is
@@ -338,9 +338,8 @@ def test_a_nearer_match_is_found_by_more_cuts_and_the_note_tells() -> None:
 def test_no_more_panels_than_asked_and_none_worse_than_given() -> None:
     settings = Settings()
     piece = LayoutProblem(grid(8, 6, height=0.03), replace(settings, optimise=replace(settings.optimise, patience=0.3)))
-    given = lay_flat(
-        piece, Idea(np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1), "halves")
-    )
+    middle = np.isclose(piece.mesh.vertices[piece.mesh.edges][:, :, 0], 0.08).all(axis=1)
+    given = lay_flat(piece, Idea(middle, "halves"))
     assert given is not None
     choice = choose(piece, given.flat, ChooseParams(goal="panels", panels=2))
     first = next(one for one in choice.proposals if one.judged.laid.origin == "as it was")
@@ -367,8 +366,8 @@ def test_a_stop_keeps_the_best_so_far() -> None:
 
 def test_what_was_optimised_stays_where_its_layout_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """No other layout is looked at, so that nothing can come nearer than the given one has."""
-    monkeypatch.setattr(search, "MOST", 1)
-    monkeypatch.setattr(search, "FEWEST", 1)
+    monkeypatch.setattr(layout_search, "MOST", 1)
+    monkeypatch.setattr(layout_search, "FEWEST", 1)
     settings = Settings()
     quick = replace(settings, optimise=replace(settings.optimise, patience=0.1), choose=ChooseParams(match=0.001))
     mesh = PolygonMesh.from_quads(grid(4, 4, height=0.02))

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.choosing import lines
+from flexmaps.engine.extras.choosing import drawn_cuts
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, lay_flat
 from flexmaps.engine.extras.choosing.predict import PredictionStart, predict
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem
@@ -33,7 +33,7 @@ def dome() -> tuple[LayoutProblem, dict[str, FlatLayout]]:
     """A dome with three of its layouts: whole and halved both ways."""
     piece = LayoutProblem(sheet(0.03), Settings())
     ideas = {"whole": np.zeros(len(piece.mesh.edges), dtype=bool)}
-    for name, cut in lines.equal_cuts(piece.mesh, 2, []):
+    for name, cut in drawn_cuts.equal_cuts(piece.mesh, 2, []):
         ideas[f"{name}, {int(cut.sum())} edges"] = cut
     laid = {name: lay_flat(piece, Idea(cut, name)) for name, cut in ideas.items()}
     return piece, {name: one for name, one in laid.items() if one is not None}

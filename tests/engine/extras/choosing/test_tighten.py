@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexmaps.engine.extras.choosing.drawn_cuts import along_folds
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, LayoutProblem, judge, lay_flat
-from flexmaps.engine.extras.choosing.lines import along_folds
 from flexmaps.engine.extras.choosing.predict import predict
 from flexmaps.engine.extras.choosing.tighten import MOST, tighten
 from flexmaps.engine.params import Settings

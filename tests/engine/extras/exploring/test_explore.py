@@ -14,7 +14,7 @@ import pytest
 from flexmaps import api
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.extras.choosing import choose as choosing
-from flexmaps.engine.extras.choosing import search
+from flexmaps.engine.extras.choosing import layout_search
 from flexmaps.engine.extras.exploring import candidate as candidates
 from flexmaps.engine.extras.exploring import folder as folders
 from flexmaps.engine.extras.exploring.candidate import Candidate, ExplorationInput
@@ -278,8 +278,8 @@ def test_numbers_of_quads_are_tried_on_new_quads_and_taken_so(tmp_path):
 def test_numbers_of_panels_are_chosen_by_physics(strip, monkeypatch):
     """With the goal of so many panels, every candidate's layout is chosen, and has no more than asked."""
     for module, name, value in (
-        (search, "FEWEST", 3),
-        (search, "MOST", 3),
+        (layout_search, "FEWEST", 3),
+        (layout_search, "MOST", 3),
         (choosing, "MOST_PARTS", 3),
     ):
         monkeypatch.setattr(module, name, value)

@@ -11,7 +11,7 @@ from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.extras.scanning import compare, reading
 from flexmaps.engine.extras.scanning.poses import Poses, ScanFit
 from flexmaps.engine.extras.scanning.reading import Scan
-from flexmaps.engine.extras.scanning.surface import ClosestPoints, TriangleSurface
+from flexmaps.engine.extras.scanning.scan_target import ClosestPoints, TriangleSurface
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report

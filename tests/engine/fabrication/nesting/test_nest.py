@@ -13,7 +13,7 @@ from flexmaps.engine.fabrication.nesting import strips
 from flexmaps.engine.fabrication.nesting.covering import covering
 from flexmaps.engine.fabrication.nesting.outlines import grown
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, pack, used_length
-from flexmaps.engine.fabrication.nesting.search import NestingSearch
+from flexmaps.engine.fabrication.nesting.sheet_search import NestingSearch
 from flexmaps.engine.params import SheetParams
 from flexmaps.engine.progress import Progress
 from shapely import affinity

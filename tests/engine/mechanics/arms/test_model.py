@@ -11,7 +11,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
-from flexmaps.engine.mechanics.rods.model import RodModel
+from flexmaps.engine.mechanics.rods.rod_model import RodModel
 from scipy.spatial.transform import Rotation
 
 chains = sys.modules["flexmaps_chains"]

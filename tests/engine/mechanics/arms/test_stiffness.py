@@ -10,7 +10,7 @@ import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS, material
 from flexmaps.engine.mechanics.arms import beams, stiffness
-from flexmaps.engine.mechanics.rods import stiffness as stiffness_rods
+from flexmaps.engine.mechanics.rods import rod_stiffness as stiffness_rods
 
 SHEET = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
 

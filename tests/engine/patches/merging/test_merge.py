@@ -10,7 +10,7 @@ import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import LayoutParams, RegulariseParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.patches.flattening.report import layout_report
+from flexmaps.engine.patches.flattening.flattening_report import layout_report
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging import board, merge, sketch
 from flexmaps.engine.patches.tracing import trace

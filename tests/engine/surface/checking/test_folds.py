@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.extras.choosing import lines
+from flexmaps.engine.extras.choosing import drawn_cuts
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.surface.checking import check, folds
 from flexmaps.engine.surface.checking.topology import sides_of
@@ -33,9 +33,9 @@ def test_edges_that_turn_by_more_than_45_degrees_are_found(degrees: float, count
 def test_layouts_are_proposed_that_are_cut_along_folds() -> None:
     polygons = roof(90.0)
     mesh = check.as_quad_mesh(polygons)
-    ((_, cut),) = lines.along_folds(mesh)
+    ((_, cut),) = drawn_cuts.along_folds(mesh)
     assert [len(quads) for quads in PatchLayout(mesh, cut).patches] == [20, 20]
-    assert not list(lines.along_folds(check.as_quad_mesh(roof(30.0))))
+    assert not list(drawn_cuts.along_folds(check.as_quad_mesh(roof(30.0))))
 
 
 @pytest.mark.parametrize("degrees", [60.0, 90.0, 120.0])

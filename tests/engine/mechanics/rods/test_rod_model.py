@@ -12,7 +12,7 @@ from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics import assembly
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
-from flexmaps.engine.mechanics.rods.model import RodModel
+from flexmaps.engine.mechanics.rods.rod_model import RodModel
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.spirals import design
 from scipy.optimize import minimize_scalar

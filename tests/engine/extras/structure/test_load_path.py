@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
-from flexmaps.engine.extras.structure.path import BRANCH, LIMIT, Path, PathFollower, follow
+from flexmaps.engine.extras.structure.load_path import BRANCH, LIMIT, Path, PathFollower, follow
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors

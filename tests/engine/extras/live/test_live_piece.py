@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.extras.live import rig as rigs
 from flexmaps.engine.extras.live import session
 from flexmaps.engine.extras.live.given import LiveInput
-from flexmaps.engine.extras.live.piece import LiveEquilibrium, LivePiece
+from flexmaps.engine.extras.live.live_piece import LiveEquilibrium, LivePiece
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.loads import parse_supports

@@ -16,9 +16,9 @@ from ...files import write_all_atomically
 from ...own_files import Guard
 from ...params import CutParams, Settings, SheetParams
 from ...progress import SILENT, Progress
-from . import drawing
+from . import calibration_pieces
+from .calibration_pieces import DrawnPiece
 from .coupons import FILE, KINDS, Coupons
-from .drawing import DrawnPiece
 from .sizes import coupons
 
 WRITERS = {
@@ -48,7 +48,9 @@ class CalibrationDrawing:
 
     def runs(self, index: int, progress: Progress = SILENT) -> SheetCuts:
         """Return the cuts: shared lines unchanged, other curves offset by half of the kerf."""
-        made = drawing.together(piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces)
+        made = calibration_pieces.together(
+            piece.cut(self.coupons.kerf, self.coupons.kerf_holes) for piece in self.pieces
+        )
         return SheetCuts(made.engraved, (*made.holes, *made.shared), made.outlines, 0, 0)
 
 
@@ -57,10 +59,10 @@ def make(settings: Settings) -> CalibrationDrawing:
     sizes = coupons(settings)
     says = f"{sizes.material} {sizes.thickness * 1e3:g} mm - drawn for a kerf of {sizes.kerf * 1e3:g}"
     pieces = [
-        *(drawing.spiral(sizes, one) for one in sizes.spirals),
-        drawing.strip(sizes),
-        drawing.comb(sizes, says),
-        *(drawing.ladder(sizes, settings.connect, kind) for kind in KINDS),
+        *(calibration_pieces.spiral(sizes, one) for one in sizes.spirals),
+        calibration_pieces.strip(sizes),
+        calibration_pieces.comb(sizes, says),
+        *(calibration_pieces.ladder(sizes, settings.connect, kind) for kind in KINDS),
     ]
     margin, spacing = settings.sheet.margin, max(settings.sheet.spacing, 2.0 * max(sizes.kerf, sizes.mill))
     placed, size = _in_rows(pieces, margin, spacing)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 from flexmaps.engine.extras.choosing import choose as choosing
-from flexmaps.engine.extras.choosing import search as searching
+from flexmaps.engine.extras.choosing import layout_search as searching
 from flexmaps.engine.extras.choosing.decide import may_replace_initial, pick
 from flexmaps.engine.extras.choosing.judge import LONG, WHOLE, FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
+from flexmaps.engine.extras.choosing.layout_search import LayoutSearch, clocked_progress, key
 from flexmaps.engine.extras.choosing.predict import PredictionStart, judge_by_prediction, predict
-from flexmaps.engine.extras.choosing.search import LayoutSearch, clocked_progress, key
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
-from flexmaps.engine.extras.film import stages
+from flexmaps.engine.extras.film import unfinished_pieces
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_name
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
@@ -38,7 +38,7 @@ def piece(name: str, model: str):
     params = SimulateParams(model=model)
     simulation = simulate(made, mesh, POM, params)
     assert simulation.equilibrium.converged
-    return made, simulation, stages.find_stages(made, simulation.equilibrium.pose, POM, params)
+    return made, simulation, unfinished_pieces.find_stages(made, simulation.equilibrium.pose, POM, params)
 
 
 @pytest.fixture(scope="module", params=MODELS)
@@ -159,7 +159,7 @@ def ring():
 def test_a_ring_costs_what_bending_it_costs(ring):
     """Straight while one of its two seams is open; closed, a beam that is bent all round: M^2 c / 2 a joint, M = turn / c."""
     made, assembly, rest = ring
-    found = stages.find_stages(made, rest.pose, POM, SimulateParams())
+    found = unfinished_pieces.find_stages(made, rest.pose, POM, SimulateParams())
     flat, straight, closed = found.all
     axes = assembly.arm_axes
     compliance = (axes @ arm_compliances(assembly, POM).values @ np.swapaxes(axes, 2, 3)).sum(axis=1)[:, 4, 4]
@@ -175,7 +175,7 @@ def test_a_ring_costs_what_bending_it_costs(ring):
 
 def test_what_does_not_come_to_rest_is_left_out_and_named(ring):
     made, _, rest = ring
-    found = stages.find_stages(made, rest.pose, POM, SimulateParams(iterations=1))
+    found = unfinished_pieces.find_stages(made, rest.pose, POM, SimulateParams(iterations=1))
     second = steps(made.flat.layout)[1]
     assert found.skipped == ((panel_name(2), seam_name(second.joins[0].seam)),)
     assert [stage.whole for stage in found.all] == [False, True]
@@ -187,7 +187,7 @@ def test_it_can_be_stopped(ring):
     told = []
     stop = Progress(lambda fraction, text: told.append(fraction), lambda: len(told) >= 2)
     with pytest.raises(Cancelled):
-        stages.find_stages(made, rest.pose, POM, SimulateParams(), stop)
+        unfinished_pieces.find_stages(made, rest.pose, POM, SimulateParams(), stop)
     assert min(told) >= 0.0 and max(told) < 1.0
 
 
@@ -216,7 +216,9 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
         closed = []
         for join in sorted(step.joins, key=lambda join: join.other == join.panel):
             edges = inner[
-                np.concatenate([j for name, j in stages.batches(layout, step) if name == seam_name(join.seam)])
+                np.concatenate(
+                    [j for name, j in unfinished_pieces.batches(layout, step) if name == seam_name(join.seam)]
+                )
             ]
             assert sorted(edges.tolist()) == sorted(layout.seams[join.seam].tolist())
             ends = [set(mesh.edges[edge].tolist()) for edge in edges]
@@ -225,7 +227,7 @@ def test_a_seam_is_closed_from_where_the_panel_hangs(dome):
                 assert ends[0] & held
             held |= set.union(*ends)
             closed += edges.tolist()
-        made = [edge for _, joints in stages.batches(layout, step) for edge in inner[joints].tolist()]
+        made = [edge for _, joints in unfinished_pieces.batches(layout, step) for edge in inner[joints].tolist()]
         assert made == closed
 
 

@@ -19,9 +19,9 @@ from ..assembly import Assembly, Pose
 from ..beyond import Beyond
 from ..elastic import Expansion, JointsOnly, sum_joint_vectors
 from ..vectors import outer
-from . import stiffness, strains
+from . import rod_stiffness, strains
 from .motion import END_INCREMENTS, ROLL_SIGNS, RodState, first_order, roll_coupling, second_order
-from .sensitivity import gradient_by_design
+from .rod_sensitivity import gradient_by_design
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class RodModel(JointsOnly):
         ----------
         assembly, material : spirals and joints at rest, and the sheet
         """
-        found = stiffness.rod_parameters(
+        found = rod_stiffness.rod_parameters(
             _scale(assembly),
             assembly.width.mean(axis=1),
             assembly.twist,
@@ -112,7 +112,7 @@ class RodModel(JointsOnly):
 
     def beyond(self) -> list[Beyond]:
         known = self.assembly
-        return stiffness.beyond(_scale(known), known.width.mean(axis=1), known.twist, known.thickness)
+        return rod_stiffness.beyond(_scale(known), known.width.mean(axis=1), known.twist, known.thickness)
 
     def torsion(self, state: RodState) -> np.ndarray:
         return state.torsion

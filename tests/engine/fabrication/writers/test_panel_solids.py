@@ -12,7 +12,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.panel import Panel
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.fabrication.writers import solids as solid_files
+from flexmaps.engine.fabrication.writers import panel_solids as solid_files
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.arcs import Curve
