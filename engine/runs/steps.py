@@ -74,7 +74,7 @@ def _merge(result: Result, traced: TracedLayout, settings: Settings, progress: P
     flat = merge.merge(traced.layout, settings.layout, progress.part(0.0, MERGED), held=held)
     if registry.has("choosing"):  # which predicts the match
         piece = registry.load("choosing.judge").LayoutProblem(result.mesh, settings, result.supports, result.force)
-        nearer, rest = registry.load("choosing.tighten").tightened, progress.part(MERGED, 1.0)
+        nearer, rest = registry.load("choosing.tighten").tighten, progress.part(MERGED, 1.0)
         flat = nearer(piece, traced.layout, flat, settings.choose, rest)
     return result.with_outputs(MergedLayout(flat, **made_by("merge", settings, result.inputs("mesh", "layout"))))
 

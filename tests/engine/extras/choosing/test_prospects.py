@@ -51,7 +51,7 @@ def told(
 
     monkeypatch.setattr(prospects, "optimise", search)
     monkeypatch.setattr(prospects._Promise, "gains", lambda *_: True)
-    monkeypatch.setattr(prospects, "lay", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None))
+    monkeypatch.setattr(prospects, "lay_flat", lambda *_, **__: None if np.isinf(cut) else SimpleNamespace(flat=None))
     monkeypatch.setattr(prospects, "judge", lambda *_, **__: SimpleNamespace(rms=cut / 100.0))
     found = saddle()
     return prospects.prospects(found, find_limits(found), Settings()), held
@@ -80,7 +80,7 @@ def test_the_best_come_first_and_what_gains_little_is_not_told(monkeypatch: pyte
 
 def test_what_is_predicted_to_gain_little_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     ratios = iter([1.0, 0.3, 0.9, 0.9, 0.9, 0.9])  # the piece as it is, the first way to hold it, all others
-    monkeypatch.setattr(prospects, "predicted", lambda *_: next(ratios))
+    monkeypatch.setattr(prospects, "predict", lambda *_: next(ratios))
     held: list[int] = []
 
     def search(*_: Any, supports: np.ndarray, **__: Any) -> Any:
