@@ -54,7 +54,7 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     before, limit = found.simulation, 1.02 * float(found.simulation.strain.max())
     bearing = replace(found.point.problem.bearing, share=limit)
     found = replace(found, point=replace(found.point, problem=replace(found.point.problem, bearing=bearing)))
-    monkeypatch.setattr(found_module, "STRAINED", limit)
+    monkeypatch.setattr(found_module, "OVERSTRAIN_SHARE", limit)
     closed = []
     for searches in (0, found_module.MAX_SEARCHES):
         monkeypatch.setattr(found_module, "MAX_SEARCHES", searches)
@@ -70,7 +70,7 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
 @pytest.mark.parametrize("asks", [0, 3, 40])
 def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, asks, monkeypatch):
     task, found = wound
-    monkeypatch.setattr(found_module, "STRAINED", 1.02 * float(found.simulation.strain.max()))
+    monkeypatch.setattr(found_module, "OVERSTRAIN_SHARE", 1.02 * float(found.simulation.strain.max()))
     search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
     left = iter(range(asks))
     assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
