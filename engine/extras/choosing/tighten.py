@@ -53,8 +53,7 @@ def tighten(
     -------
     The first layout that is expected to hold the match, else the one that is expected nearest, of at most ``MOST`` times the panels
     of ``flat``; ``flat`` itself where no other is better. Its notes have ``expected_percent``, the RMS distance from the target
-    with which a search may end, as a percentage of the size. A layout other than ``flat`` also has ``fewest_panels``, the
-    panels of ``flat``.
+    with which a search may end, as a percentage of the size.
     """
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(piece.mesh):
         return flat
@@ -83,7 +82,7 @@ def tighten(
     notes = best.layout.notes
     if best is not flat:
         notes.pop("forced", None)
-        notes |= forced_notes(best, limits) | {"fewest_panels": _panels(flat)}
+        notes |= forced_notes(best, limits)
     notes["expected_percent"] = 100.0 * left
     return best
 

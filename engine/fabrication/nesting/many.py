@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor
 
 import numpy as np
 
@@ -38,7 +39,8 @@ def refuse_many(shapes: Sequence[Float[np.ndarray, "_ 2"]], params: SheetParams)
     width, height = 1e3 * np.ceil(larger / ROUND - 1e-9) * ROUND
     raise FlexMapsError(
         f"About {count} sheets of {size[0] * 1e3:g} x {size[1] * 1e3:g} mm would be cut where the panels' area needs {needed}: "
-        f"sheets of {width:.0f} x {height:.0f} mm would do; to go on all the same, switch Many sheets on (--many-sheets)"
+        f"sheets of {width:.0f} x {height:.0f} mm would do, or a piece of {floor(100 * (size / larger).min())} % of its size "
+        "(a smaller --edge); to go on all the same, switch Many sheets on (--many-sheets)"
     )
 
 
