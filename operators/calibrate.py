@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -14,6 +14,9 @@ from ..engine.errors import FlexMapsError
 from ..engine.params import ObjectSettings, with_values
 from .stage import AtOnce, OnObject
 from .writes import Writes
+
+if TYPE_CHECKING:
+    from ..engine.extras.calibrating.calibrate import Calibration, Readings
 
 SUBFOLDER = "calibration"  # in the folder for the sheets
 
@@ -42,7 +45,7 @@ def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     return tuple(key for key in export.chosen(wanted.export) if key in WRITERS) or USUAL
 
 
-def _reading(name: str, description: str) -> Any:
+def _reading(name: str, description: str) -> object:
     return bpy.props.StringProperty(name=name, description=description, options={"SKIP_SAVE"})
 
 
@@ -84,7 +87,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         self.level = "WARNING" if result.warnings else "INFO"
         return _describe(result, kept)
 
-    def _readings(self) -> Any:
+    def _readings(self) -> Readings:
         from ..engine.extras.calibrating.calibrate import Readings, numbers
 
         a, b = numbers(self.sag_a), numbers(self.sag_b)
@@ -97,7 +100,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         )  # fmt: skip
 
 
-def _describe(result: Any, kept: Path | None) -> str:
+def _describe(result: Calibration, kept: Path | None) -> str:
     """Describe the results in one line."""
     rows = (
         (result.kerf, 1e3, "kerf", "mm"),

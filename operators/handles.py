@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..bridge.hosts import live
 from ..bridge.store.i18n import translate
 from .stage import AtOnce, OnObject, redraw
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy as np
+    from mathutils import Vector
 
 KINDS = (
     ("PULL", "Pull", "A force: as many newtons as edges of a quad that you drag it"),
@@ -169,14 +175,14 @@ class DragSpiral(_OnSpiral, bpy.types.Operator):
             context.workspace.status_text_set(None)
         redraw(context)
 
-    def _mouse(self, context: bpy.types.Context, event: bpy.types.Event, depth: Any) -> Any:
+    def _mouse(self, context: bpy.types.Context, event: bpy.types.Event, depth: Sequence[float]) -> Vector:
         from bpy_extras import view3d_utils
         from mathutils import Vector
 
         mouse = event.mouse_region_x, event.mouse_region_y
         return view3d_utils.region_2d_to_location_3d(context.region, context.region_data, mouse, Vector(depth))
 
-    def _dragged_value(self, context: bpy.types.Context, event: bpy.types.Event) -> Any:
+    def _dragged_value(self, context: bpy.types.Context, event: bpy.types.Event) -> np.ndarray:
         """Return the handle's value: that at the start plus the mouse's displacement."""
         import numpy as np
 
@@ -224,7 +230,7 @@ def _name(kind: str) -> str:
     return handles.PULL if kind == "PULL" else handles.WISH
 
 
-def _say(context: bpy.types.Context, kind: str, by: Any) -> None:
+def _say(context: bpy.types.Context, kind: str, by: Iterable[float]) -> None:
     size = sum(x * x for x in by) ** 0.5
     text = translate("Pull: {:.2f} N", size) if kind == "PULL" else translate("Wish: {:.1f} mm beside the target", size)
     if context.area is not None:

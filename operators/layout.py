@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from ..engine.patches.flattening.flatten import FlatPatches
     from ..engine.runs.result import Result
 
+    FlatReported = tuple[FlatPatches, dict[str, Any]]  # flat patches and their note
+
 
 FRAMED = "flexmaps_framed"  # key on an object: the views were framed on its panels once
 
@@ -32,7 +34,9 @@ class LayoutStage(ContinuedStage):
         decided.settle_border(context.object)
         return super()._read(context)
 
-    def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Any) -> str:
+    def finish(
+        self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: FlatReported
+    ) -> str:
         from ..bridge.store import mesh
         from ..bridge.view import flat_panels
         from ..engine.display import arrange
@@ -45,7 +49,7 @@ class LayoutStage(ContinuedStage):
         notes.write(obj.data, "layout", block)
         return translate("{}, largest distortion {:.3f}", panels(block["patches"]), block["energy_max"])
 
-    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: Any) -> Iterator[None]:
+    def after(self, context: bpy.types.Context, obj: bpy.types.Object, result: object) -> Iterator[None]:
         """Frame the views on the object and its panels, once for every object."""
         from ..bridge.view import collection, framing
 
@@ -56,7 +60,7 @@ class LayoutStage(ContinuedStage):
         return iter(())
 
 
-def reported(result: Result, **more: Any) -> tuple[FlatPatches, dict[str, Any]]:
+def reported(result: Result, **more: object) -> FlatReported:
     """Return the flat patches and their note; too slow for the main thread with thousands of quads."""
     from ..engine.patches.flattening.flattening_report import layout_report
     from ..engine.runs.outputs import FinalLayout
@@ -72,7 +76,7 @@ class Trace(LayoutStage, bpy.types.Operator):
     bl_label = "Trace"
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import job
             from ..engine.runs.outputs import TracedLayout
 
@@ -90,7 +94,7 @@ class Merge(LayoutStage, bpy.types.Operator):
     loaded = True
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation:
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import by_hand, job
 
             traced = by_hand.traced_at(result, snapshot.seams(result), snapshot.settings, progress.part(0.0, 0.1))
@@ -109,7 +113,7 @@ class FlattenStage(LayoutStage):
 
         reuse = self.reuse
 
-        def go_on(result: Result, progress: Progress) -> Any:
+        def go_on(result: Result, progress: Progress) -> FlatReported:
             from ..engine.runs import by_hand
 
             previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None

@@ -19,7 +19,7 @@ class _Painter(Polled):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        return why_not(cls, context.object)
+        return why_not(cls.obstacle, context.object)
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:

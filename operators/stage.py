@@ -169,7 +169,7 @@ class StageOperator(Polled, HandsOver[Made]):
 
     @classmethod
     def problem(cls, context: bpy.types.Context) -> str | None:
-        return why_not(cls, context.object)
+        return why_not(cls.obstacle, context.object)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         try:
@@ -328,8 +328,14 @@ def idname_of(operator: bpy.types.Operator) -> str:
     return f"{group.lower()}.{name}" if name else str(operator.bl_idname)
 
 
-def why_not(stage: Any, obj: bpy.types.Object | None) -> str | None:
-    """Return why a stage cannot run on the object now, as a sentence; None if it can."""
+def why_not(obstacle: Callable[[bpy.types.Object], str | None], obj: bpy.types.Object | None) -> str | None:
+    """Return why an operator cannot run on the object now, as a sentence; None if it can.
+
+    Parameters
+    ----------
+    obstacle : finds what is in the way of this operator on a mesh that can be used
+    obj : the active object
+    """
     from ..bridge.store.objects import changed_by_modifiers, unusable
 
     running = background.current()
@@ -337,7 +343,7 @@ def why_not(stage: Any, obj: bpy.types.Object | None) -> str | None:
         return still_running(running)
     problem = unusable(obj)
     if problem is None and obj is not None:
-        problem = changed_by_modifiers(obj) or stage.obstacle(obj)
+        problem = changed_by_modifiers(obj) or obstacle(obj)
     return problem
 
 

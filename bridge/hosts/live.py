@@ -6,7 +6,7 @@ Live mode writes nothing to the file, so undo, saving and modes are unaffected: 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -32,13 +32,13 @@ def current() -> ObjectWatcher | None:
     return _running[0] if _running else None
 
 
-def shape_of(obj: bpy.types.Object) -> Any:
+def shape_of(obj: bpy.types.Object) -> LiveEquilibrium | None:
     """Return the live shape of an object, if one is drawn."""
     following = current()
     return following.shape if following is not None and following.uid == obj.session_uid and following.shown else None
 
 
-def shown() -> Any:
+def shown() -> Followed | None:
     """Return the shape drawn over the 3D view, if any."""
     return _running[0].shown if _running else None
 

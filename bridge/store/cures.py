@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...engine.extras import registry
 from ...engine.figures import format_figure
 from ...engine.optimisation import remedies
 from .i18n import interface
+
+if TYPE_CHECKING:
+    import bpy
 
 # findings of the check that one press repairs -> kind for ``flexmaps.mend``, label of the button
 MENDS = {
@@ -148,7 +151,7 @@ def choose() -> list[Cure]:
     return [Cure(interface("Propose layouts"), "flexmaps.choose")] if registry.has("choosing") else []
 
 
-def nearer(wanted: Any, blocks: dict[str, Any]) -> list[Cure]:
+def nearer(wanted: bpy.types.PropertyGroup, blocks: dict[str, Any]) -> list[Cure]:
     """Return cures that bring an optimised piece nearer to its target: remedies tried by short searches, and other layouts.
 
     Sorted by predicted distance; other layouts, without a prediction, rank at the wanted match.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -12,6 +12,9 @@ from bpy.props import EnumProperty, FloatVectorProperty
 from ...engine.params import SpiralParams
 from . import objects
 from .i18n import CONTEXT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 MILLIMETRES = 1e3  # millimetres in a metre
 RESTS = (
@@ -33,7 +36,7 @@ def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
     return tuple(unit * float(length) for length in lengths)
 
 
-def _set_size(obj: bpy.types.Object, wanted: Any) -> None:
+def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
     """Scale the object by the length that was changed most, and the wanted quad edge too, so that remeshing keeps the size."""
     factors = [new / old for new, old in zip(wanted, _size(obj), strict=True) if old > 0 and new > 0]
     factor = max(factors, key=lambda f: abs(f - 1.0), default=1.0)

@@ -156,7 +156,7 @@ def _cures_of_failure(obj: bpy.types.Object, idname: str, wanted: int | None = N
     return []
 
 
-def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: Any) -> list[Notice]:
+def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[str, Any]]) -> list[Notice]:
     made, helpless = [], states.is_current_unnoted(obj, scene, "regularise")
     for row in findings:
         code, faces, edges = row["code"], tuple(row["faces"]), tuple(row.get("edges", ()))
@@ -327,7 +327,7 @@ def given_thickness(obj: bpy.types.Object) -> float:
     return float(obj.flexmaps.spiral.thickness) / remedies.MILLIMETRES
 
 
-def _findings(source: str, findings: Any) -> list[Notice]:
+def _findings(source: str, findings: list[dict[str, Any]]) -> list[Notice]:
     made = []
     for row in findings:
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))

@@ -90,7 +90,7 @@ def _parse(text: str) -> dict[str, Any] | None:
         return None
 
 
-def _value(obj: bpy.types.Object, setting: str) -> Any:
+def _value(obj: bpy.types.Object, setting: str) -> object:
     """Return the value of "section.name"; None where this version has no such setting."""
     try:
         return attrgetter(setting)(obj.flexmaps)

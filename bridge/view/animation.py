@@ -17,6 +17,8 @@ from ..store import attributes
 from . import collection, materials, meshes, preview
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ...engine.extras.film.film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
@@ -142,7 +144,7 @@ def _panel(
     return made
 
 
-def _animate_shape(made: bpy.types.Object, track: Track, frame: Any) -> None:
+def _animate_shape(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
     """Add shape keys, and animate the evaluation time that runs through them."""
     for k, points in enumerate(track.shapes):
         key = made.shape_key_add(name="Flat" if k == 0 else f"Shape {k}", from_mix=False)
@@ -156,7 +158,7 @@ def _animate_shape(made: bpy.types.Object, track: Track, frame: Any) -> None:
     _set_linear(keys)
 
 
-def _animate_motion(made: bpy.types.Object, track: Track, frame: Any) -> None:
+def _animate_motion(made: bpy.types.Object, track: Track, frame: Callable[[float], float]) -> None:
     from mathutils import Matrix
 
     made.rotation_mode = "QUATERNION"

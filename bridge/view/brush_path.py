@@ -67,7 +67,7 @@ class BrushPath:
         way = np.array(self._object.matrix_world.to_3x3()) @ np.sum([np.zeros(3), *ways], axis=0)
         return [strength * weight for weight in weights], way
 
-    def _dab(self, context: bpy.types.Context, place: Any, normal: Any, size: float) -> np.ndarray:
+    def _dab(self, context: bpy.types.Context, place: Vector, normal: Vector, size: float) -> np.ndarray:
         """Return the weights of one dab, with its mirror image if the brush mirrors."""
         frame, scale = self._object.matrix_world, context.scene.unit_settings.scale_length
         region, view = context.region, context.region_data

@@ -94,6 +94,6 @@ def _handles(
     return result
 
 
-def _frame(place: Any, way: Any, size: float) -> Any:
+def _frame(place: Vector, way: Vector, size: float) -> Matrix:
     turn = way.to_track_quat("Z", "Y").to_matrix().to_4x4() if way.length else Matrix.Identity(4)
     return Matrix.Translation(place) @ turn @ Matrix.Scale(size, 4)

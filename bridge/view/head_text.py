@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -16,6 +16,9 @@ from ..store.i18n import interface
 from ..store.notices import Notice
 from ..store.objects import CONVERTIBLE, shared, unusable
 from . import collection
+
+if TYPE_CHECKING:
+    from .progress import RunningJob
 
 SIGNS = {NEUTRAL: "INFO", TICK: "CHECKMARK", LOOK: "ERROR", STOPPED: "CANCEL", REDO: "FILE_REFRESH"}
 REMOVE = "flexmaps.remove_left_over"
@@ -40,7 +43,9 @@ class Head:
     alert: bool = False
 
 
-def current(context: bpy.types.Context, problem: str, seen: Guidance | None, job: Any, following: Any) -> Head:
+def current(
+    context: bpy.types.Context, problem: str, seen: Guidance | None, job: RunningJob | None, following: Any
+) -> Head:
     """Return the present content of the head.
 
     Parameters
@@ -58,7 +63,7 @@ def current(context: bpy.types.Context, problem: str, seen: Guidance | None, job
     return _live(context, seen, following) or _idle(context, seen)
 
 
-def _running(job: Any) -> Head:
+def _running(job: RunningJob) -> Head:
     name = bpy.app.translations.pgettext_iface(job.title, "Operator")
     label = interface("{}, {} %", name, f"{100 * job.fraction:.0f}")
     left = interface("About {} left", job.left) if job.left else interface("Begun")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -11,9 +11,14 @@ from ...engine.arrays import Float, Int
 from ..store import attributes, equilibrium
 from ..store import seen as seeing
 
+if TYPE_CHECKING:
+    from mathutils import Vector
+
+    from ...engine.extras.live.live_piece import LiveEquilibrium
+
 
 def seen(
-    obj: bpy.types.Object, shape: Any = None
+    obj: bpy.types.Object, shape: LiveEquilibrium | None = None
 ) -> tuple[Float[np.ndarray, "vertices 3"], Int[np.ndarray, "quads 4"]]:
     """Return vertices in the scene's units and world axes, and quads; ``shape`` may be the live shape of the object.
 
@@ -22,7 +27,12 @@ def seen(
     obj : the mesh object
     shape : the live shape, or None
     """
-    if shape is not None and shape.vertices is not None and len(shape.quads) == len(obj.data.polygons):
+    if (
+        shape is not None
+        and shape.vertices is not None
+        and shape.quads is not None
+        and len(shape.quads) == len(obj.data.polygons)
+    ):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
         points = equilibrium.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
@@ -46,7 +56,7 @@ def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) ->
 
 
 def quad_at(
-    points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Any, way: Any
+    points: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"], origin: Vector, way: Vector
 ) -> int | None:
     """Return the first quad that a ray hits; None if it misses.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import bpy
 
@@ -10,6 +10,22 @@ from ..store.i18n import button_name, translate
 
 LEAST = 0.2  # seconds between two drawings of the progress at least; smaller is smoother and slower; by eye
 SHARE = 0.1  # largest share of the time spent on drawing, which slows the work down without a graphics card
+
+
+class RunningJob(Protocol):
+    """Job as the sidebar and the status bar show it, see ``background.Job``."""
+
+    title: str
+    on_stop: str
+    fraction: float
+    text: str
+    shown: Any
+
+    @property
+    def left(self) -> str: ...
+
+    @property
+    def stopping(self) -> bool: ...
 
 
 class Pace:
@@ -33,7 +49,7 @@ class Pace:
         return True
 
 
-def show(context: bpy.types.Context, running: Any) -> None:
+def show(context: bpy.types.Context, running: RunningJob) -> None:
     """Show a ``background.Job``'s progress in status bar, cursor and sidebar; redraw the 3D views if it shows a shape.
 
     Parameters
@@ -47,7 +63,7 @@ def show(context: bpy.types.Context, running: Any) -> None:
     redraw(context, "UI" if running.shown is None else "")
 
 
-def progress_line(running: Any) -> str:
+def progress_line(running: RunningJob) -> str:
     if running.stopping:
         return translate("{}: stopping", button_name(running.title))
     line = f"{button_name(running.title)}: {100 * running.fraction:.0f} % {running.text}".rstrip()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import bpy
 import numpy as np
@@ -23,6 +23,11 @@ from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, 
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
+
+if TYPE_CHECKING:
+    from ...engine.extras.choosing.choice import Choice
+    from ...engine.extras.scanning.compare import Comparison
+    from ...engine.extras.structure.structure import Structure
 
 
 def read_blend(path: str | Path) -> PolygonMesh:
@@ -145,7 +150,7 @@ def put(
     notes.write_checks(obj.data, result.findings)
     if result.flat is not None:
         _put_flat(result, result.flat, obj, scene, surface, progress.part(0.1, 0.9))
-    choice: Any = result.value("choice")
+    choice = cast("Choice | None", result.value("choice"))
     if choice is not None:
         layouts = [one.flat for one in choice.proposals]
         stored.write(obj, surface, [flat.layout.cut for flat in layouts])
@@ -153,11 +158,11 @@ def put(
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
         equilibrium.write(obj, scene, surface, result.simulation, result.limits)
-    scan: Any = result.value("scan")
+    scan = cast("Comparison | None", result.value("scan"))
     if scan is not None:
         scans.write(obj, scan, scan_points.show(obj, scene, scan))
     fields.protect(obj, result.protected)
-    examined: Any = result.value("structure")
+    examined = cast("Structure | None", result.value("structure"))
     if examined is not None:
         equilibrium.write_utilisation(obj, examined.utilisation)
     notes.write_all(obj.data, report.blocks(result))
