@@ -22,6 +22,7 @@ from ..params import SHOWN, ObjectSettings
 from ..progress import SILENT, Progress
 from . import share_page
 from .result import Result
+from .stage import Stage
 from .stages import OF_EXTRAS
 
 PAGE, PLOTS = "report.html", "plots"
@@ -124,6 +125,7 @@ def render_page(
     changed, settings = _settings(described.get("settings", {}))
     text = environment.get_template("report.html.j2").render(
         report=described,
+        extras=_templates(described),
         piece=piece,
         scripts=scripts,
         policy=share_page.policy(scripts),
@@ -165,6 +167,16 @@ def _sheet_size(size_mm: Sequence[float]) -> str:
     return "{:.0f} \N{MULTIPLICATION SIGN} {:.0f} mm".format(*size_mm)
 
 
+def _described_extras(described: Mapping[str, Any]) -> list[Stage]:
+    """Return the stages of extras that the report has a block of."""
+    return [stage for stage in OF_EXTRAS if any(block in described for block in stage.blocks)]
+
+
+def _templates(described: Mapping[str, Any]) -> list[str]:
+    """Return the templates of the extras' sections, from the folder of all extras on."""
+    return [f"{stage.code.partition('.')[0]}/report.html.j2" for stage in _described_extras(described)]
+
+
 def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     """Return the notes at the top of the page as (is a warning, text), warnings first."""
     notes = [(True, finding["message"]) for finding in described.get("checks", ())]
@@ -175,17 +187,16 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
         notes.append((not sound, shape["status"]))
         notes += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
         notes += [(False, shape["band"]["text"])] if "band" in shape else []
-    notes += [(True, finding["message"]) for finding in described.get("structure", {}).get("findings", ())]
     better = described.get("optimise", {})
     if "end" in better:
         notes.append((not better["finished"], f"How optimising ended: {better['end']}"))
     if better.get("wish"):
         notes.append((True, better["wish"]))
-    if "scan" in described:
-        notes += [(False, f"Scan {described['scan']['file']}: {text}") for text in described["scan"]["remarks"]]
     if "reach" in described:
         notes.append((False, described["reach"]["advice"]))
     notes += [(True, text) for text in described.get("sheets", {}).get("warnings", ())]
+    for stage in _described_extras(described):
+        notes += registry.load(stage.code).notes(described)
     return sorted(notes, key=lambda note: not note[0])
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from .. import MARK
 from ..display.drawing import FONT, Drawing, svg
+from ..extras import registry
 from ..fabrication.estimates import duration
 from ..figures import format_figure
 from ..surface.checking.finding import counted
@@ -28,12 +29,11 @@ INSTEAD = ("shape", "surface", "patches")
 
 
 def environment() -> Any:
-    """Return the template environment of the folder ``page``."""
+    """Return the environment of the templates in the folder ``page``, and of those in the extras' folders."""
     import jinja2
 
-    made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    loader = jinja2.FileSystemLoader([FOLDER, Path(registry.__file__).parent])
+    made = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.globals |= {"font": FONT, "mark": MARK}
     made.filters |= {"duration": duration, "figure": format_figure}
     return made

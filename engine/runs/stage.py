@@ -32,7 +32,7 @@ class Stage:
     optional : whether sheets can be cut without it, so that a job goes on if it fails
     quick : whether it takes so little time that it runs as soon as its inputs exist, without a request
     done : state of the piece after it, for the message "Not optimised: ..." when an optional stage fails
-    code : for a stage of an extra the module with its function ``run``, its output and its plots, as ``registry.load`` takes it
+    code : for a stage of an extra the module with its ``run``, output, plots and notes of the report, as ``registry.load`` takes it
     """
 
     name: str

@@ -82,3 +82,9 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
     far = replace(far, fills=np.where((mm < 0)[:, None], colours.MISSING_GREY, far.fills))
     shape, mesh = shown.mesh.vertices if shown.shape is None else shown.shape, shown.mesh
     return {"scan": plots.shape_map(shape, mesh.quads, np.zeros((len(mesh.quads), 4), bool), far)}
+
+
+def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
+    """Return the notes for the top of the report's page as (is a warning, text)."""
+    scan = described["scan"]
+    return [(False, f"Scan {scan['file']}: {text}") for text in scan["remarks"]]

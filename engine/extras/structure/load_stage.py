@@ -94,3 +94,8 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
         fills = Colouring.from_values(title, 100.0 * used, "% of limit", colours.ERROR_SCALE, 0.0, high)
         found["utilisation"] = plots.shape_map(shown.shape, shown.mesh.quads, shown.sides, fills)
     return found
+
+
+def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
+    """Return the notes for the top of the report's page as (is a warning, text)."""
+    return [(True, finding["message"]) for finding in described["structure"].get("findings", ())]
