@@ -174,8 +174,8 @@ _HOLDS = """
 import importlib.util, sys
 spec = importlib.util.spec_from_file_location("flexmaps", sys.argv[1], submodule_search_locations=[sys.argv[2]])
 sys.modules["flexmaps"] = importlib.util.module_from_spec(spec)
-from flexmaps.engine.files import replacing_many
-with replacing_many(alone_in=sys.argv[3]) as new:
+from flexmaps.engine.files import write_all_atomically
+with write_all_atomically(alone_in=sys.argv[3]) as new:
     print("held", flush=True)
     sys.stdin.read()
 """
