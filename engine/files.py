@@ -92,11 +92,13 @@ def write_all_atomically(
     Yield a function that maps a target to a temporary path beside it, of the same suffix, to write to. Raise ``FlexMapsError`` if a
     folder is read-only or locked by another run, the disk is full, or the guard refuses; other errors raised inside pass unchanged.
 
-    stale : old files to remove when the new ones appear; alone_in : folder to lock, so that no other run writes to it meanwhile
+    Parameters
+    ----------
+    stale : old files to remove when the new ones appear
+    alone_in : folder to lock, so that no other run writes to it meanwhile
     guard : lets only files that this program wrote be replaced or removed; checksums go to ``alone_in``, else beside the files
     """
-    wanted: dict[Path, Path] = {}
-    made: list[Path] = []
+    wanted, made = dict[Path, Path](), list[Path]()
     held: BinaryIO | None = None
     root = None if alone_in is None else Path(alone_in)
 

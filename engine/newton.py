@@ -191,7 +191,12 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
 
 
 def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
-    """Minimise step by step, as ``minimise`` does: yield every new state, and return the run."""
+    """Minimise step by step, as ``minimise`` does: yield every new state, and return the run.
+
+    Parameters
+    ----------
+    problem, start, rule : as for ``minimise``
+    """
     state, history = start, []
     while True:
         here = problem.expand(state)

@@ -33,12 +33,23 @@ class Progress:
         self.tell(fraction, text)
 
     def tell(self, fraction: float, text: str = "") -> None:
-        """Report without raising ``Cancelled``, for the end of work whose result should be kept after a cancel."""
+        """Report without raising ``Cancelled``, for the end of work whose result should be kept after a cancel.
+
+        Parameters
+        ----------
+        fraction : done of this work, clipped to 0 and 1
+        text : what is being done
+        """
         if self.report is not None:
             self.report(self.lo + (self.hi - self.lo) * min(max(fraction, 0.0), 1.0), text)
 
     def part(self, lo: float, hi: float) -> Progress:
-        """Return the progress of a substage that runs from the fraction ``lo`` to ``hi`` of this one."""
+        """Return the progress of a substage that runs from the fraction ``lo`` to ``hi`` of this one.
+
+        Parameters
+        ----------
+        lo, hi : fractions of this work
+        """
         span = self.hi - self.lo
         return Progress(self.report, self.stopped, self.lo + span * lo, self.lo + span * hi, self.shown)
 

@@ -22,7 +22,13 @@ class Remaining:
     seen: list[tuple[float, float]] = field(default_factory=list)
 
     def report(self, seconds: float, fraction: float) -> None:
-        """Store a report: elapsed seconds and fraction done."""
+        """Store a report.
+
+        Parameters
+        ----------
+        seconds : elapsed
+        fraction : done
+        """
         if not self.seen or fraction > self.seen[-1][1]:
             if len(self.seen) >= KEPT:
                 self.seen = self.seen[::2]

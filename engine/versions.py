@@ -23,7 +23,12 @@ def order(version: str) -> tuple[int, ...]:
 
 
 def changes_between(version: str, now: str = VERSION) -> tuple[str, ...]:
-    """Return the changes of results between two versions, earliest first; empty if ``now`` is not newer than ``version``."""
+    """Return the changes of results between two versions, earliest first; empty if ``now`` is not newer than ``version``.
+
+    Parameters
+    ----------
+    version, now : older and newer version, as "1.2.3"
+    """
     return tuple(text for first, text in RESULT_CHANGES if order(version) < order(first) <= order(now))
 
 

@@ -234,7 +234,15 @@ class Colouring:
     def from_values(
         cls, title: str, values: np.ndarray, unit: str, scale: np.ndarray, low: float, high: float
     ) -> Colouring:
-        """Colour values by a scale."""
+        """Colour values by a scale.
+
+        Parameters
+        ----------
+        title, unit : texts of the legend
+        values : (N,) in that unit
+        scale : (n, 3) sRGB colours of a scale from ``low`` to ``high``
+        low, high : values at its ends
+        """
         return cls(title, on_scale(values, low, high, scale), unit, scale, low, high)
 
 

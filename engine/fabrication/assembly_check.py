@@ -121,6 +121,12 @@ def check_assembly(
     """Check every seam of a design, with the necks of its connectors and the forces of its equilibrium, if given.
 
     Forces need the arm model and a reliable state: converged and not locked.
+
+    Parameters
+    ----------
+    design : spirals and panels
+    made : connectors, for the load on their necks
+    simulation : equilibrium, for forces and moments; they are left out without it
     """
     layout = design.flat.layout
     numbers, lengths = panel_numbers(layout), _lengths(design)

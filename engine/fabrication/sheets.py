@@ -213,7 +213,17 @@ def engraved(
     mark: str = "",
     progress: Progress = SILENT,
 ) -> Labels:
-    """Return the labels engraved on the panels and their feet; ``mark`` is the letter of the piece."""
+    """Return the labels engraved on the panels and their feet.
+
+    Parameters
+    ----------
+    design : spirals and panels
+    made : connectors, whose places the labels avoid
+    params : heights of labels, and whether there are any
+    base : its feet are labelled too, and holes of its eyelets avoided
+    mark : letter of the piece
+    progress : called with the fraction done; may cancel
+    """
     if not params.labels:
         return Labels(((),) * len(made.outlines), 0, 0, ((),) * len(made.outlines))
     taken = np.where(design.absent, np.inf, made.taken)
@@ -226,7 +236,13 @@ def engraved(
 
 
 def along_grain(design: SpiralDesign, params: SheetParams) -> float:
-    """Return the angle in radians by which panels are turned so that their grain runs along the sheet's grain."""
+    """Return the angle in radians by which panels are turned so that their grain runs along the sheet's grain.
+
+    Parameters
+    ----------
+    design : its ``grain`` is an angle in the panels' plane, radians
+    params : allowed rotations
+    """
     return -design.params.grain if params.rotation == "GRAIN" else 0.0
 
 

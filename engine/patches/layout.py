@@ -288,7 +288,13 @@ def drawn_lengths(mesh: QuadMesh) -> Float[np.ndarray, " edges"]:
 
 
 def alone(layout: PatchLayout, quads: Int[np.ndarray, " quads"]) -> tuple[PatchLayout, np.ndarray]:
-    """Return the layout of some quads (ascending) by themselves, and for each of its edges the edge of the whole mesh."""
+    """Return the layout of some quads (ascending) by themselves, and for each of its edges the edge of the whole mesh.
+
+    Parameters
+    ----------
+    layout : layout of the whole mesh
+    quads : ascending
+    """
     mesh = layout.mesh
     used, corners = np.unique(mesh.quads[quads], return_inverse=True)
     part = QuadMesh(mesh.vertices[used], corners.reshape(-1, 4))

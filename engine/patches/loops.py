@@ -40,6 +40,11 @@ class Loops:
         """Total geodesic curvature of every loop, radians, from the angles at the corners.
 
         2 pi round a flat disk, -2 pi round a hole in a flat patch, 0 round a tube.
+
+        Parameters
+        ----------
+        corners : flat vertices of the patch's quads
+        angles : at their corners, radians
         """
         inner = np.bincount(corners.ravel(), weights=angles.ravel(), minlength=len(self.loop))
         on = self.loop >= 0
@@ -53,8 +58,11 @@ class Loops:
     ) -> bool:
         """Return whether all loops but one are holes of the surface as in a flat patch; the opening of a tube is not.
 
-        border : mask of the sides on the border of the surface; inner cuts and other patches inside this one are not
-            holes
+        Parameters
+        ----------
+        corners : flat vertices of the patch's quads
+        angles : at their corners, radians
+        border : mask of the sides on the border of the surface; inner cuts and patches inside this one are no holes
         """
         if len(self) < 2:
             return True

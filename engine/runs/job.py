@@ -144,7 +144,12 @@ def begin(
     height: float | None = None,
     supports: str | Sequence[int] | None = None,
 ) -> Result:
-    """Check the mesh, scale it to the wanted size and return the first result; parameters and errors as in ``run``."""
+    """Check the mesh, scale it to the wanted size and return the first result.
+
+    Parameters
+    ----------
+    polygons, edge, height, supports : as for ``run``
+    """
     start = time.perf_counter()
     source = check.scaled(polygons, edge=edge, height=height)
     findings = check.everything(source)
@@ -262,7 +267,14 @@ def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress:
 
 
 def run_quick_stages(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:
-    """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name."""
+    """Flatten a traced layout and run the quick stages whose inputs exist; users request neither by name.
+
+    Parameters
+    ----------
+    result : outputs so far
+    settings : of all stages
+    progress : called with the fraction done; may cancel
+    """
     if result.get(FinalLayout) is None:
         result = _with_flat(result, settings, progress)
     for stage in TABLE:

@@ -45,7 +45,12 @@ def draw_plots(result: Result, described: Mapping[str, Any], distortion: float) 
 
 
 def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: float) -> dict[str, Drawing]:
-    """Draw the plots of the road's stages and of the extras; parameters as of ``run_plots.draw_plots``."""
+    """Draw the plots of the road's stages and of the extras.
+
+    Parameters
+    ----------
+    shown, described, distortion : as for ``run_plots.draw_plots``
+    """
     found = run_plots.drawings(shown, described, distortion)
     for stage in OF_EXTRAS:
         found |= registry.load(stage.code).drawings(shown, described)

@@ -24,7 +24,13 @@ class PaintSurface:
 
     @classmethod
     def from_mesh(cls, vertices: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"]) -> PaintSurface:
-        """Make the ground from vertices (metres) and quads (vertex indices)."""
+        """Make the ground from vertices (metres) and quads (vertex indices).
+
+        Parameters
+        ----------
+        vertices : metres
+        quads : vertex indices
+        """
         corners = vertices[quads]
         centres = corners.mean(axis=1)
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])

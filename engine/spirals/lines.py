@@ -60,7 +60,14 @@ class ArmCurves:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Evaluate the arms i at t.
 
-        Return points and their first and second derivatives by t, then half widths and their first and second derivatives.
+        Parameters
+        ----------
+        i : arms, of a shape that broadcasts with that of ``t``
+        t : places along them, 0 at the tip
+
+        Returns
+        -------
+        Points (complex, metres) and their first and second derivatives by t, then half widths and their first and second derivatives
         """
         end = self.end
         p, d1, d2 = curve_points(self.radius[i], self.angle[i], self.wind[i], end.slope[i], end.share[i], t)
@@ -68,7 +75,17 @@ class ArmCurves:
         return self.centre[i] + p, d1, d2, 0.5 * w, 0.5 * w1, 0.5 * w2
 
     def points(self, i: Int[np.ndarray, "*m"], t: Float[np.ndarray, "*m"]) -> Complex[np.ndarray, "*m"]:
-        """Return the points of the arms i at t."""
+        """Return the points of the arms i at t.
+
+        Parameters
+        ----------
+        i : arms
+        t : places along them, 0 at the tip
+
+        Returns
+        -------
+        Complex numbers, metres
+        """
         end = self.end
         turn = np.exp(1j * (self.angle[i] + self.wind[i] * t))
         return self.centre[i] + self.radius[i] * (1.0 - t) * turn + end.slope[i] * blend_offset(end.share[i], t)
@@ -76,7 +93,18 @@ class ArmCurves:
     def pull(
         self, i: Int[np.ndarray, " m"], t: Float[np.ndarray, " m"], along: Complex[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, "m numbers"], Float[np.ndarray, "m numbers"]]:
-        """Return the derivatives of the points at t, each along a direction, and of the half widths, by the arms' parameters."""
+        """Return the derivatives of the points at t, each along a direction, and of the half widths, by the arms' parameters.
+
+        Parameters
+        ----------
+        i : arms
+        t : a place along each, 0 at the tip
+        along : direction in which each point's derivative is taken
+
+        Returns
+        -------
+        Derivatives of the points and of the half widths by the parameters of an arm
+        """
         end, share, slope = self.end, self.end.share[i], self.end.slope[i]
         u = np.minimum(t / share, 1.0)
         uu = u * u

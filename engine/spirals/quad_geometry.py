@@ -41,7 +41,13 @@ class ArmGeometry:
 
     @classmethod
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> ArmGeometry:
-        """Read the geometry of all arms from the flat patches."""
+        """Read the geometry of all arms from the flat patches.
+
+        Parameters
+        ----------
+        flat : flat patches
+        params : sense of the spirals
+        """
         centre, radius, angle = spokes(flat.corners)
         mate, side = opposite_sides(flat.layout.mesh)
         turned = (np.arange(4)[:, None] + np.arange(4)) % 4

@@ -158,7 +158,17 @@ class Rim:
         return replace(self, holes=np.where(self.following >= 0, count, 0.0).astype(int))
 
     def place(self, node: Int[np.ndarray, " n"], way: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
-        """Return points and directions on the strip's centre line, at the distance ``way`` after ``node``."""
+        """Return points and directions on the strip's centre line, at the distance ``way`` after ``node``.
+
+        Parameters
+        ----------
+        node : border nodes
+        way : distance after each node along the strip's centre line, metres
+
+        Returns
+        -------
+        Complex points, metres, and unit directions
+        """
         first, turn, radius = self.straight[node, 0], self.turn[node], self.radius[node]
         bent = np.clip(way - first, 0.0, radius * np.abs(turn))
         angle = np.where(radius > 0.0, np.sign(turn) * bent / np.maximum(radius, 1e-12), 0.0)

@@ -94,7 +94,14 @@ class ClearanceModel:
         become the requirement; where even those arms touch, there is none. Beside short arms that meet across a cut, the
         slot at seams is required, but at most half of the gap between the thinnest straight arms.
 
-        Raises ``FlexMapsError`` with the faces that are far too small for the smallest width.
+        Parameters
+        ----------
+        flat : flat patches
+        params : range of widths and slots
+
+        Raises
+        ------
+        FlexMapsError : with the faces that are far too small for the smallest width
         """
         slot, shapes = _SAFETY * min_slot_width(params), ArmGeometry.from_flat(flat, params)
         wide = max(slot, _SAFETY * params.slot_seam)
@@ -208,7 +215,16 @@ class ClearanceModel:
     ) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, " k"]]:
         """Return both arms and the width of all gaps below ``below`` between arms of different quads of a panel, metres.
 
-        Widths are negative where arms overlap.
+        Parameters
+        ----------
+        flat : flat patches
+        params : slots and sense of the spirals
+        width, twist : metres and radians
+        below : largest gap that is returned, metres
+
+        Returns
+        -------
+        Both arms of every gap, and its width, metres; negative where arms overlap
         """
         pairs, shapes = pairs_of(flat, params, below), ArmGeometry.from_flat(flat, params)
         pairs = pairs.subset((pairs.kind != SAME_QUAD) & ~pairs.laid)

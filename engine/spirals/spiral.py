@@ -199,7 +199,13 @@ def _pairs(numbers: np.ndarray) -> np.ndarray:
 
 
 def width_at(arms: Arms, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the width of the arms at t and its derivative by t, each (F, 4, N), metres."""
+    """Return the width of the arms at t and its derivative by t, each (F, 4, N), metres.
+
+    Parameters
+    ----------
+    arms : of all quads
+    t : (F, 4, N) places along the arms, 0 at the tip, 1 at the centre
+    """
     return arm_widths(arms.width[..., None], arms.joint_width[..., None], arms.share[..., None], t)[:2]
 
 

@@ -46,7 +46,18 @@ def welded(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
-    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance ``near``."""
+    """Return for every vertex the first vertex it is welded with; only vertices ``among`` are welded, up to distance ``near``.
+
+    Parameters
+    ----------
+    mesh : unchecked mesh, metres
+    among : vertices that may be welded
+    near : largest distance of two welded vertices, metres
+
+    Returns
+    -------
+    (N,) index of the first vertex of the cluster; a vertex's own index where it stays alone
+    """
     label = np.arange(len(mesh.vertices))
     pairs = among[cKDTree(mesh.vertices[among]).query_pairs(near, output_type="ndarray")]
     if not len(pairs):
@@ -60,7 +71,17 @@ def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) ->
 
 
 def joined(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
-    """Merge vertices with equal labels at their mean; a label is the index of the first vertex of the cluster."""
+    """Merge vertices with equal labels at their mean; a label is the index of the first vertex of the cluster.
+
+    Parameters
+    ----------
+    mesh : mesh to weld
+    label : (N,) index of the first vertex of every vertex's cluster
+
+    Returns
+    -------
+    A mesh with one vertex per cluster; ``mesh`` itself if every vertex is alone
+    """
     if (label == np.arange(len(label))).all():
         return mesh
     kept, index, counts = np.unique(label, return_inverse=True, return_counts=True)

@@ -58,11 +58,18 @@ def write(
 ) -> Path:
     """Write the assembly sheet of a design and return its path.
 
+    Parameters
+    ----------
+    design, sheets, figures : the piece, its panels on sheets, and its estimates
+    target : path of the file
     title : name of the object
     new : from ``files.write_all_atomically``, if the sheet must appear together with other files
     checked : how hard every seam is to join
+    progress : called with the fraction done; may cancel
 
-    Raises ``FlexMapsError`` where it cannot be written.
+    Raises
+    ------
+    FlexMapsError : the file cannot be written
     """
     data = document(pages(design, sheets, figures, title, checked, progress), f"{title}: assembly", progress)
     if new is None:

@@ -97,7 +97,21 @@ def write(
     progress: Progress = SILENT,
     guard: Guard | None = None,
 ) -> list[Path]:
-    """Write the sheet's files and ``calibration.json`` into a folder, all or none; return their paths."""
+    """Write the sheet's files and ``calibration.json`` into a folder, all or none; return their paths.
+
+    Parameters
+    ----------
+    sheet : drawing of the coupons
+    folder : made where it is missing
+    formats : keys of ``WRITERS``
+    name : of the files, without suffix
+    progress : called with the fraction done; may cancel
+    guard : refuses to replace files of others
+
+    Raises
+    ------
+    FlexMapsError : an unknown format, or none
+    """
     unknown = set(formats) - set(WRITERS)
     if unknown or not formats:
         wrong = f"There is no format '{min(unknown)}' of the calibration sheet" if unknown else "No format is chosen"

@@ -174,9 +174,16 @@ def judge(
 ) -> JudgedLayout | None:
     """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
 
+    It starts from the piece's spirals, or from those that the curvature asks for.
+
+    Parameters
+    ----------
+    piece : the surface, how it is held, and what it is made of
+    laid : one of its layouts
+    share : of the optimiser's patience
+    progress : called with the fraction done; may cancel
     thorough : whether several starts are tried where the piece has no spirals, and slots that close minded and counted; by default in
         long searches alone
-    It starts from the piece's spirals, or from those that the curvature asks for.
     """
     settings, quick = piece.settings, share <= SHORT
     thorough = not quick if thorough is None else thorough

@@ -107,7 +107,13 @@ class Folder:
 
 
 def refuse_to_replace(path: Path, guard: Guard) -> None:
-    """Raise FlexMapsError if an exploration in the folder ``path`` would replace files that ``guard`` keeps."""
+    """Raise FlexMapsError if an exploration in the folder ``path`` would replace files that ``guard`` keeps.
+
+    Parameters
+    ----------
+    path : folder of the exploration
+    guard : knows which files this program wrote
+    """
     guard.check([*(path / name for name in (TABLE, REPORT, PLOT)), *path.glob("candidate-*.svg")], path)
 
 

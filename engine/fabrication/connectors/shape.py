@@ -173,7 +173,13 @@ def least_radius(s: Size) -> float:
 
 @lru_cache(maxsize=512)
 def socket(s: Size, back: float = 0.0) -> Curve:
-    """Return the end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut."""
+    """Return the end of an arm with a socket, from right to left; its face lies ``back`` metres behind the cut.
+
+    Parameters
+    ----------
+    s : size of the connector
+    back : distance from the cut to the socket's face, metres
+    """
     return relieved(_in_mate_frame(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
 
 
@@ -187,6 +193,11 @@ def key(s: Size, back: float = 0.0) -> Curve:
     """Return the loose key for two sockets ``back`` metres behind the cut: two heads, neck to neck.
 
     Counter-clockwise about 0.
+
+    Parameters
+    ----------
+    s : size of the connector
+    back : distance from the cut to each socket's face, metres
     """
     n, h, x = 0.5 * s.neck, 0.5 * s.head, back + s.length
     root = max(s.rounding, s.inside)

@@ -33,11 +33,17 @@ MANY = 400
 def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress = SILENT) -> Packing:
     """Lay closed outlines (M, 2), in metres, on as few sheets as found within ``params.nesting_seconds``.
 
-    Outlines that must lie along the grain are passed with their grain along x. Remnants come first and are filled by
+    Remnants come first and are filled by
     ``odd``.
 
     The result is never worse than that of ``packing.pack``, which is returned where spyrrow is missing or finds nothing
     better. The seed makes the search repeatable as far as a limit in seconds can be.
+
+    Parameters
+    ----------
+    shapes : closed outlines, metres; with their grain along x where they must lie along the sheet's
+    params : size of the sheets, margin, spacing, remnants and time limit
+    progress : called with the fraction done; may cancel
     """
     remnants = read(params.remnants, params.remnant_unit) if params.remnants.strip() else []
     if remnants:

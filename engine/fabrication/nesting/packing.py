@@ -191,6 +191,15 @@ def lying_box(points: Float[np.ndarray, "points 2"], rotation: str) -> tuple[flo
     """Return the first angle to try for points on a sheet, and the sides of their bounding box at that angle.
 
     The angle is 0 with rotation "GRAIN"; otherwise it gives the smallest box (see ``least_box``).
+
+    Parameters
+    ----------
+    points : metres
+    rotation : allowed rotations, as in ``SheetParams``
+
+    Returns
+    -------
+    Radians; width and height, metres
     """
     return (0.0, _extent(points, 0.0)) if rotation == "GRAIN" else least_box(points)
 
@@ -228,7 +237,14 @@ def _turn(angle: float) -> np.ndarray:
 
 
 def used_length(packing: Packing, shapes: list[Float[np.ndarray, "_ 2"]], index: int) -> float:
-    """Return the metres from the left border of sheet ``index`` to the right end of its shapes (M, 2), in metres."""
+    """Return the metres from the left border of sheet ``index`` to the right end of its shapes (M, 2), in metres.
+
+    Parameters
+    ----------
+    packing : places of all shapes
+    shapes : closed outlines, metres, in the order of ``packing``
+    index : number of the sheet, from 0
+    """
     ends = [0.0]
     for i in np.flatnonzero(packing.sheet == index).tolist():
         cos, sin = np.cos(packing.rotation[i]), np.sin(packing.rotation[i])

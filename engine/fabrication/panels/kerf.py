@@ -67,6 +67,11 @@ def offset(curve: Curve, distance: float) -> Curve:
     Raises
     ------
     FlexMapsError : neighbours that should meet do not
+
+    Parameters
+    ----------
+    curve : lines and arcs, metres
+    distance : metres to the right of the curve's direction
     """
     if distance == 0.0:
         return curve
@@ -184,6 +189,11 @@ def relieved(curve: Curve, radius: float) -> Curve:
     Raises
     ------
     FlexMapsError : the lines are too short for a dogbone
+
+    Parameters
+    ----------
+    curve : open curve with material on its left, metres
+    radius : of the mill, metres
     """
     start, end, bulge = _segments(curve)
     tight = (bulge < 0.0) & (np.abs(end - start) * (1.0 + bulge**2) < 4.0 * radius * np.abs(bulge))
@@ -231,7 +241,13 @@ def _dogbone(start: np.ndarray, end: np.ndarray, bulge: float, radius: float) ->
 
 
 def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
-    """Return paths for a kerf of ``outer`` metres along the outline and ``holes`` metres in the holes."""
+    """Return paths for a kerf of ``outer`` metres along the outline and ``holes`` metres in the holes.
+
+    Parameters
+    ----------
+    outline : outer curve and holes of a panel as drawn, metres
+    outer, holes : whole widths of the kerf, metres
+    """
     return Outline(
         offset(cleaned(outline.outer), 0.5 * outer), tuple(offset(cleaned(h), 0.5 * holes) for h in outline.holes)
     )

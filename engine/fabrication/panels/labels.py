@@ -71,7 +71,13 @@ def seam_name(number: int) -> str:
 
 
 def marked(name: str, mark: str) -> str:
-    """Return the name preceded by the letter of its piece, which makes it unique on common sheets."""
+    """Return the name preceded by the letter of its piece, which makes it unique on common sheets.
+
+    Parameters
+    ----------
+    name : of a panel or joint
+    mark : letter of the piece; empty if it is alone
+    """
     return f"{mark}-{name}" if mark else name
 
 
@@ -114,8 +120,14 @@ def make_labels(
     Where an arm is too narrow for legible letters and its hub has room for larger ones, the name is placed on the hub,
     with a tick on the arm. Labels that are still too small are listed in ``small``.
 
+    Parameters
+    ----------
+    layout : panels and seams
+    arms, hubs : arms of all quads, and the ends of their slots
+    params : heights of labels
     taken : metres of every arm, from its joint, that a connector occupies
-    mark : see ``panel_name``
+    progress : called with the fraction done; may cancel
+    mark : letter of the piece, see ``panel_name``
     pierced : quads whose hubs have a hole
     """
     taken = np.zeros((len(arms.centre), 4)) if taken is None else taken
@@ -149,7 +161,13 @@ def make_labels(
 
 
 def hub_circles(arms: Arms, roots: SlotRoots) -> Float[np.ndarray, " quads"]:
-    """Return the radius in metres of the circle about every hub's centre that its four fillets leave free."""
+    """Return the radius in metres of the circle about every hub's centre that its four fillets leave free.
+
+    Parameters
+    ----------
+    arms : of all quads
+    roots : ends of their slots, with fillets
+    """
     return (np.linalg.norm(roots.centre - arms.centre[:, None], axis=-1) - roots.fillet).min(axis=1)
 
 
@@ -159,7 +177,14 @@ def _curves(strokes: Iterable[np.ndarray]) -> Iterator[Curve]:
 
 
 def key_label(name: str, neck: float, long: float, params: SheetParams) -> tuple[Curve, ...]:
-    """Return the name of a loose key's joint across its middle; empty if too small. Neck and length in metres."""
+    """Return the name of a loose key's joint across its middle; empty if too small.
+
+    Parameters
+    ----------
+    name : of the joint
+    neck, long : width of the key's neck and length of the key, metres
+    params : heights of labels, and whether there are any
+    """
     height = min(params.label_height, _FILL * neck, 0.8 * long / length(name))
     if not params.labels or height < params.label_min:
         return ()

@@ -42,7 +42,19 @@ def length(text: str) -> float:
 
 
 def straight(text: str, height: float, centre: np.ndarray, direction: np.ndarray) -> list[Float[np.ndarray, "_ 2"]]:
-    """Return the strokes of a text of this height (metres), centred on ``centre`` (2,) along ``direction`` (2,)."""
+    """Return the strokes of a text of this height (metres), centred on ``centre`` (2,) along ``direction`` (2,).
+
+    Parameters
+    ----------
+    text : one line
+    height : of the letters, metres
+    centre : (2,) metres
+    direction : (2,) of reading, of any length
+
+    Returns
+    -------
+    One open polyline per stroke, metres
+    """
     along = np.asarray(direction) / np.linalg.norm(direction)
     frame = height * np.array([along, [-along[1], along[0]]])
     return [(s - [0.5 * length(text), 0.5]) @ frame + centre for s in strokes(text)]

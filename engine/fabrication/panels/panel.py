@@ -40,7 +40,13 @@ class Panel:
     beside: tuple[Curve, ...] = ()
 
     def moved(self, rotation: float, shift: Float[np.ndarray, " 2"]) -> Panel:
-        """Return the panel turned by ``rotation`` radians about the origin, then shifted by ``shift`` metres."""
+        """Return the panel turned by ``rotation`` radians about the origin, then shifted by ``shift`` metres.
+
+        Parameters
+        ----------
+        rotation : radians, counter-clockwise
+        shift : metres
+        """
         return replace(
             self,
             outline=self.outline.moved(rotation, shift),

@@ -55,9 +55,15 @@ def plan(
 
     The holes of a panel are cut consecutively, and all holes before the first outline, in a short tour.
 
-    holes : by panel
+    Parameters
+    ----------
+    labels : strokes to engrave
+    holes : closed paths of every panel's holes
+    outlines : closed path of every panel
     places : by outline, x and y in metres for tabs, and how undesirable each is (1 or more)
     size : width and height of the sheet, metres
+    cut : tabs and lead-ins
+    progress : called with the fraction done; may cancel
     """
     pieces = [[o] for o in outlines]
     if cut.tabs:

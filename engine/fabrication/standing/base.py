@@ -95,7 +95,9 @@ class Base:
     def foot_labels(self, params: SheetParams, mark: str = "") -> dict[int, list[Curve]]:
         """Return the number of every foot as strokes along it, by patch.
 
-        Parameters as for ``plate_labels``.
+        Parameters
+        ----------
+        params, mark : as for ``plate_labels``
         """
         found: dict[int, list[Curve]] = {}
         for foot in self.feet if params.labels else ():

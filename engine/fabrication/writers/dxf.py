@@ -46,7 +46,9 @@ def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = S
 def write_r12(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
     """Write one sheet as R12, which programs of all cutters read, with one entity per node.
 
-    Parameters as for ``write``.
+    Parameters
+    ----------
+    sheets, index, path, progress : as for ``write``
     """
     parts = list[str]()
     for name, curve in _entities(sheets, index, progress):

@@ -95,14 +95,27 @@ def write(
 
 
 def stale(base: Path, count: int) -> list[Path]:
-    """Return the files of an earlier run with more sheets than ``count``."""
+    """Return the files of an earlier run with more sheets than ``count``.
+
+    Parameters
+    ----------
+    base : path of the files without number and suffix
+    count : number of sheets of this run
+    """
     return [path for key in FORMATS for path in series.numbered_before(_named(base, key), count)]
 
 
 def present(base: Path, formats: Collection[str]) -> list[Path]:
     """Return existing files that sheets in these formats may replace, whatever their number.
 
-    Raises ``FlexMapsError`` if the folder cannot be read.
+    Parameters
+    ----------
+    base : path of the files without number and suffix
+    formats : keys of ``TABLE``
+
+    Raises
+    ------
+    FlexMapsError : the folder cannot be read
     """
     try:
         names = sorted(os.listdir(base.parent))

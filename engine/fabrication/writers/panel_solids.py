@@ -129,7 +129,13 @@ def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles
 
 
 def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:
-    """Return for every point the index of the exactly equal ``known`` point; -1 without one."""
+    """Return for every point the index of the exactly equal ``known`` point; -1 without one.
+
+    Parameters
+    ----------
+    known : points without repetition
+    points : points to look up
+    """
     keys, wanted = _keys(known), _keys(points)
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)

@@ -60,7 +60,15 @@ class Page:
         self.commands.append("EMC")
 
     def stroke(self, curve: Curve, colour: str = "#000000", width: float = 2e-4, dash: float = 0.0) -> None:
-        """Draw a curve in a colour "#rrggbb"; width and length of the dashes in metres."""
+        """Draw a curve in a colour "#rrggbb"; width and length of the dashes in metres.
+
+        Parameters
+        ----------
+        curve : lines and arcs, metres
+        colour : "#rrggbb"
+        width : of the line, metres
+        dash : length of dashes and gaps, metres; 0 for none
+        """
         dashes = f"[{dash / self.unit:.4g}]" if dash else "[]"
         self.commands.append(
             f"{_colour(colour)} RG {width / self.unit:.5g} w {dashes} 0 d {path(curve, self.unit)} "
@@ -68,7 +76,14 @@ class Page:
         )
 
     def fill(self, points: np.ndarray, colour: str, line: str | None = None, width: float = 2e-4) -> None:
-        """Fill a polygon (M, 2), metres, and draw its outline in the colour ``line``."""
+        """Fill a polygon (M, 2), metres, and draw its outline in the colour ``line``.
+
+        Parameters
+        ----------
+        points : (M, 2) metres
+        colour, line : "#rrggbb", of the area and of its outline; no outline by default
+        width : of the outline, metres
+        """
         command = f"{_colour(colour)} rg {path(Curve(points, np.zeros(len(points))), self.unit)} "
         if line is not None:
             command = f"{_colour(line)} RG {width / self.unit:.5g} w [] 0 d {command}"
@@ -77,7 +92,16 @@ class Page:
     def text(
         self, text: str, at: tuple[float, float], size: float, colour: str = "#000000", middle: bool = False
     ) -> None:
-        """Write a line starting at ``at`` or, with ``middle``, centred there; ``size`` of the font; in metres."""
+        """Write a line starting at ``at`` or, with ``middle``, centred there; ``size`` of the font; in metres.
+
+        Parameters
+        ----------
+        text : one line, in any script
+        at : metres
+        size : of the font, metres
+        colour : "#rrggbb"
+        middle : centre the line there instead of starting it
+        """
         x = at[0] - (0.5 * text_width(text, size) if middle else 0.0)
         for run in glyphs.runs(text):
             outlines = glyphs.known.get(run)
@@ -95,7 +119,13 @@ class Page:
 
 
 def text_width(text: str, size: float) -> float:
-    """Return the length in metres of a line of text; ``size`` of the font in metres."""
+    """Return the length in metres of a line of text.
+
+    Parameters
+    ----------
+    text : one line
+    size : of the font, metres
+    """
     drawn = [run for run in glyphs.runs(text) if run in glyphs.known]
     known = (ord(c) - 32 for run in glyphs.runs(text) if run not in glyphs.known for c in run)
     plain = 1e-3 * sum(WIDTHS[n] if 0 <= n < len(WIDTHS) else 556 for n in known)
@@ -146,7 +176,14 @@ def _segments(start: np.ndarray, end: np.ndarray, bulge: np.ndarray) -> list[str
 
 
 def document(pages: list[Page], title: str, progress: Progress = SILENT) -> bytes:
-    """Return the content of a PDF file with these pages."""
+    """Return the content of a PDF file with these pages.
+
+    Parameters
+    ----------
+    pages : in order; layers of the same name are one layer of the file
+    title : of the file, in any script
+    progress : called with the fraction done; may cancel
+    """
     names = list(dict.fromkeys(name for page in pages for name in page.layers))
     first = 4 + len(names)  # 1 catalogue, 2 pages, 3 font, then the layers, then page and content in turns
     bodies = [
@@ -200,7 +237,15 @@ def _assemble(bodies: list[bytes]) -> bytes:
 
 
 def write(sheets: DrawableSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
-    """Write one sheet as a page of true size, a layer and a colour per operation."""
+    """Write one sheet as a page of true size, a layer and a colour per operation.
+
+    Parameters
+    ----------
+    sheets : panels on their sheets, and cuts
+    index : number of the sheet, from 0
+    path : file to write
+    progress : called with the fraction done; may cancel
+    """
     width, height = sheets.packing.sizes[index].tolist()
     page = Page(width, height)
     for (name, colour, _), curves in on_sheet(sheets, index, progress):

@@ -102,7 +102,17 @@ class PatchProblem:
     def factor(
         self, weights: Float[np.ndarray, " quads"], springs: Springs | None = None
     ) -> Float[np.ndarray, "band vertices"]:
-        """Return the banded Cholesky factor of the weighted Laplacian; one vertex per patch is fixed, which only removes the shift."""
+        """Return the banded Cholesky factor of the weighted Laplacian; one vertex per patch is fixed, which only removes the shift.
+
+        Parameters
+        ----------
+        weights : of the quads' energies
+        springs : additional springs between flat vertices
+
+        Returns
+        -------
+        Lower band in LAPACK's storage, for ``global_step``; NaN where the matrix is not positive definite
+        """
         self.tick()
         values = (weights[:, None, None] * self.tri.stiffness).take(self._lower)
         slots = self._slot
@@ -280,7 +290,11 @@ def settle(
 ) -> FlatPatch:
     """Alternate nearest rotations and linear solves until the points come to rest (Liu et al. 2008).
 
-    rotation : start; by default propagated over the patch
+    Parameters
+    ----------
+    problem : the patch
+    rotation : start, unit complex numbers for the four corners' triangles; by default propagated over the patch
+    rounds : most rounds
     tolerance : stop when the worst energy changes by less than this share in a round
     hopeless : give up early when the worst energy is bound to stay above this
     """
@@ -314,6 +328,12 @@ def minimax(
 ) -> FlatPatch:
     """Lower the worst energy by weighting bad quads more, round by round; return the best patch seen.
 
+    Parameters
+    ----------
+    problem : the patch
+    patch : flat patch to start from
+    rounds : most changes of the weights
+    inner : solves between two of them
     target : stop when the worst energy is below this
     hopeless : give up when the worst energy is estimated to stay above this
     """

@@ -60,6 +60,11 @@ class Halving:
         """Cut between regions of some quads, whole bodies, so that each region lies flat.
 
         A quad whose own energy exceeds the limit stays alone.
+
+        Parameters
+        ----------
+        quads : all quads of one or more bodies
+        progress : called with the fraction done; may cancel
         """
         mesh = self.mesh
         region = np.asarray(mesh.body_of, dtype=np.int64).copy()
@@ -82,7 +87,14 @@ class Halving:
         return PatchLayout(mesh, cut)
 
     def lies_flat(self, quads: np.ndarray, share: float = 1.0, tick: Callable[[], None] = lambda: None) -> bool:
-        """Return whether a region can be laid flat in one piece, within ``share`` of the distortion limit and without overlap."""
+        """Return whether a region can be laid flat in one piece, within ``share`` of the distortion limit and without overlap.
+
+        Parameters
+        ----------
+        quads : a connected region
+        share : of the distortion limit
+        tick : called before every factorisation; may cancel
+        """
         mesh, limit = self.mesh, share * self.params.distortion_limit
         own = np.zeros(len(mesh.quads), dtype=bool)
         own[quads] = True

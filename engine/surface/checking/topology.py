@@ -58,7 +58,13 @@ def _components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def bodies(sides: Sides, faces: int) -> Int[np.ndarray, " faces"]:
-    """Return the body of every face, connected over edges, numbered from 0."""
+    """Return the body of every face, connected over edges, numbered from 0.
+
+    Parameters
+    ----------
+    sides : sides of all faces
+    faces : number of faces
+    """
     order = np.argsort(sides.edge, kind="stable")
     same = sides.edge[order][1:] == sides.edge[order][:-1]
     return _components(faces, sides.face[order[1:][same]], sides.face[order[:-1][same]])
@@ -75,7 +81,13 @@ def fans(sides: Sides) -> Int[np.ndarray, " corners"]:
 
 
 def split_vertices(polygons: PolygonMesh, sides: Sides) -> np.ndarray:
-    """Return the vertices whose corners form several fans."""
+    """Return the vertices whose corners form several fans.
+
+    Parameters
+    ----------
+    polygons : mesh with valid indices
+    sides : its sides
+    """
     found = np.unique(np.stack([polygons.corners, fans(sides)], axis=1), axis=0)[:, 0]
     return np.flatnonzero(np.bincount(found) > 1)
 
@@ -85,6 +97,11 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     The double cover holds every face twice, once turned over; a body is one-sided if its two copies are connected. The
     smaller of the two possible sets of faces is turned over.
+
+    Parameters
+    ----------
+    sides : sides of all faces
+    body : (F,) body of every face, from ``bodies``
     """
     one, two = sides.pairs.T
     f, g = sides.face[one], sides.face[two]
@@ -105,7 +122,13 @@ def inconsistent(sides: Sides, body: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def repeated_faces(polygons: PolygonMesh, later: bool = True) -> Int[np.ndarray, " repeated"]:
-    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in any order."""
+    """Return the faces, ascending, with the same vertices as an earlier face (as a later face if not ``later``), in any order.
+
+    Parameters
+    ----------
+    polygons : mesh with valid indices
+    later : return the later faces, not the earlier ones
+    """
     sizes = polygons.sizes
     face = np.repeat(np.arange(len(sizes)), sizes)
     corners = polygons.corners[np.lexsort((polygons.corners, face))]  # sorted within every face

@@ -47,7 +47,17 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
 
 
 def simplified(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Simplify to about ``count`` triangles by edge collapses (Garland and Heckbert 1997)."""
+    """Simplify to about ``count`` triangles by edge collapses (Garland and Heckbert 1997).
+
+    Parameters
+    ----------
+    vertices, corners : (N, 3) points and (T, 3) vertex indices of a triangle mesh
+    count : number of triangles to aim for
+
+    Returns
+    -------
+    Points and triangles of the simplified mesh
+    """
     import igl
 
     found = igl.qslim(np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64), count)
