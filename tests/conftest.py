@@ -6,8 +6,10 @@ import importlib
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -128,6 +130,34 @@ def browser() -> ModuleType:
     if reason is not None:
         pytest.skip(reason)
     return module
+
+
+_predicting: list[bool] = []
+
+
+@pytest.fixture(scope="session")
+def merge_without_prediction() -> Iterator[None]:
+    """Let Merge keep the layout that its limits lead to, unless a test uses ``predicted_match``.
+
+    Predicting the match takes most of the time that a small piece needs from its mesh to its simulation.
+    """
+    tighten = importlib.import_module("flexmaps.engine.extras.choosing.tighten")
+    original = tighten.tighten
+
+    def kept(piece: Any, begun: Any, flat: Any, *more: Any) -> Any:
+        return original(piece, begun, flat, *more) if _predicting else flat
+
+    tighten.tighten = kept
+    yield
+    tighten.tighten = original
+
+
+@pytest.fixture
+def predicted_match() -> Iterator[None]:
+    """Let Merge predict the match, as it does for users."""
+    _predicting.append(True)
+    yield
+    _predicting.pop()
 
 
 @pytest.fixture(scope="session")

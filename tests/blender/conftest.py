@@ -21,7 +21,7 @@ shapes.BUILDERS["dome"] = partial(shapes.dome, 6)  # in fewer quads: several pan
 
 
 @pytest.fixture(scope="session")
-def extension() -> Iterator[None]:
+def extension(merge_without_prediction: None) -> Iterator[None]:
     flexmaps.register()
     yield
     flexmaps.unregister()

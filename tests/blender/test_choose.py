@@ -13,6 +13,7 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import mesh, next_button, states
 from flexmaps.bridge.view import choices
+from flexmaps.engine import workers
 from flexmaps.engine.extras.choosing import choose as choosing
 from flexmaps.engine.extras.choosing import layout_search
 from flexmaps.engine.surface.checking import check
@@ -24,7 +25,8 @@ from support.drawing import draw
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few layouts, which is quicker."""
+    """Few layouts, all judged in this process, which is quicker."""
+    monkeypatch.setattr(workers, "cores", lambda: 1)
     monkeypatch.setattr(layout_search, "MOST", 5)
     monkeypatch.setattr(layout_search, "FEWEST", 5)
     monkeypatch.setattr(choosing, "MOST_PARTS", 2)
@@ -82,7 +84,9 @@ def test_the_spirals_are_those_with_which_the_layout_was_chosen(chosen: Any) -> 
     assert np.abs(widths_of(chosen) - first).max() > 1e-3
 
 
-def test_what_was_made_fit_stays_where_no_layout_comes_nearer(add: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_made_fit_stays_where_no_layout_comes_nearer(
+    add: Any, quick: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With no other layout to compare, the present one keeps its spirals, its shape, and the match that it has reached."""
     monkeypatch.setattr(layout_search, "MOST", 1)
     monkeypatch.setattr(layout_search, "FEWEST", 1)

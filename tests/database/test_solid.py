@@ -93,7 +93,9 @@ def test_forces_and_tangent_are_those_of_the_energy():
     assert wrong_blocks(energy, model.inner_forces(f, stress), lambda v: tangent @ v, blocks) == []
 
 
-@pytest.mark.parametrize(("height", "twist"), [(1.0, 0.0), (0.5, 3.0), (2.0, 6.0)])
+@pytest.mark.parametrize(
+    ("height", "twist"), [(1.0, 0.0), (0.5, 3.0), pytest.param(2.0, 6.0, marks=pytest.mark.thorough)]
+)
 def test_slender_arms_agree_with_castigliano(height, twist):
     model = Model(Spiral(80.0, height, twist), 0.3)
     compliance = linear.tip_compliance(model, linear.unit_motions(model))
@@ -108,7 +110,10 @@ def test_slender_arms_agree_with_castigliano(height, twist):
         assert np.linalg.eigvalsh(scale @ beam @ scale)[-1] == pytest.approx(true, rel=0.03)
 
 
-@pytest.mark.parametrize(("scale", "height", "twist"), [(9.0, 1.0, 2.0), (9.0, 3.0, 2.0), (20.0, 0.5, 3.0)])
+@pytest.mark.parametrize(
+    ("scale", "height", "twist"),
+    [(9.0, 1.0, 2.0), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((9.0, 3.0, 2.0), (20.0, 0.5, 3.0)))],
+)
 def test_stubs_of_arms_without_load_stand_for_whole_arms(scale, height, twist):
     spiral = Spiral(scale, height, twist)
     whole, cut = (Model(spiral, 0.3, FINENESS, whole=one) for one in (None, linear.TIP))

@@ -14,6 +14,11 @@ from flexmaps.engine.surface.mesh import QuadMesh
 sys.modules["flexmaps_shapes"].watch("engine")
 
 
+@pytest.fixture(scope="session", autouse=True)
+def quick_merge(merge_without_prediction: None) -> None:
+    """Begin with the layout of Merge alone."""
+
+
 def _flat_grid(
     columns: int = 3,
     rows: int = 3,

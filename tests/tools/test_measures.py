@@ -27,6 +27,10 @@ def test_all_are_held(measures: ModuleType) -> None:
     assert tuple(measures.FAULTS) == FAULTS
 
 
+def test_no_more_functions_than_before_leave_their_parameters_undescribed(measures: ModuleType) -> None:
+    assert len(measures.undescribed()) <= measures.UNDESCRIBED
+
+
 @pytest.fixture
 def house(tmp_path: Path, measures: ModuleType, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small house in order, for which the tool takes it."""
@@ -69,6 +73,30 @@ def test_what_is_out_of_order_is_named(
     found = [f"{place.path}:{place.line}" for place in measures.FAULTS[name]()]
     assert set(places) <= set(found)
     assert len(found) <= len(places) + 1  # what stands on a circle is named with it
+
+
+DESCRIBED = '"""Do it.\n\n    Parameters\n    ----------\n    a, b : numbers\n    """'
+
+
+@pytest.mark.parametrize(
+    ("text", "users", "found"),
+    [
+        ('def f(a, b):\n    """Do it."""\n', "from .surface.mesh import f\n", ["f"]),
+        ('def f(a, *, b):\n    """Do it."""\n', "from .surface import mesh\nmesh.f(1, b=2)\n", ["f"]),
+        ('class C:\n    def f(self, a, b):\n        """Do it."""\n', "from .surface.mesh import C\n", ["C.f"]),
+        ('def f(a, b):\n    """Do it."""\n', "from .surface import mesh\n", []),
+        ('def f(a):\n    """Do it."""\n', "from .surface.mesh import f\n", []),
+        ('class C:\n    def f(self, a):\n        """Do it."""\n', "from .surface.mesh import C\n", []),
+        (f"def f(a, b):\n    {DESCRIBED}\n", "from .surface.mesh import f\n", []),
+    ],
+)
+def test_functions_of_other_folders_describe_their_parameters(
+    text: str, users: str, found: list[str], house: Path, measures: ModuleType
+) -> None:
+    (house / "engine" / "surface" / "mesh.py").write_text(text)
+    (house / "engine" / "materials.py").write_text(users)
+    measures.tree.cache_clear()
+    assert [place.what for place in measures.undescribed()] == found
 
 
 def test_the_glossary_names_classes_that_there_are(root: Path, measures: ModuleType) -> None:

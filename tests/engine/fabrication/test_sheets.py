@@ -294,7 +294,9 @@ def test_svg_arc_flags_for_both_senses_and_large_arcs():
     assert (first.end.x, first.end.y) == (0.0, 11.0)
 
 
-@pytest.mark.parametrize("name", ["cubesphere", "saddle", "two_bodies"])
+@pytest.mark.parametrize(
+    "name", ["cubesphere", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("saddle", "two_bodies"))]
+)
 def test_sheets_of_real_layouts(name):
     from flexmaps.engine.params import LayoutParams
     from flexmaps.engine.patches.flattening import flatten

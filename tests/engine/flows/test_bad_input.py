@@ -23,6 +23,12 @@ def _write(out, name="sheet", **blocks):
         return export.write(result.sheets, out / name, ("svg",), new)
 
 
+@pytest.fixture(scope="module")
+def strip():
+    settings = Settings(sheet=SheetParams(**QUICK))
+    return job.run(PolygonMesh.from_quads(shapes.make("strip")), settings, edge=0.02).sheets
+
+
 @pytest.fixture
 def earlier(tmp_path):
     (tmp_path / "sheet-01.svg").write_text("earlier")
@@ -129,8 +135,8 @@ def test_unwritable_folder(earlier):
 
 
 @pytest.mark.parametrize("name", ["a sheet (1) & more", "Blätter ✂ 100%", "'quoted' \"twice\"", "...dots"])
-def test_odd_file_names(tmp_path, name):
-    assert [p.name for p in _write(tmp_path, name)] == [f"{name}-01.svg"]
+def test_odd_file_names(strip, tmp_path, name):
+    assert [p.name for p in export.write(strip, tmp_path / name, ("svg",))] == [f"{name}-01.svg"]
     assert (tmp_path / f"{name}-01.svg").read_text().rstrip().endswith("</svg>")
 
 

@@ -49,7 +49,7 @@ def made(name: str = "dome", edge: float = 0.03) -> tuple[SpiralDesign, QuadMesh
     return found.design, found.mesh
 
 
-@pytest.mark.parametrize("material", ["vero", "birch"])
+@pytest.mark.parametrize("material", [pytest.param("vero", marks=pytest.mark.thorough), "birch"])
 def test_derivatives_that_are_found_later_are_those_found_at_once(material):
     whole = assembly_from_design(made()[0])
     at_once, later = (
@@ -194,7 +194,15 @@ def problem(share: float, groups: int, opening: float | None, soft: float = 0.0)
     return found, target_pose(mesh, whole.flat.corners)
 
 
-@pytest.mark.parametrize("options", [(0.0, 1, None), (0.3, 4, 0.0015), (0.0, 1, None, 0.1)], ids=str)
+@pytest.mark.parametrize(
+    "options",
+    [
+        (0.3, 4, 0.0015),
+        pytest.param((0.0, 1, None), marks=pytest.mark.thorough),
+        pytest.param((0.0, 1, None, 0.1), marks=pytest.mark.thorough),
+    ],
+    ids=str,
+)
 def test_the_optimisers_gradient_is_a_difference(options):
     whole, pose = problem(*options)
     rng = np.random.default_rng(4)

@@ -43,11 +43,6 @@ def _widths(pattern, quads, low, high):
     return rng.uniform(low, high, (quads, 4))
 
 
-@pytest.fixture(scope="module", params=["checker", pytest.param("thin", marks=pytest.mark.thorough), "random"])
-def pattern(request):
-    return request.param
-
-
 def _layout(name):
     """A surface with quads of 20 mm and its seams."""
     mesh = {"dome": shapes.dome, "saddle": shapes.saddle}.get(name, lambda _: shapes.torus(8, 5))(4)
@@ -58,12 +53,23 @@ def _layout(name):
     return mesh, PatchLayout(mesh, across & ~mesh.border)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("dome", marks=pytest.mark.thorough), "saddle", "torus"])
-def case(request, pattern):
+QUICK = {("saddle", "random"), ("torus", "checker")}
+CASES = [
+    pytest.param(
+        (name, pattern), id=f"{name}-{pattern}", marks=() if (name, pattern) in QUICK else pytest.mark.thorough
+    )
+    for pattern in ("checker", "thin", "random")
+    for name in ("dome", "saddle", "torus")
+]
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
     """A surface, a design as wound as it can be in half of its quads, and its sheets."""
-    mesh, layout = _layout(request.param)
+    name, pattern = request.param
+    mesh, layout = _layout(name)
     flat = flatten.flatten(layout, LayoutParams())
-    params, count = SpiralParams(clockwise=request.param == "saddle"), len(mesh.quads)
+    params, count = SpiralParams(clockwise=name == "saddle"), len(mesh.quads)
     width = _widths(pattern, count, params.width_min, params.width_max)
     made = design.make_fabricable(flat, params, width, np.random.default_rng(12).uniform(0.0, 8.0, count))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), cut=CutParams(kerf_outline=KERF, kerf_holes=KERF))
@@ -168,7 +174,7 @@ def test_solids_are_closed_and_as_heavy_as_the_panels(case):
     assert _closed(shown.vertices, shown.corners, shown.sizes).volume == pytest.approx(volume, rel=5e-3)
 
 
-@pytest.mark.parametrize("case", ["saddle"], indirect=True)
+@pytest.mark.parametrize("case", [("saddle", "random")], indirect=True, ids="-".join)
 def test_files_hold_the_same_polygons(case, tmp_path):
     _, _, cut = case
     written = export.write(cut, tmp_path / "sheet", ("svg", "dxf"))
@@ -218,6 +224,9 @@ def test_the_assembled_piece_is_drawn_without_gaps(case):
     assert _closed(points, panels.corners, panels.sizes).volume == pytest.approx(volume, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    "pattern", ["random", *(pytest.param(k, marks=pytest.mark.thorough) for k in ("checker", "thin"))]
+)
 def test_the_film_of_the_assembly_is_finite(pattern):
     mesh, layout = _layout("saddle")
     flat = flatten.flatten(layout, LayoutParams())

@@ -96,15 +96,20 @@ def slope(value: object, h: float) -> float:
 @pytest.mark.parametrize(
     "options",
     [
-        {},
-        {"share": 0.3},
-        {"groups": 4},
-        {"opening": 0.0015},
-        {"share": 0.3, "opening": 0.0006},
         {"groups": 4, "share": 0.3, "kept": True},
         {"feet": "hinged"},
-        {"feet": "clamped"},
         {"feet": "clamped", "share": 0.3, "opening": 0.0006},
+        *(
+            pytest.param(one, marks=pytest.mark.thorough)
+            for one in (
+                {},
+                {"share": 0.3},
+                {"groups": 4},
+                {"opening": 0.0015},
+                {"share": 0.3, "opening": 0.0006},
+                {"feet": "clamped"},
+            )
+        ),
     ],
     ids=str,
 )

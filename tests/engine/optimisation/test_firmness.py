@@ -80,7 +80,14 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"held": True}, {"groups": 4}, {"curving": True}, {"flats": True}, {"flats": True, "held": True}],
+    [
+        {"curving": True},
+        {"flats": True, "held": True},
+        *(
+            pytest.param(one, marks=pytest.mark.thorough)
+            for one in ({}, {"held": True}, {"groups": 4}, {"flats": True})
+        ),
+    ],
     ids=str,
 )
 def test_gradient_of_the_barrier(options: dict) -> None:

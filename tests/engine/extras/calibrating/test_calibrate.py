@@ -108,10 +108,10 @@ def test_perfect_readings_give_what_they_were_made_from(name: str) -> None:
 
 
 def test_readings_with_errors_of_two_percent(laser: Coupons) -> None:
-    """Modulus within 3 % and kerf within 0.02 mm, at 95 of 100 draws."""
+    """Modulus within 3 % and kerf within 0.02 mm, at 95 % of the draws."""
     random, exact = np.random.default_rng(3), perfect(laser)
     youngs, kerfs = [], []
-    for _ in range(100):
+    for _ in range(40):
 
         def noisy(values: list) -> list:
             return [np.asarray(v) * (1.0 + 0.02 * random.standard_normal(np.shape(v))) for v in values]
@@ -265,7 +265,8 @@ def test_rungs_leave_their_clearance(laser: Coupons, kind: str) -> None:
 
         # as it sits: where it is farthest from the rail all round
         into = rail.bounds[3] - part.bounds[1]
-        found = min(apart(-s) for s in np.linspace(0.0, 0.006, 6001) - into)
+        near = min(np.linspace(0.0, 0.006, 301), key=lambda s: apart(into - s))
+        found = min(apart(into - s) for s in near + np.linspace(-2e-5, 2e-5, 41) if s >= 0.0)
         assert -found == pytest.approx(clearance, abs=2e-6)
 
 

@@ -16,7 +16,9 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.merging.merge import merge
 from flexmaps.engine.patches.tracing.trace import trace
 from flexmaps.engine.progress import Progress
+from flexmaps.engine.runs import job
 from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 
 SETTINGS = Settings()
 NEAR = replace(SETTINGS.choose, match=1e-3)  # what no layout holds
@@ -68,6 +70,11 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     assert quartered is not None and len(quartered.flat.layout.patches) == 4
     found = tighten(piece, layout, quartered.flat, replace(SETTINGS.choose, match=100.0))
     np.testing.assert_array_equal(found.layout.cut, ridge)
+
+
+def test_merge_says_what_match_to_expect(predicted_match: None) -> None:
+    made = job.run(PolygonMesh.from_quads(shapes.dome(4)), SETTINGS, edge=0.02, stop_after="merge")
+    assert made.outputs["merged"].merged.layout.notes["expected_percent"] > 0.0
 
 
 @pytest.mark.thorough

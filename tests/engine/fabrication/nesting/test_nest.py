@@ -50,7 +50,7 @@ def _nest_until(reached, shapes, params, monkeypatch):
 
     How far a search comes in a second depends on what else the machine does.
     """
-    for factor in (1, 4, 16):
+    for factor in (1, 4, 16, 64):
         monkeypatch.setattr(strips, "TURN", factor)
         packing = nesting.nest(shapes, replace(params, nesting_seconds=factor * params.nesting_seconds))
         if reached(packing):
@@ -77,7 +77,7 @@ def test_fewer_sheets_than_the_quick_packing(monkeypatch):
 
 
 def test_one_sheet_leaves_a_longer_rest_than_the_quick_packing(monkeypatch):
-    params = SheetParams(spacing=0.003, nesting_seconds=6.0)
+    params = SheetParams(spacing=0.003, nesting_seconds=1.5)
     shapes = [_wedge(0.3, 0.12, 0.02)] * 5
     rough = pack(shapes, (0.6, 0.4), 0.005, 0.003)
     wanted = 0.95 * used_length(rough, shapes, 0)
@@ -152,7 +152,7 @@ def test_the_last_sheet_is_drawn_together_by_finer_outlines_where_there_is_time(
 
 @pytest.mark.parametrize(("rotation", "step"), [("QUARTER", 90.0), ("GRAIN", 180.0)])
 def test_rotation_limits_hold(rotation, step):
-    params = SheetParams(rotation=rotation, nesting_seconds=4.0)
+    params = SheetParams(rotation=rotation, nesting_seconds=1.5)
     shapes = [_wedge(0.3, 0.12, 0.06)] * 5
     packing = nesting.nest(shapes, params)
     turns = np.degrees(packing.rotation) / step
@@ -183,7 +183,7 @@ def test_it_stops_when_asked_and_ends_by_itself():
     asked = time.monotonic()
 
     def stopped():
-        return time.monotonic() - asked > 1.5
+        return time.monotonic() - asked > 0.5
 
     with pytest.raises(Cancelled):
         nesting.nest(shapes, SheetParams(nesting_seconds=1e4), Progress(stopped=stopped))
@@ -230,7 +230,7 @@ def test_it_stops_at_once_in_the_middle_of_a_search(monkeypatch):
 
     def told(_, text):
         if workers and not asked:
-            asked.append(time.monotonic() + 1.0)
+            asked.append(time.monotonic() + 0.3)
 
     def stopped():
         return bool(asked) and time.monotonic() > asked[0]
@@ -319,13 +319,19 @@ def test_a_sheet_is_emptied_where_the_others_have_room(monkeypatch):
     params = SheetParams(sheet_width=0.4, sheet_height=0.3, margin=0.005, spacing=0.002, nesting_seconds=30.0)
     shapes = [0.19 * np.array([[0, 0], [1, 0.1], [0.3, 0.8]])] * 9
     rough = pack(shapes, (0.4, 0.3), 0.005, 0.002)
-    monkeypatch.setattr(strips, "TURN", 5)  # the machine may be busy
-    one = NestingSearch(shapes, params, Progress())
-    try:
-        packing = one.emptied(rough)
-    finally:
-        one.finish()
-    assert sorted(np.bincount(packing.sheet).tolist())[0] < sorted(np.bincount(rough.sheet).tolist())[0] or len(
-        packing.sizes
-    ) < len(rough.sizes)
+
+    def emptier(packing):
+        fewest = [np.bincount(one.sheet).min() for one in (packing, rough)]
+        return len(packing.sizes) < len(rough.sizes) or fewest[0] < fewest[1]
+
+    for turn in (1, 5):  # the machine may be busy
+        monkeypatch.setattr(strips, "TURN", turn)
+        one = NestingSearch(shapes, params, Progress())
+        try:
+            packing = one.emptied(rough)
+        finally:
+            one.finish()
+        if emptier(packing):
+            break
+    assert emptier(packing)
     _check(shapes, packing, params)

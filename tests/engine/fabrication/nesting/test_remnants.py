@@ -118,8 +118,9 @@ def test_what_is_no_drawing_is_refused(tmp_path: Path, name: str, text: str, say
 # -- laying panels on them ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rotation", ["FREE", "QUARTER", "GRAIN"])
-@pytest.mark.parametrize(("margin", "spacing"), [(0.005, 0.003), (0.0, 0.002), (0.002, 0.008)])
+@pytest.mark.parametrize(
+    ("rotation", "margin", "spacing"), [("FREE", 0.005, 0.003), ("QUARTER", 0.0, 0.002), ("GRAIN", 0.002, 0.008)]
+)
 def test_panels_lie_inside_and_apart(tmp_path: Path, rotation: str, margin: float, spacing: float) -> None:
     files = f"{as_dxf(tmp_path / 'a.dxf')};{as_svg(tmp_path / 'b.svg')}"
     params = SheetParams(remnants=files, nesting="FAST", rotation=rotation, margin=margin, spacing=spacing)

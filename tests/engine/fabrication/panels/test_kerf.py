@@ -74,7 +74,10 @@ def made(flat_grid):
     return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
 
 
-@pytest.mark.parametrize("outline, holes", [(0.0001, 0.0001), (0.0002, 0.0001), (0.0, 0.0002)])
+@pytest.mark.parametrize(
+    "outline, holes",
+    [(0.0002, 0.0001), *(pytest.param(*one, marks=pytest.mark.thorough) for one in ((0.0001, 0.0001), (0.0, 0.0002)))],
+)
 def test_material_is_left_as_drawn(made, outline, holes):
     cut = CutParams(kerf_outline=outline, kerf_holes=holes)
     result = sheets.make_sheets(made, SheetParams(nesting="FAST", labels=False), cut=cut)
