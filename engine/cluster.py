@@ -123,7 +123,12 @@ class Cluster(Executor):
         return sum(self._client.ncores().values())
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call a function on one of the workers, as ``Workers.submit`` does."""
+        """Call a function on one of the workers, as ``Workers.submit`` does.
+
+        Parameters
+        ----------
+        function, args, kwargs : picklable
+        """
         if self._pickled[0] is not function:  # pickle it only once: it can hold a whole mesh
             self._pickled = function, pickle.dumps(function)
         wanted: Future[Any] = Future()
@@ -133,7 +138,12 @@ class Cluster(Executor):
         return wanted
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Disconnect from the cluster, which keeps running; unfinished tasks are dropped."""
+        """Disconnect from the cluster, which keeps running; unfinished tasks are dropped.
+
+        Parameters
+        ----------
+        wait, cancel_futures : of ``Executor``, without effect here
+        """
         self._client.close()
 
     def __exit__(self, *failed: Any) -> None:

@@ -69,7 +69,13 @@ class Guard:
             )
 
     def may_remove(self, path: Path, root: Path | None = None) -> bool:
-        """Return whether a stale file may be removed: this program wrote it, and it is not an input of this run."""
+        """Return whether a stale file may be removed: this program wrote it, and it is not an input of this run.
+
+        Parameters
+        ----------
+        path : the stale file
+        root : folder with the recorded checksum; its own folder by default
+        """
         return is_ours(path, root) and not any(_same(source, path) for source in self._read)
 
 

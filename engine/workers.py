@@ -96,7 +96,13 @@ class Workers(Executor):
         return [futures[number].result() for number in range(len(items))]
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call a function in a process, as ``concurrent.futures.Executor`` does, but without keyword arguments."""
+        """Call a function in a process, as ``concurrent.futures.Executor`` does, but without keyword arguments.
+
+        Parameters
+        ----------
+        function, args : picklable
+        kwargs : none
+        """
         if kwargs:
             raise TypeError("workers take no keywords; use functools.partial")
         return self._threads.submit(self._called, pickle.dumps(function), pickle.dumps(args))
@@ -108,7 +114,13 @@ class Workers(Executor):
                 process.kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after all submitted tasks, or at once with ``cancel_futures``."""
+        """End the processes: after all submitted tasks, or at once with ``cancel_futures``.
+
+        Parameters
+        ----------
+        wait : return when all processes have ended
+        cancel_futures : end them at once
+        """
         if cancel_futures:
             self._threads.shutdown(wait=False, cancel_futures=True)
             self.stop()

@@ -67,7 +67,7 @@ ROOMS = (
 DATABASE = "database"  # makes data/ offline, from the engine alone
 BESIDE = ("tools", "tests", "examples", "presets")  # not in the package; long files and functions count there too
 FILE, FUNCTION = 400, 60  # most lines
-UNDESCRIBED = 95  # most functions that ``undescribed`` may find; lower it whenever some of them get their sections
+UNDESCRIBED = 51  # most functions that ``undescribed`` may find; lower it whenever some of them get their sections
 
 
 class Place(NamedTuple):
@@ -206,7 +206,7 @@ def bare_numbers() -> list[Place]:
 def undescribed() -> list[Place]:
     """Return public functions that other folders import, with two or more parameters and no section *Parameters*.
 
-    Methods count where another folder imports their class.
+    Methods count where another folder imports their class; those without a docstring have that of the method they override.
     """
     files = package()
     known = {dotted(path): path for path in files}
@@ -242,13 +242,13 @@ def _names_used(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tupl
 
 def _lacks_parameters(function: ast.FunctionDef, own: int) -> bool:
     """Return whether a public function has two or more parameters, apart from its ``own`` first ones, and does not describe them."""
-    words = function.args
+    given = function.args
     static = any(isinstance(d, ast.Name) and d.id == "staticmethod" for d in function.decorator_list)
-    every = [*words.posonlyargs, *words.args, *words.kwonlyargs, *filter(None, (words.vararg, words.kwarg))]
-    several = len(every) - (0 if static else own) >= 2
-    return (
-        several and not function.name.startswith("_") and "Parameters\n---" not in (ast.get_docstring(function) or "")
-    )
+    every = [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
+    text = ast.get_docstring(function)
+    if function.name.startswith("_") or len(every) - (0 if static else own) < 2 or (own and text is None):
+        return False
+    return text is None or "Parameters\n---" not in text
 
 
 def _numeric(value: ast.AST) -> bool:

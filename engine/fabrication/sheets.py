@@ -193,7 +193,16 @@ def with_labels_beside(
     piece: int = 0,
     progress: Progress = SILENT,
 ) -> tuple[tuple[Panel, ...], int]:
-    """Return the panels with small labels of one piece written beside them, and how many labels appear only there."""
+    """Return the panels with small labels of one piece written beside them, and how many labels appear only there.
+
+    Parameters
+    ----------
+    panels, packing : of all pieces, with their places on the sheets
+    small : labels of one piece that are too small on it
+    params : height of letters, and spacing
+    piece : number of the piece
+    progress : called with the fraction done; may cancel
+    """
     place = {p.patch: k for k, p in enumerate(panels) if p.patch >= 0 and p.piece == piece}
     of_panel = [place[one.patch] for one in small]
     found, more = list(panels), 0
@@ -273,7 +282,14 @@ def _plates(base: Base | None) -> tuple[Panel, ...]:
 
 
 def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[Panel, ...]:
-    """Return the loose keys as panels; ``mark`` is the letter of the piece."""
+    """Return the loose keys as panels.
+
+    Parameters
+    ----------
+    made : connectors of the piece
+    params : heights of labels, and whether there are any
+    mark : letter of the piece
+    """
     keyed = [(marked(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
         Panel(

@@ -92,13 +92,26 @@ class Nodes:
 
     @classmethod
     def from_poses(cls, pose: Pose, hub: np.ndarray, there: Pose) -> Nodes:
-        """Express nodes that stand at ``there`` in space relative to their hubs."""
+        """Express nodes that stand at ``there`` in space relative to their hubs.
+
+        Parameters
+        ----------
+        pose : of the hubs
+        hub : hub of every node
+        there : poses of the nodes in space
+        """
         back = np.swapaxes(pose.rotations[hub], 1, 2)
         return cls(hub, np.einsum("nij,nj->ni", back, there.centres - pose.centres[hub]), back @ there.rotations)
 
     @classmethod
     def resting(cls, hub: np.ndarray, offset: Float[np.ndarray, "nodes 3"]) -> Nodes:
-        """Nodes at rest in the flat sheet; offset : (b, 3) metres from their hubs."""
+        """Nodes at rest in the flat sheet.
+
+        Parameters
+        ----------
+        hub : hub of every node
+        offset : metres from their hubs
+        """
         return cls(hub, offset, np.broadcast_to(np.eye(3), (len(hub), 3, 3)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> Nodes:

@@ -28,7 +28,15 @@ class Beyond:
     def outside_range(
         cls, quantity: str, value: np.ndarray, low: float, high: float, spiral: np.ndarray
     ) -> list[Beyond]:
-        """List with one entry if any value (N,), each of a spiral (N,) int, lies outside the range; else empty."""
+        """List with one entry if any value (N,), each of a spiral (N,) int, lies outside the range; else empty.
+
+        Parameters
+        ----------
+        quantity : name for the message
+        value : (N,)
+        low, high : range of the model
+        spiral : (N,) spiral of every value
+        """
         apart = np.maximum(low * (1.0 - SLACK) - value, value - high * (1.0 + SLACK))
         outside = apart > 0.0
         if not outside.any():

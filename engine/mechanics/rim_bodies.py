@@ -50,7 +50,14 @@ class RimBeams:
         width: np.ndarray,
         bore: np.ndarray,
     ) -> RimBeams:
-        """Build from complex positions and directions (N, S) of the pieces and tips (N,)."""
+        """Build from complex positions and directions (N, S) of the pieces and tips (N,).
+
+        Parameters
+        ----------
+        place, way : (N, S) complex, middles and unit directions of the pieces, metres
+        tip : (N,) complex, metres
+        length, width, bore : of the pieces, metres
+        """
         return cls(_to_space(tip[:, None] - place), _to_space(way), length, np.broadcast_to(width, length.shape), bore)
 
     def part(self, some: np.ndarray) -> RimBeams:
@@ -179,7 +186,10 @@ def _axes(across: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 3 3"]:
 def rim_tip_compliance(bend: np.ndarray, slide: np.ndarray, lever: np.ndarray) -> Float[np.ndarray, "n 6 6"]:
     """(N, 6, 6) motion of the tips of arms per wrench there.
 
-    bend, slide : (N, S, 3, 6) turns and stretches of the pieces per wrench; lever : (N, S, 3) metres to the tip
+    Parameters
+    ----------
+    bend, slide : (N, S, 3, 6) turns and stretches of the pieces per wrench
+    lever : (N, S, 3) metres to the tip
     """
     shift = (slide - skew(lever) @ bend).sum(axis=1)
     return np.concatenate([shift, bend.sum(axis=1)], axis=1)

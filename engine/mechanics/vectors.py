@@ -23,7 +23,12 @@ def matvec(matrix: Float[np.ndarray, "... i j"], vector: Float[np.ndarray, "... 
 
 
 def outer(a: Float[np.ndarray, "... i"], b: Float[np.ndarray, "... j"]) -> Float[np.ndarray, "... i j"]:
-    """Outer products (..., i, j) of vectors (..., i) and (..., j)."""
+    """Outer products (..., i, j) of vectors (..., i) and (..., j).
+
+    Parameters
+    ----------
+    a, b : vectors, with the same leading dimensions
+    """
     return a[..., :, None] * b[..., None, :]
 
 
@@ -35,7 +40,13 @@ def skew(v: np.ndarray) -> Float[np.ndarray, "... 3 3"]:
 
 
 def fill_skew(out: np.ndarray, v: np.ndarray) -> None:
-    """Write the skew matrices of vectors (3, ...) into zeros (3, 3, ...)."""
+    """Write the skew matrices of vectors (3, ...) into zeros (3, 3, ...).
+
+    Parameters
+    ----------
+    out : (3, 3, ...) zeros, changed in place
+    v : (3, ...)
+    """
     out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
 

@@ -103,6 +103,14 @@ class FlatRange:
         """Return x (P, 2) if it keeps the limits, else a point between it and ``inner``, which keeps them.
 
         A shortened step keeps its direction, so a descent direction stays one.
+
+        Parameters
+        ----------
+        x, inner : (P, 2) coordinates of flat vertices
+
+        Returns
+        -------
+        x itself, or a point between it and ``inner``
         """
         share = 1.0
         while share > 1e-3:
@@ -186,7 +194,12 @@ class FlatProblem(InverseProblem):
         iterations: int | None = None,
         step: np.ndarray | None = None,
     ) -> FlatPoint:
-        """Return the point at these coordinates of spirals and flat vertices; arguments as in ``InverseProblem.at``."""
+        """Return the point at these coordinates of spirals and flat vertices.
+
+        Parameters
+        ----------
+        x, start, progress, iterations, step : as for ``InverseProblem.at``; x are coordinates of spirals and flat vertices
+        """
         n = self.own
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout

@@ -109,7 +109,12 @@ class DesignSpace:
         return x[: len(self.low) * self.each].reshape(-1, self.each)
 
     def filled(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
-        """Return x with these two coordinates, in [0, 1], for every spiral."""
+        """Return x with these two coordinates, in [0, 1], for every spiral.
+
+        Parameters
+        ----------
+        width, twist : in [0, 1]
+        """
         return np.tile([width] * self.groups + [twist], len(self.low))
 
     def including(self, design: SpiralDesign) -> DesignSpace:
@@ -122,11 +127,23 @@ class DesignSpace:
         return space._limit_twist(design.width, design.twist, least > design.twist + 1e-12)
 
     def winding_at_most(self, design: SpiralDesign, where: Bool[np.ndarray, " quads"]) -> DesignSpace:
-        """Limit the twist of the spirals ``where`` to the twist in a design of the space."""
+        """Limit the twist of the spirals ``where`` to the twist in a design of the space.
+
+        Parameters
+        ----------
+        design : a design of the space
+        where : spirals to limit
+        """
         return self._limit_twist(design.width, design.twist, where)
 
     def keeping(self, design: SpiralDesign, quads: Int[np.ndarray, " kept"]) -> DesignSpace:
-        """Fix these spirals, beside those already fixed, at the values of a design."""
+        """Fix these spirals, beside those already fixed, at the values of a design.
+
+        Parameters
+        ----------
+        design : a design of the space
+        quads : spirals to fix
+        """
         kept = quads if self.kept is None else np.union1d(self.kept.quads, quads)
         return replace(self, kept=FixedSpirals.from_design(design, kept.astype(np.int64)) if len(kept) else None)
 
@@ -175,7 +192,13 @@ class DesignSpace:
     def coordinates(
         self, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
     ) -> Float[np.ndarray, " _"]:
-        """Return the coordinates of widths, metres, and twists, radians, clipped to the box; a group gets its mean width."""
+        """Return the coordinates of widths, metres, and twists, radians, clipped to the box; a group gets its mean width.
+
+        Parameters
+        ----------
+        width : metres; a group gets its mean
+        twist : radians
+        """
         shares = self._width_shares(width)
         least, span = self._length_range(shares.mean(axis=1))[:2]
         wound = (np.sqrt(1.0 + twist**2) - least) / np.maximum(span, 1e-12)

@@ -52,6 +52,9 @@ class CurvatureEstimate:
     def units(self, value: float, damping: float) -> Float[np.ndarray, " coordinates"]:
         """Return units of the coordinates in which the damped model has about equal curvatures.
 
-        value : of the objective, which bounds the curvatures from below; damping : weight of half the squared step
+        Parameters
+        ----------
+        value : of the objective, which bounds the curvatures from below
+        damping : weight of half the squared step
         """
         return 1.0 / np.sqrt(np.maximum(self._estimate, MIN_CURVATURE * value / self._estimate.size) + damping)

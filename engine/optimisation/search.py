@@ -116,24 +116,49 @@ class Task:
         )
 
     def aim(self, assembly: Assembly, free: bool) -> Target:
-        """Return the target of the spirals' centres; free : whether nothing holds the piece."""
+        """Return the target of the spirals' centres.
+
+        Parameters
+        ----------
+        assembly : of any design of the piece
+        free : whether nothing holds the piece
+        """
         wishes = self.wishes if self.params.urge > 0.0 else None
         return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
 
     def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
-        """Return the design space of this design's patches."""
+        """Return the design space of this design's patches.
+
+        Parameters
+        ----------
+        design : gives the patches and limits
+        progress : called with the fraction done; may cancel
+        """
         self.work.add(SPACE, len(design.width))
         groups = GROUP_COUNTS[self.params.arms]
         space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
         return space.including(design)
 
     def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
-        """Build the elastic model of an assembly, second order included."""
+        """Build the elastic model of an assembly, second order included.
+
+        Parameters
+        ----------
+        assembly : the piece
+        progress : called with the fraction done; may cancel
+        """
         self.work.add(CURVING, assembly.size)
         return build_model(assembly, self.material, self.physics.model, progress=progress)
 
     def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
-        """Simulate a design with the whole model, from a pose."""
+        """Simulate a design with the whole model, from a pose.
+
+        Parameters
+        ----------
+        design : spirals and panels
+        start : pose of all hubs to start from
+        progress : called with the fraction done; may cancel
+        """
         rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
         rest["progress"] = replace(progress, shown=None)  # the view shows the steps of the search only
         return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)

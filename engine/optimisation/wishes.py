@@ -46,7 +46,10 @@ class Wishes:
     def unreachable(self, energy: float, count: int) -> str:
         """Return why other spirals cannot bring the piece nearer to the wishes, as a sentence; "" if they can.
 
-        energy : of the equilibrium, joules; count : number of spirals
+        Parameters
+        ----------
+        energy : of the equilibrium, joules
+        count : number of spirals
         """
         return UNSTRAINED_MESSAGE if energy < MIN_ENERGY * count else ""
 

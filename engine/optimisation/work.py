@@ -68,11 +68,23 @@ class Work:
         return cls(patience * usual, END_RATE / patience)
 
     def add(self, seconds: float, size: int) -> None:
-        """Add work of some seconds a spiral on ``size`` spirals."""
+        """Add work of some seconds a spiral on ``size`` spirals.
+
+        Parameters
+        ----------
+        seconds : per spiral
+        size : number of spirals
+        """
         self.done += seconds * size
 
     def begin(self, share: float, *, rated: bool = True) -> None:
-        """Begin a stage that may reach this share of the limit; rated : whether it ends at ``rate``."""
+        """Begin a stage that may reach this share of the limit.
+
+        Parameters
+        ----------
+        share : of the limit
+        rated : whether the stage ends at ``rate``
+        """
         self.share, self.rated = share, rated
         self.steps.clear()
 

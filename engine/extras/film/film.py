@@ -130,10 +130,17 @@ def film(
 ) -> Film:
     """Return the film of an assembly that ends in a pose, with the elastic model and solver of a simulation.
 
+    Parameters
+    ----------
+    design, pose : spirals and panels, and the pose of all hubs at the end
     table : initial position of the origin of every patch, parallel to the xy plane, metres
-    tips : ends of arms with connectors
+    detail, tips : of the drawn panels, and the ends of arms with connectors
+    material, params : of the simulation
+    progress : called with the fraction done; may cancel
 
-    Raises ``FlexMapsError`` where a spiral is outside the elastic model's range.
+    Raises
+    ------
+    FlexMapsError : a spiral is outside the elastic model's range
     """
     found = find_stages(design, pose, material, params, progress.part(0.0, 0.5))
     panels = panel_mesh(design, detail, tips)

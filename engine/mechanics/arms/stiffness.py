@@ -324,7 +324,20 @@ def table_tip_compliance(
 def lengths_and_twists(
     scale: np.ndarray, width: np.ndarray, twist: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Scales, widths and twists as arrays (n,); raises FlexMapsError with the indices of invalid arms."""
+    """Scales, widths and twists as arrays (n,).
+
+    Parameters
+    ----------
+    scale, width, twist : numbers or arrays of broadcasting shapes
+
+    Returns
+    -------
+    Scales, widths and twists, each (n,)
+
+    Raises
+    ------
+    FlexMapsError : with the indices of invalid arms
+    """
     scale, width, twist = (np.atleast_1d(np.asarray(v, dtype=float)) for v in (scale, width, twist))
     scale, width, twist = np.broadcast_arrays(scale, width, twist)
     known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
@@ -337,7 +350,13 @@ def lengths_and_twists(
 
 
 def refuse_material(thickness: float, youngs: float) -> None:
-    """Raise FlexMapsError unless thickness (metres) and Young's modulus (Pa) are positive numbers."""
+    """Raise FlexMapsError unless thickness and Young's modulus are positive numbers.
+
+    Parameters
+    ----------
+    thickness : of the sheet, metres
+    youngs : Young's modulus, Pa
+    """
     if not (math.isfinite(thickness) and thickness > 0):
         raise FlexMapsError(f"The sheet's thickness is {thickness:g} m; it must be a positive number")
     if not (math.isfinite(youngs) and youngs > 0):

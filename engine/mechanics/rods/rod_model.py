@@ -156,8 +156,13 @@ class RodModel(JointsOnly):
         return RodState(pose, length, tangent, frames, bend, torsion, roll, length)
 
     def expand(self, state: RodState, ahead: bool = False) -> Expansion:
-        """Compute energy, gradient and Hessian; the roll is eliminated by a Schur complement. ``ahead`` affects the
-        tension only."""
+        """Compute energy, gradient and Hessian; the roll is eliminated by a Schur complement.
+
+        Parameters
+        ----------
+        state : pose with the rods' bends
+        ahead : affects the tension only
+        """
         joules, tension = self._stretch_energy(state.length)
         ends = strains.expand(self.springs, state.bend, state.angles)
         slope = ends.gradient * ROLL_SIGNS
