@@ -22,6 +22,8 @@ FOUND |= {"height": {}, "rows": {}, "presses": []}
 
 def walk():
     yield from installed()
+    space = hands.view()[1].spaces.active  # only the sidebar is looked at
+    space.shading.type, space.overlay.show_overlays = "WIREFRAME", False
     if os.environ.get("FLEXMAPS_LANGUAGE"):
         view = bpy.context.preferences.view
         view.language = os.environ["FLEXMAPS_LANGUAGE"]

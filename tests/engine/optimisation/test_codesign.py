@@ -249,7 +249,7 @@ def test_the_match_improves_within_the_limits_and_can_be_cut() -> None:
     design, mesh = made()
     whole, pose = problem()
     alone = InverseProblem(**{f.name: getattr(whole, f.name) for f in dataclasses.fields(InverseProblem)})
-    params, trace = OptimiseParams(iterations=12), SearchRecord()
+    params, trace = OptimiseParams(iterations=6), SearchRecord()
     alone, x = optimise._make_fabricable(alone, design, alone.space.coordinates(design.width, design.twist), SILENT)
     start = alone.at(x, pose)
     spirals = gauss_newton(alone, start, params, SearchRecord(), lambda point: None)
