@@ -16,7 +16,7 @@ from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.other_rests import find_other_rests
 from ..simulation.rests import snapping_spirals
-from ..simulation.simulate import Simulation, move_vertices
+from ..simulation.simulate import Simulation
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable, resolve_contacts
 from ..surface import curvature
@@ -27,6 +27,7 @@ from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import CANCELLED, SearchRecord
 from .search import FARTHER, MIN_ALLOWED_DISTANCE, Search, StageResult, Task
+from .snapshot import OptimisationStep
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
 from .work import FIT, Work
@@ -50,21 +51,6 @@ MAX_PROOFS = 3  # largest number of designs that are proved, the best first, unt
 START_RATIO = 1.5
 SAME_START = 0.01  # largest difference of coordinates, in [0, 1], between starts that count as equal; not measured
 RESULT_TOL = 0.02  # relative difference of merits up to which two designs count as equally good
-
-
-@dataclass(frozen=True, eq=False)
-class OptimisationStep:
-    """Snapshot of an optimisation after a step, for display.
-
-    vertices : (V, 3) metres, the target's vertices moved with the hubs; width : (F, 4) metres; twist : (F,) radians
-    rmse : metres, of the compared coordinates; step : number of steps so far
-    """
-
-    vertices: Float[np.ndarray, "vertices 3"]
-    width: Float[np.ndarray, "quads 4"]
-    twist: Float[np.ndarray, " quads"]
-    rmse: float
-    step: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,22 +168,29 @@ def optimise(
     _check(design, target, constraints, wishes)
     work = Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
-    problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
+    within = progress.at(0.0, "Starting shapes")
+    # first, because people see it, and at the end a user who cancels would have to wait for it
+    before = task.simulated(design, target_pose(target, design.flat.corners), within) if prove else None
+    rest = before.equilibrium.pose if before is not None and before.equilibrium.converged else None
+    if before is not None and rest is not None:
+        progress.show(OptimisationStep.from_simulation(before, task))
+    problem = task.problem(design, within)
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), rest)
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
-    # simulated now: at the end, a user who cancels would have to wait for it
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
-    within = progress.part(0.1, 0.12)
-    before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
+    if before is None:
+        before = task.rested(design, given)
+    elif not before.equilibrium.converged:
+        before = task.simulated(design, given.equilibrium.pose, progress.part(0.1, 0.12))
     trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
         nonlocal latest
         latest = point, search.held[-1].design if search.held else design
-        progress.show(_snapshot(point, design, target, len(trace.rows)))
+        progress.show(OptimisationStep.from_point(point, design, target, len(trace.rows)))
 
     search = Search(task, trace, accepted, _distance_limit(given, problem), design.flat)
     accepted(start)
@@ -211,12 +204,6 @@ def optimise(
     if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, name, found.point, trace.ended)
-
-
-def _snapshot(point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> OptimisationStep:
-    """Return the snapshot of a point, its pose laid onto the target where nothing holds the piece."""
-    vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
-    return OptimisationStep(vertices, *point.spirals, point.mismatch.rmse, step)
 
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
@@ -334,9 +321,14 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
 
 
 def find_starts(
-    problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
+    problem: InverseProblem,
+    design: SpiralDesign,
+    target: QuadMesh,
+    params: OptimiseParams,
+    progress: Progress,
+    rest: Pose | None = None,
 ) -> dict[str, DesignPoint]:
-    """Return the starts that have an equilibrium, by name.
+    """Return the starts that have an equilibrium, by name; ``rest`` : pose of the given design at rest, if known.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
@@ -354,11 +346,9 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose, within)
+        point = own.at(x, pose if rest is None or name != "given" else rest, within)
         if point.equilibrium.converged:
             points[name] = point
-            if len(points) == 1:  # the other starts take as long again, and a first picture should not wait for them
-                progress.show(_snapshot(point, design, target, 0))
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
         if points:
             break

@@ -41,9 +41,11 @@ def test_stopping_keeps_the_best_so_far() -> None:
         )
 
 
-def test_given_design_is_shown_before_the_other_starts_are_computed() -> None:
+def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     design, mesh = made()
     looks, events = [], []
+    space = optimise.Task.space
+    monkeypatch.setattr(optimise.Task, "space", lambda *given: events.append("limits") or space(*given))
 
     def show(look: optimise.OptimisationStep) -> None:
         looks.append(look)
@@ -52,6 +54,10 @@ def test_given_design_is_shown_before_the_other_starts_are_computed() -> None:
     progress = Progress(lambda _, text: events.append(text), lambda: len(looks) >= 2, shown=show)
     optimise.optimise(design, mesh, VERO, OptimiseParams(), SimulateParams(), progress=progress)
     assert looks[0].width == pytest.approx(design.width, rel=1e-6)
+    at_rest = simulate(design, mesh, VERO, SimulateParams())
+    assert looks[0].vertices == pytest.approx(at_rest.vertices, abs=1e-6 * mesh.diagonal)
+    assert 1e3 * looks[0].rmse == pytest.approx(at_rest.match["laplacian_rmse_mm"], rel=0.05)  # turned otherwise
+    assert events.index("shown") < events.index("limits")
     assert "Starting shapes" in events[events.index("shown") :]
 
 

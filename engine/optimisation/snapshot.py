@@ -1,0 +1,43 @@
+"""Snapshots of an optimisation, for display."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from ..arrays import Float
+from ..simulation.simulate import Simulation, move_vertices
+from ..spirals.design import SpiralDesign
+from ..surface.mesh import QuadMesh
+from .inverse import DesignPoint
+from .search import Task
+
+
+@dataclass(frozen=True, eq=False)
+class OptimisationStep:
+    """Snapshot of an optimisation after a step, for display.
+
+    vertices : (V, 3) metres, the target's vertices moved with the hubs; width : (F, 4) metres; twist : (F,) radians
+    rmse : metres, of the compared coordinates; step : number of steps so far
+    """
+
+    vertices: Float[np.ndarray, "vertices 3"]
+    width: Float[np.ndarray, "quads 4"]
+    twist: Float[np.ndarray, " quads"]
+    rmse: float
+    step: int
+
+    @classmethod
+    def from_point(cls, point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> Self:
+        """Return the snapshot of a point after some steps, its pose aligned with the target where nothing holds the piece."""
+        vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
+        return cls(vertices, *point.spirals, point.mismatch.rmse, step)
+
+    @classmethod
+    def from_simulation(cls, given: Simulation, task: Task) -> Self:
+        """Return the snapshot of the given design, before the first step."""
+        aim = task.aim(given.assembly, not given.loads.fixed.any())
+        rmse = aim.compare(given.equilibrium.pose.centres).rmse
+        return cls(given.vertices, given.design.width, given.design.twist, rmse, 0)
