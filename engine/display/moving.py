@@ -8,11 +8,10 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..spirals.caps import stump_starts
-from ..spirals.contours import arm_starts, find_roots
+from ..spirals.contours import arm_starts
 from ..spirals.design import SpiralDesign
 from ..spirals.slots import min_slot_width
-from ..spirals.solid import set_solid_roots
-from ..spirals.spiral import opposite_sides
+from ..spirals.solid import slot_roots
 from . import arrange
 from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points
 
@@ -38,12 +37,10 @@ class MovingPanels:
 
     def follow(self, design: SpiralDesign) -> None:
         """Show another design of the same flat patches and settings; only spirals that changed are redrawn."""
-        changed = design.unlike(self.design)
-        if not changed.any():
+        touched = design.reshaped(self.design)
+        if not touched.any():
             return
-        where, mesh = self.solid.arms, design.flat.layout.mesh
-        # arms blend into the arms at their joints
-        touched = changed | changed[opposite_sides(mesh)[0]].any(axis=1)
+        where = self.solid.arms
         # a foot keeps its place, but its arm may meet it with another number of points
         if where is None or touched[[foot.arm // 4 for foot in design.feet]].any():
             self._make(design)
@@ -51,7 +48,7 @@ class MovingPanels:
         quads = np.flatnonzero(touched)
         arms = design.arms.subset(quads)
         fillet, absent = design.params.fillet, design.absent[quads]
-        root = set_solid_roots(find_roots(arms, fillet), arms, fillet, design.solid[quads])
+        root = slot_roots(arms, fillet, design.solid[quads])
         begin = np.where(
             absent,
             stump_starts(root),

@@ -11,8 +11,8 @@ from ..materials import Material
 from ..params import ConnectorParams, CutParams, SheetParams
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
-from ..spirals.design import SpiralDesign, nearest_quads
-from ..spirals.touching import find_contacts
+from ..spirals.design import SpiralDesign
+from ..spirals.touching import find_contacts, nearest_quads
 from ..surface.checking.finding import counted
 from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits

@@ -13,9 +13,9 @@ from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
 from ..patches.joining import panel_numbers
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
-from ..spirals.design import SpiralDesign, nearest_quads
+from ..spirals.design import SpiralDesign
 from ..spirals.spiral import centre_line
-from ..spirals.touching import find_contacts
+from ..spirals.touching import find_contacts, nearest_quads
 from ..surface.checking.finding import counted
 from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without

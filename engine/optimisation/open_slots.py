@@ -99,9 +99,9 @@ class SlotRequirement:
 
     def _estimated(self, model: ArmModel, known: Float[np.ndarray, "arms 6"]) -> SlotWidths:
         """Return the places where slots are narrow, from the motions of the tips; ``known`` : 0 for tips at the border."""
-        most = 0.0 if self.excess is None else float(self.excess.max())
-        found = self.slots.below(LOOK_AHEAD * self.width + most, self._numbers(model), known)
-        return found if self.excess is None else replace(found, values=found.values - self.excess[found.arms[:, 0]])
+        excess = np.zeros(len(known)) if self.excess is None else self.excess
+        found = self.slots.below(LOOK_AHEAD * self.width + excess, self._numbers(model), known)
+        return replace(found, values=found.values - excess[found.arms[:, 0]])
 
     def _numbers(self, model: ArmModel) -> Float[np.ndarray, "arms numbers"]:
         """Return the numbers that describe every arm, in the order of ``blends``."""

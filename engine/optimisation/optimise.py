@@ -168,23 +168,17 @@ def optimise(
     _check(design, target, constraints, wishes)
     work = Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
-    within = progress.at(0.0, "Starting shapes")
-    # first, because people see it, and at the end a user who cancels would have to wait for it
-    before = task.simulated(design, target_pose(target, design.flat.corners), within) if prove else None
-    rest = before.equilibrium.pose if before is not None and before.equilibrium.converged else None
-    if before is not None and rest is not None:
-        progress.show(OptimisationStep.from_simulation(before, task))
-    problem = task.problem(design, within)
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), rest)
+    before = _shown_at_rest(task, design, progress) if prove else None
+    problem = task.problem(design, progress.at(0.0, "Starting shapes"))
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), before)
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
     if before is None:
-        before = task.rested(design, given)
-    elif not before.equilibrium.converged:
-        before = task.simulated(design, given.equilibrium.pose, progress.part(0.1, 0.12))
+        within = progress.part(0.1, 0.12)
+        before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
     trace, latest = SearchRecord(), (start, design)
 
     def accepted(point: DesignPoint) -> None:
@@ -204,6 +198,19 @@ def optimise(
     if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, name, found.point, trace.ended)
+
+
+def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
+    """Simulate the given design, and show it; None without an equilibrium.
+
+    This comes first, because people see it, and at the end a user who cancels would have to wait for it.
+    """
+    pose, within = target_pose(task.target, design.flat.corners), progress.at(0.0, "Starting shapes")
+    found = task.simulated(design, pose, within)
+    if not found.equilibrium.converged:
+        return None
+    progress.show(OptimisationStep.from_simulation(found, task))
+    return found
 
 
 def _better(found: SimulatedResult | None, given: SimulatedResult, trace: SearchRecord) -> SimulatedResult:
@@ -326,9 +333,9 @@ def find_starts(
     target: QuadMesh,
     params: OptimiseParams,
     progress: Progress,
-    rest: Pose | None = None,
+    given: Simulation | None = None,
 ) -> dict[str, DesignPoint]:
-    """Return the starts that have an equilibrium, by name; ``rest`` : pose of the given design at rest, if known.
+    """Return the starts that have an equilibrium, by name; ``given`` : the given design at rest, if known.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
@@ -346,7 +353,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose if rest is None or name != "given" else rest, within)
+        point = own.at(x, pose if given is None or name != "given" else given.equilibrium.pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():

@@ -45,7 +45,10 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
         ):
             others.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
             assembled = others[-1] if start is aim else assembled
-    return replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
+    found = replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
+    found.seen.extend(simulation.seen)  # the shape is the same
+    found.soft.extend(simulation.soft)
+    return found
 
 
 def _perturb(pose: Pose, simulation: Simulation) -> Pose:

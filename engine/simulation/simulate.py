@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Float, Int
+from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..materials import FILLET_STRAIN, OVERSTRAIN_SHARE, Material
-from ..mechanics.arms.bent import bend_arms
+from ..mechanics.arms.bent import Bender, bend_arms
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_angles, strain_by_spiral
@@ -101,6 +101,20 @@ class Simulation:
             arms = bend_arms(self.design, pose, material=self.material, progress=progress.part(0.0, 0.5))
             self.seen.append(slots_in_space(self.design, arms, progress.part(0.5, 1.0)))
         return self.seen[0] if self.seen else None
+
+    def slots_near(self, quads: Bool[np.ndarray, " quads"], others: SpaceSlots) -> SpaceSlots | None:
+        """Measure the slots of some quads only; None without an equilibrium.
+
+        Parameters
+        ----------
+        quads : mask of the quads within and between which slots are measured
+        others : all slots in nearly this shape
+        """
+        if not self.equilibrium.converged:
+            return None
+        bender, some = Bender.from_design(self.design, self.material, quads), np.flatnonzero(quads)
+        arms = bender.bent(self.equilibrium.pose, only=quads)
+        return others.updated(slots_in_space(self.design, arms, quads=some), some)
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """Find the softest motion of the hubs, at the first call only.

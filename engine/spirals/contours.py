@@ -239,11 +239,12 @@ def fit_edges(
     tips: Tips | None = None,
     progress: Progress = SILENT,
     known: FittedArcs | None = None,
+    again: Int[np.ndarray, " some"] | None = None,
 ) -> FittedArcs:
     """Fit arcs to both edges of every arm, within ``tolerance`` metres.
 
     Curve 4 f + k is the left edge of arm k, inwards; curve 4 F + 4 f + k is its right edge, outwards. Arms without a tip
-    begin at the t ``plain``. ``known`` is the result without tips; if given, only arms with a tip are fitted again.
+    begin at the t ``plain``. ``known`` is an earlier result; if given, only the arms ``again`` are fitted.
 
     Raises ``FlexMapsError`` with the faces of spirals that have no room in their quads.
     """
@@ -258,9 +259,8 @@ def fit_edges(
     left = np.stack([begin.ravel(), root.left.ravel()], axis=1)
     right = np.stack([np.roll(root.right, 1, axis=1).ravel(), begin.ravel()], axis=1)
     new = np.arange(2 * count)
-    if known is not None and tips is not None:
-        tipped = np.array(sorted(tips.across), dtype=int)
-        new = np.concatenate([tipped, count + tipped])
+    if known is not None and again is not None:
+        new = np.concatenate([again, count + again])
     each = arms.one_by_one(*np.divmod(new % count, 4))
     side = np.where(new < count, LEFT, RIGHT)[:, None, None]
 

@@ -15,31 +15,32 @@ from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
 from . import slots
-from .arcs import FittedArcs
 from .caps import Cap, left_out_arms, make_caps, stump_starts
 from .constraints import NO_CONSTRAINTS, Constraints
-from .contours import Outline, SlotRoots, Tips, arm_starts, draw_outlines, find_roots, fit_edges
+from .contours import Outline, SlotRoots, Tips, arm_starts, draw_outlines, fit_edges
+from .drawing_cache import DrawingCache
 from .opening import open_gaps
 from .rim import Rim
 from .room import ClearanceModel
 from .slots import MIN_WIDTH_SHARE, NO_NEIGHBOUR, PARALLEL_COSINE, beside_absent, slot_widths, too_small, width_range
-from .solid import fewer_quads, no_spiral, refuse_many, set_solid, set_solid_roots, without_room, without_spiral
+from .solid import (
+    fewer_quads,
+    no_spiral,
+    refuse_many,
+    set_solid,
+    slot_roots,
+    update_roots,
+    without_room,
+    without_spiral,
+)
 from .spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides, same_width
-from .touching import find_contacts
+from .touching import nearest_quads
 from .wider import enlarge_quads
 
 __all__ = ["SpiralDesign", "design_from_curvature", "uniform_design", "width_range"]
 
 BATCH = 500  # spirals measured between two calls of progress: a tenth of a second
 NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
-
-
-@dataclass
-class DrawingCache:
-    """Cache of a design: edges and outlines without connectors by tolerance, and the result of ``measured``."""
-
-    plain: dict[float, tuple[FittedArcs, list[Outline]]] = field(default_factory=dict)
-    narrowest: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,19 @@ class SpiralDesign:
         """Return a mask of the spirals that differ from another design of the same quads."""
         return (self.width != other.width).any(axis=1) | (self.twist != other.twist)
 
+    def reshaped(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
+        """Return a mask of the quads with arms that differ from another design; arms blend into the arms at their joints."""
+        return (unlike := self.unlike(other)) | unlike[opposite_sides(self.flat.layout.mesh)[0]].any(axis=1)
+
+    def reusing(self, known: SpiralDesign) -> SpiralDesign:
+        """Return this design after taking over the roots and arcs of those arms of another that are the same."""
+        if "roots" in known.__dict__:
+            quads = np.flatnonzero(self.reshaped(known))
+            part = slot_roots(self.arms.subset(quads), self.params.fillet, self.solid[quads])
+            self.__dict__["roots"] = update_roots(known.roots, quads, part)
+            self.drawn.take_over(known.drawn, quads, self.flat.layout.patch_of[quads])
+        return self
+
     @cached_property
     def arms(self) -> Arms:
         """The true shape of every arm."""
@@ -74,8 +88,7 @@ class SpiralDesign:
     @cached_property
     def roots(self) -> SlotRoots:
         """Roots of all slots."""
-        roots = find_roots(self.arms, self.params.fillet)
-        return set_solid_roots(roots, self.arms, self.params.fillet, self.solid)
+        return slot_roots(self.arms, self.params.fillet, self.solid)
 
     @cached_property
     def solid(self) -> Bool[np.ndarray, " quads"]:
@@ -109,17 +122,15 @@ class SpiralDesign:
 
     def outlines(self, tolerance: float = 1e-5, tips: Tips | None = None, progress: Progress = SILENT) -> list[Outline]:
         """Draw the outline of every panel as arcs within ``tolerance`` metres; results without ``tips`` are cached."""
-        plain = self.drawn.plain
-        if tips is None and tolerance in plain:
-            return plain[tolerance][1]
-        known = plain[tolerance][0] if tolerance in plain else None
-        shapes = self.flat.layout, self.arms, self.roots, self.begin
-        fitted = fit_edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), known)
+        if tips is None and tolerance in self.drawn.plain:
+            return self.drawn.plain[tolerance][1]
+        shapes, known = (self.flat.layout, self.arms, self.roots, self.begin), self.drawn.known(tolerance, tips)
+        fitted = fit_edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), *known)
         capped = {cap.arm: cap.across for cap in self.caps}
         rim = None if self.rim is None else (self.rim, self.params.fillet)
         drawn = draw_outlines(*shapes, fitted, tips, progress.part(0.7, 1.0), capped, rim)
         if tips is None:
-            plain[tolerance] = fitted, drawn
+            self.drawn.plain[tolerance] = fitted, drawn
         return drawn
 
     @cached_property
@@ -375,7 +386,7 @@ def resolve_contacts(
             begun = set_solid(design.params, start.width, start.twist, given_up | design.solid)
             restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
             width, twist = restored.width, restored.twist
-        design = replace(design, twist=twist, width=width)
+        design = replace(design, twist=twist, width=width).reusing(design)
     raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer_quads(len(design.twist)))
 
 
@@ -385,15 +396,5 @@ def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray,
     culprits = np.flatnonzero(design.roots.missed.any(axis=1))
     if len(culprits):
         return culprits, None
-    where = find_contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
+    where = design.drawn.contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
     return (nearest_quads(design.flat, where) if len(where) else culprits), where
-
-
-def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
-    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres."""
-    nearest = []
-    for patch, x, y in where:
-        quads = flat.layout.patches[int(patch)]
-        apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
-        nearest.append(quads[np.argsort(apart)[:count]])
-    return np.unique(np.concatenate(nearest))

@@ -77,6 +77,26 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     return [finding("no-spiral", text, quads, severity="warning")]
 
 
+def slot_roots(arms: Arms, fillet: float, solid: Bool[np.ndarray, " quads"]) -> SlotRoots:
+    """Return the roots of all slots of some quads.
+
+    Parameters
+    ----------
+    arms : of these quads
+    fillet : metres
+    solid : mask of the quads with a solid hub
+    """
+    return set_solid_roots(find_roots(arms, fillet), arms, fillet, solid)
+
+
+def update_roots(root: SlotRoots, quads: Int[np.ndarray, " some"], part: SlotRoots) -> SlotRoots:
+    """Replace the roots of some quads by ``part``."""
+    found = replace(root, **{name: getattr(root, name).copy() for name in root.__dataclass_fields__})
+    for name in root.__dataclass_fields__:
+        getattr(found, name)[quads] = getattr(part, name)
+    return found
+
+
 def set_solid_roots(root: SlotRoots, arms: Arms, fillet: float, quads: Bool[np.ndarray, " quads"]) -> SlotRoots:
     """Replace the roots of slots beside solid hubs by the deepest places that are wide enough for the fillet.
 

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
-from ..arrays import Float
+from ..arrays import Float, Int
+from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from .contours import Outline
 
 
-def find_contacts(drawn: list[Outline], progress: Progress = SILENT) -> Float[np.ndarray, "n 3"]:
+def find_contacts(
+    drawn: list[Outline], progress: Progress = SILENT, sound: Collection[int] = ()
+) -> Float[np.ndarray, "n 3"]:
     """Find the places where the curves of a panel's outline cross or touch themselves or each other.
 
     Parameters
     ----------
     drawn : one outline per patch
     progress : called with the fraction done; may cancel
+    sound : patches that are known to have no contacts, and are left out
 
     Returns
     -------
@@ -25,6 +31,8 @@ def find_contacts(drawn: list[Outline], progress: Progress = SILENT) -> Float[np
 
     contacts = []
     for patch, outline in enumerate(drawn):
+        if patch in sound:
+            continue
         progress(patch / len(drawn), "checking the outlines")
         rings = [shapely.LinearRing(c.sampled(2e-5)) for c in (outline.outer, *outline.holes)]
         if shapely.is_valid(shapely.Polygon(rings[0], rings[1:])):
@@ -46,3 +54,13 @@ def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
     return shapely.Point(
         *map(float, shapely.is_valid_reason(shapely.Polygon(ring)).partition("[")[2].rstrip("]").split())
     )
+
+
+def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
+    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres."""
+    nearest = []
+    for patch, x, y in where:
+        quads = flat.layout.patches[int(patch)]
+        apart = np.linalg.norm(flat.corners[quads].mean(axis=1) - [x, y], axis=1)
+        nearest.append(quads[np.argsort(apart)[:count]])
+    return np.unique(np.concatenate(nearest))

@@ -17,7 +17,7 @@ from ...arrays import Bool, Float, Int
 from ...materials import Material
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from ...spirals.spiral import centre_line, width_at
+from ...spirals.spiral import centre_line, opposite_sides, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import matvec, rotation_matrix, rotation_vector, skew
 from .bent_rim import RimPieces, rim_pieces
@@ -170,13 +170,16 @@ class Bender:
     rim: RimPieces | None = None
 
     @classmethod
-    def from_design(cls, design: SpiralDesign, material: Material | None = None) -> Bender:
+    def from_design(
+        cls, design: SpiralDesign, material: Material | None = None, only: Bool[np.ndarray, " quads"] | None = None
+    ) -> Bender:
         """Divide the arms of a design into pieces.
 
         Parameters
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
+        only : (F,) quads that may be bent, as in ``bent``; default is all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -185,11 +188,11 @@ class Bender:
         axes[arm] = rest_joints(mesh, design.flat.corners)[1]
         size = float(np.median(design.scale))
         if design.rim is None:
-            return cls(_divide(design, axes, material), arm, axes, size)
+            return cls(_divide(design, axes, material, only), arm, axes, size)
         rim = rim_pieces(design, material)
         axes = np.concatenate([axes, np.broadcast_to(np.eye(3), (4 * rim.nodes, 3, 3))])
         axes[rim.arm] = rim.axes
-        own = _divide(design, axes[: 4 * len(mesh.quads)], material)
+        own = _divide(design, axes[: 4 * len(mesh.quads)], material, only)
         more = rim.answer @ _block_axes(axes[4 * len(mesh.quads) :])[:, None]
         parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
         return cls(_ArmPieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
@@ -246,24 +249,32 @@ def _close_joints(
             break
 
 
-def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material: Material | None) -> _ArmPieces:
-    """Divide all arms into pieces of equal length in t; axes : (A, 3, 3) of their joints in the flat frames of their
-    patches."""
-    count = design.arms.radius.shape
-    hub = hub_edge_of_design(design)
+def _divide(
+    design: SpiralDesign,
+    axes: Float[np.ndarray, "arms 3 3"],
+    material: Material | None,
+    only: Bool[np.ndarray, " quads"] | None = None,
+) -> _ArmPieces:
+    """Divide arms into pieces of equal length in t; arms that none of the quads ``only`` needs stay zero.
+
+    axes : (A, 3, 3) of the arms' joints in the flat frames of their patches
+    """
+    mates = opposite_sides(design.flat.layout.mesh)[0]
+    quads = np.arange(len(mates)) if only is None else np.flatnonzero(only | only[mates].any(axis=1))
+    arms, hub = design.arms.subset(quads), hub_edge_of_design(design)[quads]
     step = np.linspace(1.0, 0.0, 2 * STATIONS + 1)
     t = hub[..., None] * step
-    points, speed, _ = centre_line(design.arms, t)
-    flat = np.zeros((*count, STATIONS + 1, 3))
-    flat[..., :2] = points[:, :, ::2] - design.arms.centre[:, None, None]
-    middle = np.zeros((*count, STATIONS, 3))
-    middle[..., :2] = points[:, :, 1::2] - design.arms.centre[:, None, None]
+    points, speed, _ = centre_line(arms, t)
+    flat = np.zeros((*hub.shape, STATIONS + 1, 3))
+    flat[..., :2] = points[:, :, ::2] - arms.centre[:, None, None]
+    middle = np.zeros((*hub.shape, STATIONS, 3))
+    middle[..., :2] = points[:, :, 1::2] - arms.centre[:, None, None]
     velocity = speed[:, :, 1::2]
     pace = np.linalg.norm(velocity, axis=-1)
     length = pace * (hub / STATIONS)[..., None]
     tangent = np.zeros_like(middle)
     tangent[..., :2] = -velocity / pace[..., None]  # outwards, from the hub to the tip
-    width = width_at(design.arms, t[:, :, 1::2])[0]
+    width = width_at(arms, t[:, :, 1::2])[0]
     known = None if material is None else material.orthotropy
     grain = None if material is None or known is None else Grain(known, design.params.grain, material.youngs)
     answer = piece_flexibilities(
@@ -275,7 +286,9 @@ def _divide(design: SpiralDesign, axes: Float[np.ndarray, "arms 3 3"], material:
         POISSON if material is None else material.poisson,
         grain,
     )
-    return _ArmPieces(hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _block_axes(axes)[:, None])
+    some = (4 * quads[:, None] + np.arange(4)).ravel()
+    parts = hub.ravel(), flat.reshape(-1, STATIONS + 1, 3), answer @ _block_axes(axes[some])[:, None]
+    return _ArmPieces(*(_scatter(values, some, len(axes)) for values in parts))
 
 
 def _block_axes(axes: Float[np.ndarray, "arms 3 3"]) -> Float[np.ndarray, "arms 6 6"]:

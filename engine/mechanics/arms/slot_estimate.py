@@ -83,13 +83,16 @@ class Slots:
     clockwise: bool
 
     def below(
-        self, width: float, numbers: Float[np.ndarray, "arms numbers"], motion: Float[np.ndarray, "arms 6"]
+        self,
+        width: Float[np.ndarray, " arms"],
+        numbers: Float[np.ndarray, "arms numbers"],
+        motion: Float[np.ndarray, "arms 6"],
     ) -> SlotWidths:
         """Find the points where slots are narrower than a limit.
 
         Parameters
         ----------
-        width : metres, the limit
+        width : (A,) metres, the limit of the slot with this outer arm
         numbers : (A, 8) parameters of every arm, in the order of ``blends``
         motion : (A, 6) metres and radians, motion of the arms' tips in the flat frame
         """
@@ -97,13 +100,13 @@ class Slots:
         second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
         pair = np.stack([first, second] if self.clockwise else [second, first], axis=1)
         rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bent(motion), pair, self._sign)
-        pair = pair[rough < width + ROUGH_MARGIN]
+        pair = pair[rough < width[pair[:, 0]] + ROUGH_MARGIN]
         # only arms that may be too close to each other
         own, index = np.unique(pair, return_inverse=True)
         t = np.tile(PLACES, (len(pair), 1))
         field, local = self._beams(numbers[own], STATIONS).bent(motion[own]), index.reshape(pair.shape)
         values, s = self._widths(field, local, t)
-        narrow = np.flatnonzero(values.ravel() < width)
+        narrow = np.flatnonzero(values < width[pair[:, :1]])
         place = narrow // len(PLACES)
         values, t, s = (part.ravel()[narrow] for part in (values, t, s))
         return SlotWidths(self, pair[place], values, t, s, field, local[place])

@@ -66,6 +66,22 @@ class SpaceSlots:
             np.minimum.at(least, self.arms[:, which] // 4, self.width)
         return least
 
+    def updated(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
+        """Return these slots with those of some quads replaced.
+
+        Parameters
+        ----------
+        part : slots within and between these quads, as ``slots_in_space`` measures them
+        quads : in ascending order
+        """
+        inside = np.zeros(len(self.of_quads), dtype=bool)
+        inside[quads] = True
+        own, count = 4 * len(inside), 4 * len(quads)
+        width, kept = self.width[:own].copy(), ~inside[self.arms[own:] // 4].all(axis=1)
+        width.reshape(-1, 4)[quads] = part.width[:count].reshape(-1, 4)
+        arms = np.concatenate([self.arms[:own], self.arms[own:][kept], part.arms[count:]])
+        return SpaceSlots(arms, np.concatenate([width, self.width[own:][kept], part.width[count:]]))
+
 
 @dataclass(frozen=True, eq=False)
 class _Sections:
@@ -85,46 +101,56 @@ class _Sections:
     pace: Float[np.ndarray, "arms places"]
 
 
-def slots_in_space(design: SpiralDesign, bent: BentArms, progress: Progress = SILENT) -> SpaceSlots:
+def slots_in_space(
+    design: SpiralDesign, bent: BentArms, progress: Progress = SILENT, quads: Int[np.ndarray, " some"] | None = None
+) -> SpaceSlots:
     """Measure the slots of a design whose arms are bent.
 
     Parameters
     ----------
     design, bent : the spirals, and their deformation
     progress : is updated and can cancel
+    quads : measure only slots within and between these quads; all by default
     """
     progress(0.0, MEASURING)
-    one, two, t, s = _slots_within(design)
+    some = np.arange(len(design.width)) if quads is None else quads
+    one, two, t, s = _slots_within(design, some)
     width = _narrowest_widths(design, bent, one, two, t, s, progress.part(0.1, 0.6))
-    width[beside_absent(design.absent).ravel()] = np.inf
+    width[beside_absent(design.absent[some]).ravel()] = np.inf
     progress(0.6, MEASURING)
-    near, far, u, v = _slots_between(design, bent)
+    near, far, u, v = _slots_between(design, bent, some)
     others = _narrowest_widths(design, bent, near, far, u, v, progress.part(0.7, 1.0))
     arms = np.concatenate([np.stack([one, two], axis=1), np.stack([near, far], axis=1)])
     return SpaceSlots(arms, np.concatenate([width, others]))
 
 
-def _slots_within(design: SpiralDesign) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Outer and inner arm (4 F,) of every slot within a spiral, and facing stations t and s (4 F, M) on them."""
-    share = np.linspace(0.0, DEEPEST, STATIONS)
-    t, s = slot_widths(design.arms, design.roots.left, design.roots.right, share)[2:]
-    first = np.arange(t.shape[0] * 4)
-    second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
-    outer, inner = (first, second) if is_clockwise(design.arms) else (second, first)
-    return outer, inner, t.reshape(len(first), -1), s.reshape(len(first), -1)
+def _slots_within(
+    design: SpiralDesign, quads: Int[np.ndarray, " n"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Outer and inner arm (4 n,) of every slot within these spirals, and facing stations t and s (4 n, M) on them."""
+    share, arms = np.linspace(0.0, DEEPEST, STATIONS), design.arms.subset(quads)
+    t, s = slot_widths(arms, design.roots.left[quads], design.roots.right[quads], share)[2:]
+    first = 4 * quads[:, None] + np.arange(4)
+    second = np.roll(first, -1, axis=1)
+    outer, inner = (first, second) if is_clockwise(arms) else (second, first)
+    return outer.ravel(), inner.ravel(), t.reshape(first.size, -1), s.reshape(first.size, -1)
 
 
-def _slots_between(design: SpiralDesign, bent: BentArms) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pairs of arms (n,) of different spirals that come close to each other, and stations t and s (n, M) around the
+def _slots_between(
+    design: SpiralDesign, bent: BentArms, quads: Int[np.ndarray, " some"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of arms (n,) of different spirals, out of these, that come close to each other, and stations t and s (n, M) around the
     nearest points.
 
     Excluded are arms that meet at a joint, and arms of different bodies, which are separate pieces.
     """
-    bent = bent.first(4 * len(design.width))
-    count, stations = bent.place.shape[:2]
-    widest = np.maximum(design.arms.width, design.arms.joint_width).ravel()
-    piece = np.linalg.norm(np.diff(bent.place, axis=1), axis=2).max(axis=1)
-    pair = _near_stations(bent.place, (1.0 + REACH) * widest + 0.5 * piece)
+    count, some = design.arms.width.size, (4 * quads[:, None] + np.arange(4)).ravel()
+    place = bent.place[some]
+    stations = place.shape[1]
+    widest = np.maximum(design.arms.width, design.arms.joint_width).ravel()[some]
+    piece = np.linalg.norm(np.diff(place, axis=1), axis=2).max(axis=1)
+    pair = _near_stations(place, (1.0 + REACH) * widest + 0.5 * piece)
+    pair = stations * some[pair // stations] + pair % stations
     arm = pair // stations
     mate = np.arange(count)
     mesh = design.flat.layout.mesh

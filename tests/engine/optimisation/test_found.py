@@ -16,7 +16,7 @@ from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams,
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT, Progress
-from flexmaps.engine.simulation.simulate import simulate
+from flexmaps.engine.simulation.simulate import Simulation, simulate
 from flexmaps.engine.spirals import design
 from flexmaps.engine.surface import shapes
 
@@ -47,6 +47,24 @@ def test_slots_open_and_the_shape_hardly_changes(wound):
     assert after.match["laplacian_rmse_mm"] <= 1.05 * before.match["laplacian_rmse_mm"]
     again = simulate(after.design, after.target, after.material, SimulateParams())
     assert again.match["rms_percent"] == pytest.approx(after.match["rms_percent"], rel=1e-2)
+
+
+def test_slots_are_measured_only_where_they_may_have_closed(wound, monkeypatch):
+    """Less slots are measured than there are, and those counted as closed are those of a measurement of all."""
+    task, found = wound
+    measured, counts = [], []
+    slots_near = Simulation.slots_near
+
+    def watched(simulation, quads, others):
+        measured.append(quads.mean())
+        near = slots_near(simulation, quads, others)
+        counts.append((len(near.closed), len(simulation.slots().closed)))
+        return near
+
+    monkeypatch.setattr(Simulation, "slots_near", watched)
+    open_closed_slots(Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat), found, SILENT)
+    assert min(measured) > 0.0 and max(measured) < 0.8
+    assert all(near == every for near, every in counts)
 
 
 def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(wound, monkeypatch):

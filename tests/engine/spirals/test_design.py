@@ -1,5 +1,7 @@
 """Widths and twists: closed forms of the bounds, distances measured by shapely, the start from curvature."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
@@ -120,3 +122,35 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
     assert 0.0005 < made.width[4].min() == made.width[4].max() < 0.001
     assert design_report(made)["too_thin"] == 2
     assert any("2 quads have no room for arms 1 mm wide" in w for w in make_sheets(made, SheetParams()).warnings)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, clockwise):
+    """Other arms keep their roots and arcs, also where one changed design follows another that was never drawn."""
+    flat, params = flat_grid(6, 4, 0.02), SpiralParams(clockwise=clockwise)
+    before = design.uniform_design(flat, params, width=0.0012, twist=3.0)
+    assert before.outlines()
+    twist, width = before.twist.copy(), before.width.copy()
+    twist[3], width[20, 1] = 2.0, 0.0014
+    once = replace(before, twist=twist).reusing(before)
+    twice = replace(once, width=width).reusing(once)
+    pairs = flat.layout.mesh.dual
+    assert {*np.flatnonzero(before.reshaped(once))} == {*pairs[(pairs == 3).any(axis=1)].ravel()}
+    for made in (once, twice):
+        (found,), (wanted,) = made.outlines(), design.SpiralDesign(flat, params, made.width, made.twist).outlines()
+        for one, two in zip((found.outer, *found.holes), (wanted.outer, *wanted.holes), strict=True):
+            np.testing.assert_allclose(one.points, two.points, atol=1e-10)
+            np.testing.assert_allclose(one.bulge, two.bulge, atol=1e-6)
+    assert not np.allclose(twice.roots.left[3], before.roots.left[3])
+
+
+def test_contacts_are_sought_where_spirals_have_changed(flat_grid):
+    flat = flat_grid(4, 1, 0.02)
+    before = design.uniform_design(flat, SpiralParams(), width=0.0012, twist=3.0)
+    assert before.drawn.sound == {0}  # proved
+    twist = before.twist.copy()
+    twist[1] = 14.0  # arms run through each other
+    touching = replace(before, twist=twist).reusing(before)
+    assert not touching.drawn.sound
+    mended = design.resolve_contacts(touching)
+    assert mended.twist[1] < 14.0 and mended.drawn.sound == {0}

@@ -134,6 +134,20 @@ def test_a_squeezed_shape_names_the_spirals_whose_slots_close(dome):
     assert replace(dome, equilibrium=replace(squeezed, converged=False)).slots() is None
 
 
+def test_slots_measured_again_in_a_part_are_those_of_the_whole(dome):
+    whole, mesh = dome.slots(), dome.target
+    quads = mesh.centroids[:, 0] > np.median(mesh.centroids[:, 0])
+    others = SpaceSlots(whole.arms, whole.width + 1.0)  # wrong by a metre
+    found = replace(dome).slots_near(quads, others)
+    known = dict(zip(map(tuple, whole.arms.tolist()), whole.width, strict=True))
+    assert {*map(tuple, found.arms.tolist())} == known.keys()
+    inside = quads[found.arms // 4].all(axis=1)
+    assert 0.3 < inside.mean() < 0.7
+    wanted = np.array([known[pair] for pair in map(tuple, found.arms.tolist())]) + ~inside
+    assert found.width == pytest.approx(wanted, abs=1e-9)
+    assert replace(dome, equilibrium=replace(dome.equilibrium, converged=False)).slots_near(quads, others) is None
+
+
 def test_arms_of_different_bodies_are_no_slot(flat_grid):
     made = design.SpiralDesign(flat_grid(2, 1), PARAMS, np.full((2, 4), 0.002), np.zeros(2))
     arms = bend_arms(made, flat_pose(made))

@@ -85,8 +85,8 @@ def test_the_rough_look_leaves_no_narrow_place_out(clockwise, monkeypatch) -> No
     numbers[:, 2] = np.repeat(numbers[::4, 2], 4)
     numbers[:, 2:4] *= -1.0 if clockwise else 1.0
     slots = Slots(0.15, FILLET, THICKNESS, clockwise)
-    found = slots.below(4e-4, numbers, motion)
+    found = slots.below(np.full(len(numbers), 4e-4), numbers, motion)
     monkeypatch.setattr(slot_estimate, "ROUGH_MARGIN", 1.0)
-    every = slots.below(4e-4, numbers, motion)
+    every = slots.below(np.full(len(numbers), 4e-4), numbers, motion)
     assert len(every.values) > 100 and numbers.shape[1] == N_PARAMETERS
     assert found.values == pytest.approx(every.values, abs=1e-12)
