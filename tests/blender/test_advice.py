@@ -219,7 +219,7 @@ def stopping(after: int) -> Callable[[str, Any], Any]:
     return run
 
 
-@pytest.mark.parametrize("remedy", BUTTONS)
+@pytest.mark.parametrize("remedy", ["larger", "thinner", pytest.param("finer", marks=pytest.mark.thorough)])
 def test_stopped_or_failed_everything_is_as_it_was(
     add: Any, remedy: str, all_of: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -35,11 +36,20 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()} if folder.is_dir() else {}
 
 
-def test_everything_is_written(dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "SIZE", (160, 90))
-    monkeypatch.setattr(picture, "SAMPLES", 1)
-    out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out) == 0
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Everything that the job writes of the dome, with small pictures."""
+    folder, mesh = tmp_path_factory.mktemp("whole"), shapes.make("dome")
+    dome = obj_file(folder / "dome.obj", mesh.vertices, mesh.quads)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(picture, "SIZE", (160, 90))
+        patch.setattr(picture, "SAMPLES", 1)
+        assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", folder / "out") == 0
+    return folder / "out"
+
+
+def test_everything_is_written(whole: Path) -> None:
+    out = whole
     report = json.loads((out / "report.json").read_text())
     assert report["schema"] == 1
     assert report["input"]["quads"] == len(shapes.make("dome").quads)
@@ -63,14 +73,10 @@ def test_a_stage_that_has_not_run_is_absent(dome: Path, tmp_path: Path) -> None:
     assert set(report["seconds"]) == {"check", "regularise"}
 
 
-def test_files_of_an_earlier_run_that_are_no_longer_true_go(
-    dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_an_earlier_run_that_are_no_longer_true_go(whole: Path, dome: Path, tmp_path: Path) -> None:
     """Its sheets and its pictures, but no picture that somebody else put there under such a name."""
-    monkeypatch.setattr(picture, "SIZE", (160, 90))
-    monkeypatch.setattr(picture, "SAMPLES", 1)
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out) == 0
+    shutil.copytree(whole, out)
     (out / "notes.txt").write_text("mine")
     (out / "panels.png").write_bytes(b"\x89PNG mine")
     assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "merge") == 0
@@ -144,7 +150,7 @@ def test_a_folder_that_is_a_file(dome: Path, tmp_path: Path) -> None:
 
 def test_full_disk_leaves_the_earlier_run(dome: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "out"
-    assert run(dome, "--edge", 20, "--nesting", "FAST", "--out", out, "--no-pictures") == 0
+    assert run(dome, "--edge", 20, "--out", out, "--no-pictures", "--stop-after", "spirals") == 0
     before = contents(out)
 
     def full(*_: object) -> None:

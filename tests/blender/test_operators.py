@@ -108,7 +108,7 @@ def test_the_same_piece_in_any_unit_and_frame(add: Any, unit: float, scale: Any)
 # -- undo, saving, names -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+@pytest.mark.parametrize("mode", [pytest.param("OBJECT", marks=pytest.mark.thorough), "EDIT"])
 def test_undo_and_redo(dome: Any, mode: str, content: Any) -> None:
     bpy.ops.object.mode_set(mode=mode)
     name = dome.name

@@ -101,7 +101,7 @@ def test_changed_seams_begin_with_the_last_spirals(piece: Any, attribute: Any) -
     assert len(design(piece).flat.layout.patches) == 1
 
 
-@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+@pytest.mark.parametrize("mode", [pytest.param("OBJECT", marks=pytest.mark.thorough), "EDIT"])
 def test_undo_and_redo_in_one_step(piece: Any, all_of: Any, mode: str) -> None:
     name = piece.name
     bpy.ops.object.mode_set(mode=mode)

@@ -343,7 +343,8 @@ def test_what_an_object_holds_tells_the_same(strip: api.Piece, out: Path, tmp_pa
         assert texts[0] == texts[1], name
 
 
-def test_the_button(strip: api.Piece, tmp_path: Path) -> None:
+def test_the_button(strip: api.Piece, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker
     obj = api.show(strip)
     obj.flexmaps.export.folder = str(tmp_path)
     assert bpy.ops.flexmaps.report() == {"FINISHED"}
