@@ -130,6 +130,8 @@ def _unwind(
     before : result of the search; spirals that are kept in its problem do not change
     bearable : overstrained spirals and their neighbours keep their twists, and ``SimulatedResult.bears`` must accept the result
     """
+    if bearable and not found.closed:
+        found = replace(found, nearby=None)  # slots farther away may have closed
     free, here, given = before.point.problem.space.free.copy(), found, found.simulation.design.twist
     best, idle = found, 0
     for _ in range(MAX_UNWINDINGS):
@@ -143,7 +145,7 @@ def _unwind(
         here = _with_design(search, here, replace(design, twist=twist).reusing(design), progress)
         fewer = here.closed < best.closed and (here.bears(before) if bearable else here.merit(LOOSE) < np.inf)
         if fewer and bearable and not here.closed:
-            here = replace(here, nearby=None)  # slots farther away may have closed
+            here = replace(here, nearby=None)
             fewer = here.closed < best.closed
         if fewer:
             best, idle = here, 0
