@@ -160,7 +160,8 @@ def _ease_strains(
     """Open closed slots by less twist, then take a few steps of the search near there, with these twists as upper limits.
 
     Estimates of slots within spirals are corrected to the exact widths. Slots between spirals have no estimate, so spirals
-    beside such a closed slot are kept. Return None if no slot opens, no step improves, or the design cannot be cut.
+    beside such a closed slot are kept. Return None if no slot opens, no step improves, no fewer spirals are
+    overstrained, or the design cannot be cut.
 
     before : result of the search, whose kept spirals do not change
     """
@@ -182,7 +183,7 @@ def _ease_strains(
     if not point.equilibrium.converged:
         return None
     work.extend(SEARCH_SHARE)
-    start = StageResult(design, _with_measured_slots(point, slots).pressed(), found.farthest)
+    start = StageResult(design, _with_measured_slots(point, slots), found.farthest).strict().pressed()
     ended = search.trace.ended
     held = search.polished(start, progress, EASED_STEPS)
     search.trace.ended = ended
@@ -192,7 +193,9 @@ def _ease_strains(
         design = resolve_contacts(held.design.reusing(design), progress, free=space.free)
     except FlexMapsError:
         return None
-    return _with_design(search, replace(loose, point=held.point), design, progress)
+    eased = _with_design(search, replace(loose, point=held.point), design, progress)
+    strained = [int(one.strained_by(before).sum()) for one in (loose, eased)]
+    return None if 0 < strained[0] <= strained[1] else eased
 
 
 def _with_kept(point: DesignPoint, other: DesignPoint) -> DesignPoint:

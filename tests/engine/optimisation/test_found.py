@@ -85,6 +85,17 @@ def test_slots_open_by_more_steps_where_less_twist_alone_strains_arms_too_much(w
     assert after.match["laplacian_rmse_mm"] <= 1.1 * before.match["laplacian_rmse_mm"]
 
 
+def test_further_searches_end_where_they_ease_no_strains(wound, monkeypatch):
+    task, found = wound
+    calls, polished = [], Search.polished
+    monkeypatch.setattr(Search, "polished", lambda *given: calls.append(given) or polished(*given))
+    every = np.ones(len(found.simulation.design.twist), dtype=bool)
+    monkeypatch.setattr(SimulatedResult, "strained_by", lambda *given: every)
+    search = Search(task, SearchRecord(), lambda _: None, np.inf, found.simulation.design.flat)
+    assert open_closed_slots(search, found, SILENT) is found
+    assert len(calls) == 1
+
+
 @pytest.mark.parametrize("asks", [0, 3, 40])
 def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, asks, monkeypatch):
     task, found = wound
