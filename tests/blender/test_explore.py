@@ -13,6 +13,7 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import explored
 from flexmaps.command import main as command
+from flexmaps.engine import workers
 from flexmaps.engine.extras.exploring import run as running
 from flexmaps.engine.materials import MATERIALS
 from support.bowl import bowl
@@ -23,6 +24,7 @@ from support.drawing import draw
 @pytest.fixture
 def tried(add: Any, once: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
+    monkeypatch.setattr(workers, "cores", lambda: 1)  # starting processes takes longer than their work
 
     def make() -> None:
         obj = add(bowl())
@@ -79,6 +81,8 @@ def test_the_command_line_explores(
         "spiral.thickness=1,2",
         "--goal",
         "panels<=1",
+        "--cores",
+        "1",
     ]
     assert command.main([*words, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

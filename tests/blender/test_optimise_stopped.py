@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
 from flexmaps.bridge.store import equilibrium, mesh, notes, settings
-from flexmaps.engine.display import arrange, solids
+from flexmaps.engine.display import arrange, raster, solids
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
 from flexmaps.engine.spirals.design import unfabricable_quads
@@ -88,6 +88,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     assert "slot_min_mm" not in block(piece, "spirals") and "reach" not in notes.read(piece.data)
     light = solids.light(design(piece), arrange.side_by_side(design(piece).flat))
     assert len(plain.data.vertices) == len(light.vertices)
+    monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker
     press("report")  # with what is known
     piece.flexmaps.export.folder = str(tmp_path)
     press("export")

@@ -43,7 +43,9 @@ def test_an_open_surface_stays_open(add: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "corners", [((0, 0), (6, 0), (1, 1.5)), ((0, 0), (2, 1), (0, 2), (0.7, 1))], ids=["obtuse", "arrow"]
+    "corners",
+    [pytest.param(((0, 0), (6, 0), (1, 1.5)), marks=pytest.mark.thorough), ((0, 0), (2, 1), (0, 2), (0.7, 1))],
+    ids=["obtuse", "arrow"],
 )
 def test_a_face_with_sharp_corners_is_covered_whole(add: Any, corners: tuple[tuple[float, float], ...]) -> None:
     obj = add((np.array([(x, y, 0) for x, y in corners], float), [tuple(range(len(corners)))]))

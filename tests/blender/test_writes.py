@@ -23,7 +23,10 @@ def strip(tmp_path: Path) -> Any:
     return obj
 
 
-@pytest.mark.parametrize("name", ["strip-01.svg", "strip-parts.csv", "strip-assembly.pdf"])
+@pytest.mark.parametrize(
+    "name",
+    ["strip-01.svg", *(pytest.param(k, marks=pytest.mark.thorough) for k in ("strip-parts.csv", "strip-assembly.pdf"))],
+)
 def test_export_asks_before_it_replaces_a_file_of_the_users(strip: Any, tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("the user's work")
     with pytest.raises(RuntimeError, match="would be written over"):
