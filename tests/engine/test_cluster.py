@@ -110,9 +110,9 @@ def test_a_killed_worker_costs_nothing(processes):
             made[1].kill()
 
     with module.Cluster(address) as cluster:
-        far = explore(base, asked, 4, cluster, found=tell)
+        far = explore(base, asked, 3, cluster, found=tell)
     assert made[1].wait(20) != 0
     with Workers(2) as workers:
-        here = explore(base, asked, 4, workers)
+        here = explore(base, asked, 3, workers)
     assert far.report() == here.report()
     assert not any(one.fault for one in far.candidates)

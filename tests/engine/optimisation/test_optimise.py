@@ -75,20 +75,25 @@ def problem(
     "options",
     [
         {},
-        {"lies": 1.0},
-        {"lies": 0.3},
-        {"smoothness": 0.05},
-        {"supports": True},
         {"supports": True, "lies": 1.0},
         {"wishes": True, "lies": 0.3},
         {"wishes": True, "supports": True},
-        {"model": "rod"},
-        {"strain": 0.3},
         {"strain": 0.3, "pressed": True},
         {"groups": 2},
-        {"groups": 4, "strain": 0.3, "smoothness": 0.05},
         {"groups": 4, "model": "rod"},
         {"groups": 4, "strain": 0.3, "smoothness": 0.05, "kept": True},
+        *(
+            pytest.param(one, marks=pytest.mark.thorough)
+            for one in (
+                {"lies": 1.0},
+                {"lies": 0.3},
+                {"smoothness": 0.05},
+                {"supports": True},
+                {"model": "rod"},
+                {"strain": 0.3},
+                {"groups": 4, "strain": 0.3, "smoothness": 0.05},
+            )
+        ),
     ],
     ids=str,
 )

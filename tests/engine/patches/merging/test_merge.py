@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from flexmaps.engine.surface.symmetry import keeping, symmetries
 
 PARAMS = LayoutParams()
 NAMES = ("demo", "cubesphere", "dome", "torus", "vault", "strip", "two_bodies", "quad")
+QUICK = {"cubesphere", "dome", "torus", "quad"}
 PATCHES = {"cubesphere": 1, "vault": 2, "quad": 1, "two_bodies": 2, "torus": 4}
 
 
@@ -31,12 +33,14 @@ def merged(mesh: QuadMesh, params: LayoutParams = PARAMS) -> FlatPatches:
     return merge.merge(trace.trace(mesh, params), params)
 
 
-@pytest.fixture(scope="module")
-def layouts() -> dict[str, FlatPatches]:
-    return {name: merged(shapes.make(name)) for name in NAMES}
+@cache
+def layout_of(name: str) -> FlatPatches:
+    return merged(shapes.make(name))
 
 
-@pytest.mark.parametrize("name", ["demo", pytest.param("two_bodies", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize(
+    "name", ["dome", *(pytest.param(k, marks=pytest.mark.thorough) for k in ("demo", "two_bodies"))]
+)
 def test_what_is_remembered_changes_no_layout(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With nothing kept between changes the same seams, flat points and work come of it."""
     spent: list[float] = []
@@ -97,22 +101,30 @@ def checked(flat: FlatPatches) -> dict[str, Any]:
     return report
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_limits_hold(name: str, layouts: dict[str, FlatPatches]) -> None:
-    report = checked(layouts[name])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough) for name in NAMES]
+)
+def test_limits_hold(name: str) -> None:
+    report = checked(layout_of(name))
     assert report["patches"] <= PATCHES.get(name, 4)
 
 
-@pytest.mark.parametrize("name", ["vault", "torus", "cubesphere", "demo", "dome"])
-def test_symmetric_or_said_why_not(name: str, layouts: dict[str, FlatPatches]) -> None:
-    notes = layouts[name].layout.notes
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in QUICK else pytest.mark.thorough)
+        for name in ("vault", "torus", "cubesphere", "demo", "dome")
+    ],
+)
+def test_symmetric_or_said_why_not(name: str) -> None:
+    notes = layout_of(name).layout.notes
     assert notes["symmetries_kept"] >= 2  # type: ignore[operator]
     if notes["symmetries_kept"] != notes["symmetries"]:
         assert ";" in str(notes["symmetry"])
 
 
-def test_patches_lie_in_their_own_frames(layouts: dict[str, FlatPatches]) -> None:
-    for flat in layouts.values():
+def test_patches_lie_in_their_own_frames() -> None:
+    for flat in map(layout_of, sorted(QUICK)):
         for quads in flat.layout.patches:
             c = flat.corners[quads]
             d1, d2 = c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]
