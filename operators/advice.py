@@ -33,7 +33,7 @@ class Advised(ContinuedStage["Made"]):
     loaded = True
     remedy = ""
 
-    _amount = 0.0  # amount that the advice names, see ``remedies.amounts``
+    _amount = 0.0  # amount that the advice names, see ``remedies.remedy_amounts``
     _figures: Any = None  # block of the shape that the advice was made from
 
     @classmethod

@@ -1,6 +1,6 @@
 """The report of a run as one self-contained HTML page, which opens without a network.
 
-The text and style of the page are in the templates and style sheets of the folder ``render_page``.
+The text and style of the page are in the templates and style sheets of the folder ``page``.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def all_drawings(shown: MapValues, described: Mapping[str, Any], distortion: flo
 
     Parameters
     ----------
-    shown, described, distortion : as for ``run_plots.draw_plots``
+    shown, described, distortion : as for ``run_plots.drawings``
     """
     found = run_plots.drawings(shown, described, distortion)
     for stage in OF_EXTRAS:
@@ -118,7 +118,7 @@ def render_page(
     Parameters
     ----------
     described : the report, see ``report.build``
-    plots : SVG texts by name, see ``run_plots.draw_plots``
+    plots : SVG texts by name, see ``run_plots.drawings``
     pictures : captions and contents of PNG files for the top of the page; if there are more than three, the first is large
     made : date and time, as text
     piece : from ``page_data.to_json``; if given, the page shows the piece in 3D
@@ -178,7 +178,7 @@ def _described_extras(described: Mapping[str, Any]) -> list[Stage]:
 
 
 def _templates(described: Mapping[str, Any]) -> list[str]:
-    """Return the templates of the extras' sections, from the folder of all extras on."""
+    """Return the templates of the extras' sections, relative to the folder of the extras; every extra with a stage has one."""
     return [f"{stage.code.partition('.')[0]}/report.html.j2" for stage in _described_extras(described)]
 
 

@@ -16,7 +16,7 @@ class LiveRequest:
     """Request to a live piece.
 
     name : of the piece
-    changes : changed fields of ``Given`` since the last call, or None
+    changes : changed fields of ``LiveInput`` since the last call, or None
     whole : whether ``changes`` holds all fields and starts a new piece
     start : pose at rest of a new piece, if known
     """

@@ -45,7 +45,7 @@ class Part:
     sheets: CutSheets
     material: Material
     figures: Estimates
-    assembly: Any = None  # an ``assembling.check.AssemblyCheck``
+    assembly: Any = None  # an ``fabrication.assembly_check.AssemblyCheck``
     copies: int = 1
 
 
