@@ -51,7 +51,7 @@ def written(found: Result, folder: Path, name: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def piece() -> Result:
+def piece(merge_without_prediction: None) -> Result:
     return result("demo")
 
 
@@ -87,7 +87,7 @@ def moved(page: Any, name: str, value: float) -> None:
 # -- what is shown ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
     browser: ModuleType, piece: Result, folder: Path, size: str
 ) -> None:
@@ -132,7 +132,7 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         clean(page, folder / "share.html")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", DESKTOP)
 def test_colours_target_and_explode(browser: ModuleType, folder: Path, size: str) -> None:
     with browser.Browser(size) as page:
         page.open(folder / "share.html", ready=READY)
