@@ -15,7 +15,7 @@ from ..progress import Progress
 
 # Costs in seconds a spiral, measured on surfaces of 1296 and 2362 quads on one core: for an equilibrium, each of its Newton iterations, a
 # Gauss-Newton product, and the derivatives by the flat geometry
-EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 3.6e-4
+EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 1e-4
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4  # building the model, fitting a design that can be cut, a design space
 SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
 VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
@@ -27,7 +27,7 @@ ROOMS = 1.5e-4  # clearances of a step, and restoring them
 SPIRALS, LIMITS = (0, 1500, 6000), (12.0, 22.0, 75.0)
 # Rate at which a search ends, per second: the decrease of the logarithm of its objective over the last steps, divided by their work.
 # Larger rates end sooner and farther from the target. With fewer steps a search ends where a single step brings little
-END_RATE, RATED_STEPS = 0.15, 6
+END_RATE, RATED_STEPS = 0.18, 6
 SLOW = "slow"  # ``SearchRecord.ended`` of a search that ended at this rate
 # Largest ratio of this thread's processor time to the limit, beyond which the clock ends a search. Two cores that do other work beside
 # took 2.3 to 2.9 times as long; with ratios near that, equal searches ended at different steps
