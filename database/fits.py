@@ -20,7 +20,7 @@ from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.rods import rod_stiffness as stiffness_rods
 from ..engine.mechanics.rods.rod_stiffness import PARAMETERS
-from ..engine.spirals.known import twist_limit_and_slope
+from ..engine.spirals.known import table_limit_and_slope
 from . import packs, rods
 from .geometry import Spiral
 from .packs import Series
@@ -121,7 +121,7 @@ def errors(all_series: list[Series], model: str, law: str) -> Float[np.ndarray, 
 
 def _inputs(spiral: Spiral) -> Float[np.ndarray, " 3"]:
     """Return the (3,) inputs of the network for a dimensionless spiral: ln(s/w), ln(w/h), twist / limit(s/w)."""
-    limit = twist_limit_and_slope(np.array(spiral.scale))[0]
+    limit = table_limit_and_slope(np.array(spiral.scale))[0]
     return np.array([math.log(spiral.scale), -math.log(spiral.height), spiral.twist / float(limit)])
 
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from ..engine.arrays import Float, Int
 from ..engine.materials import MATERIALS
 from ..engine.mechanics.arms.model import ArmModel
-from ..engine.mechanics.arms.strain_changes import kink_angles
+from ..engine.mechanics.arms.strain_changes import kink_sharpness
 from ..engine.mechanics.assembly import Pose
 from ..engine.mechanics.equilibrium import solve
 from ..engine.mechanics.loads import Loads
@@ -46,7 +46,7 @@ class ArmStrains:
     """What a solid says about the arms of one state of a case that meet at joints, and what the estimate says.
 
     spiral, side : (n,) int; joint : (n,) int; solid : farther than a fillet's reach from fillets; fillet : fillets included
-    estimate : of the arm model at its own equilibrium; kink : of the joint, see ``kink_angles``
+    estimate : of the arm model at its own equilibrium; kink : of the joint, see ``kink_sharpness``
     """
 
     case: str
@@ -201,7 +201,7 @@ def compare(case: Case) -> list[ArmStrains]:
         out.append(
             ArmStrains(
                 f"{case.name} {loading.name}", spiral, side, e, arrays["free"][k][spiral, side].astype(float),
-                arrays["fillet"][k][spiral, side].astype(float), strains[e, at], kink_angles(known)[e], case.material.strain_limit,
+                arrays["fillet"][k][spiral, side].astype(float), strains[e, at], kink_sharpness(known)[e], case.material.strain_limit,
                 case.design.rim is not None,
             )
         )  # fmt: skip

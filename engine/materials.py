@@ -23,7 +23,7 @@ FILLET_STRAIN = 1.65
 
 
 @dataclass(frozen=True)
-class LongTerm:
+class LongTermProperties:
     """Properties of a material after a year under load at room temperature.
 
     share : creep modulus after a year over Young's modulus
@@ -84,7 +84,7 @@ class Material:
     breaks: bool
     source: str
     note: str = ""
-    lasting: LongTerm | None = None
+    lasting: LongTermProperties | None = None
     orthotropy: Orthotropy | None = None
     for_years: bool = False
 
@@ -127,7 +127,7 @@ MATERIALS: dict[str, Material] = {
         False,
         "DuPont Delrin 500P data sheet, ISO 527 and ISO 1183: modulus 3100 MPa, yield strain 17 %, 1420 kg/m3",
         "Poisson's ratio as is usual for POM. Creeps under lasting load, so half the yield strain is the limit.",
-        LongTerm(
+        LongTermProperties(
             0.37,
             0.02,
             "ISO 899-1 creep moduli at 1 and 1000 h: Hostaform C 9021 2500 and 1300 MPa (modulus 2850), C 27021 2400 and 1200 (2750), "
@@ -156,7 +156,7 @@ MATERIALS: dict[str, Material] = {
         "Evonik Plexiglas GS data sheet, ISO 527: modulus 3300 MPa, strength 80 MPa, break 5.5 %; other cast sheets "
         "2800-3200 MPa, 67-75 MPa, 4-6 %",
         "Laser-cut edges carry stress cracks: the limit is well under the break.",
-        LongTerm(
+        LongTermProperties(
             0.5,
             0.0064,
             "Plexiglas G, stresses that are to be designed for under continuous load, against crazing: 1500 psi (10.3 MPa). The share of the "
@@ -173,7 +173,7 @@ MATERIALS: dict[str, Material] = {
         True,
         "Farah, Anderson and Langer 2016, Adv. Drug Deliv. Rev. 107: modulus 3-3.5 GPa, Poisson 0.36, break 3-6 %",
         "Along the printed strands; less across layers.",
-        LongTerm(
+        LongTermProperties(
             0.4,
             0.005,
             "Fischbach and Weinberg 2023 (arXiv 2302.11240): printed PLA creeps for months far below its glass transition, less the older it is. "
@@ -190,7 +190,7 @@ MATERIALS: dict[str, Material] = {
         False,
         "Prusament PETG data sheet: modulus 1.5-2.1 GPa; yield near 5 %; other printed bars 2-3 GPa, 1250-1290 kg/m3",
         "Along the printed strands; less across layers.",
-        LongTerm(
+        LongTermProperties(
             0.4,
             0.0075,
             "Romeijn et al. 2022 (Additive Manufacturing 103145) and Polymers 17 (2025) 2075 measured creep of printed PETG for hours. Both "
@@ -211,7 +211,7 @@ MATERIALS: dict[str, Material] = {
         "Laboratory 2010, tables 5-1 and 5-2), one over the other",
         "Young's modulus is the mean of both directions. Three plies (4 mm) differ by 16, not by 2.7: test a strip along and "
         "across, and give your own values.",
-        LongTerm(
+        LongTermProperties(
             1.0 / 1.8,
             0.004,
             "EN 1995-1-1, plywood of EN 636 part 1 in service class 1: k_def 0.80 (table 3.2, of decades rather than of a year, so on the safe side), k_mod 0.60 under "
@@ -229,7 +229,7 @@ MATERIALS: dict[str, Material] = {
         "EN 622-5, thin boards: bending modulus at least 2700 MPa, bending strength at least 23 MPa; GB/T 11718, 1.5-3.5 mm: "
         "2700 and 27 MPa",
         "Effective isotropic value in the sheet; weaker through the thickness. Thin arms swell and break with damp.",
-        LongTerm(
+        LongTermProperties(
             1.0 / 3.25,
             0.00325,
             "EN 1995-1-1, MDF.LA of EN 622-5 in service class 1: k_def 2.25 (table 3.2, of decades), k_mod 0.20 under permanent load (table 3.1). The strain is "

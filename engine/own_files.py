@@ -16,7 +16,7 @@ CHECKSUM_FILE = (
 )
 
 
-class ForeignFileError(FlexMapsError):
+class UserFileError(FlexMapsError):
     """Error: a file to write exists already, and the user made or changed it."""
 
 
@@ -63,7 +63,7 @@ class Guard:
                 foreign.append(target)
         if foreign:
             more = f" and {len(foreign) - 1} more" if len(foreign) > 1 else ""
-            raise ForeignFileError(
+            raise UserFileError(
                 f"{foreign[0]}{more} would be written over, but FlexMaps did not write it, or it was changed since; "
                 f"{_elsewhere(foreign[0], root)}, or allow it (--overwrite, overwrite=True)"
             )

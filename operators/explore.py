@@ -32,11 +32,11 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Exploration:
             from ..engine.extras.exploring.explore_params import ExploreParams
             from ..engine.extras.exploring.run import explore_piece
-            from ..engine.extras.exploring.space import space_of_switches
+            from ..engine.extras.exploring.space import space_from_switches
 
             settings = snapshot.settings
             wanted = settings.section(ExploreParams)
-            question = space_of_switches(wanted, settings, 1e3 * result.mesh.median_edge)
+            question = space_from_switches(wanted, settings, 1e3 * result.mesh.median_edge)
             return explore_piece({0: result}, settings, question, candidates=wanted.candidates, progress=progress)
 
         return go_on

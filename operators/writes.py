@@ -12,7 +12,7 @@ from ..bridge.store.i18n import translate
 from ..bridge.store.paths import folder_of
 from ..bridge.store.settings import unsaved
 from ..engine.errors import FlexMapsError
-from ..engine.own_files import ForeignFileError, Guard
+from ..engine.own_files import Guard, UserFileError
 from .stage import AtOnce, OnObject
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Writes:
     )
 
     def guard(self, settings: ObjectSettings, present: Iterable[Path], root: Path | None = None) -> Guard:
-        """Return the guard for the files to write; raise ``ForeignFileError`` where an existing file is the user's."""
+        """Return the guard for the files to write; raise ``UserFileError`` where an existing file is the user's."""
         from ..bridge.store.objects import files_read
         from ..engine.fabrication.nesting.remnants import SEPARATOR
 
@@ -40,9 +40,9 @@ class Writes:
         return made
 
     def _refused(self, context: bpy.types.Context, error: Exception) -> set[str]:
-        return self.ask(error) if isinstance(error, ForeignFileError) else super()._refused(context, error)  # type: ignore[misc]
+        return self.ask(error) if isinstance(error, UserFileError) else super()._refused(context, error)  # type: ignore[misc]
 
-    def ask(self, error: ForeignFileError) -> set[str]:
+    def ask(self, error: UserFileError) -> set[str]:
         """Ask whether to replace the files, and start again if so; without a window report an error."""
         if bpy.app.background or self.overwrite:
             self.report({"ERROR"}, str(error))  # type: ignore[attr-defined]

@@ -16,7 +16,7 @@ from ...engine.extras import registry
 from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
-from ...engine.simulation.visible import VISIBLE_DISTANCE
+from ...engine.simulation.visible import VISIBLE_RMS_SHARE
 from . import cures, equilibrium, failures, flat_target, objects, origin, states
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
@@ -283,7 +283,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
 
 def _is_far(block: dict[str, Any]) -> bool:
     """Return whether the piece as a whole, not only one of its small bodies, lies far from its target."""
-    return 0.01 * block.get("rms_percent", 100.0) > VISIBLE_DISTANCE
+    return 0.01 * block.get("rms_percent", 100.0) > VISIBLE_RMS_SHARE
 
 
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.strain_changes import strain_by_spiral
+from ..mechanics.arms.strain_changes import max_strain_per_spiral
 from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.equilibrium import solve
 from ..params import SimulateParams
@@ -32,6 +32,8 @@ def forecast_strain(simulation: Simulation) -> StrainForecast | None:
         if thickness != given.thickness:
             there = solve(model, there, simulation.loads, SimulateParams(restarts=0)).pose
         state = model.start(there)
-        return float(strain_by_spiral(model.assembly, model.strains(state, material)).max()) / material.strain_limit
+        return (
+            float(max_strain_per_spiral(model.assembly, model.strains(state, material)).max()) / material.strain_limit
+        )
 
     return strain

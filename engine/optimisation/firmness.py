@@ -1,7 +1,7 @@
 """Stability barrier: a term of the objective that keeps equilibria away from snapping, by their smallest eigenvalues.
 
 With the Hessian H and its convex part C, the softest modes have H v = lambda C v. The barrier is half the sum of the squares of
-log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``SINGULAR_EIGENVALUE``. By an increment or a coordinate p,
+log((enough - m) / (lambda - m)) over every lambda below ``enough``, with m = ``BARRIER_POLE``. By an increment or a coordinate p,
 
     d lambda / d p = v . dH/dp v - lambda v . dC/dp v   with v . C v = 1.
 
@@ -32,10 +32,10 @@ MODE_COUNT, STRONG_MODES = 4, 8  # numbers of softest modes that count; with few
 # from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
 # as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
 BARRIER_WEIGHT = 0.3
-SINGULAR_EIGENVALUE = (
+BARRIER_POLE = (
     0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
 )
-TANGENT_BELOW = 0.002  # distance above ``SINGULAR_EIGENVALUE`` below which the logarithm continues as its tangent
+TANGENT_BELOW = 0.002  # distance above ``BARRIER_POLE`` below which the logarithm continues as its tangent
 DIFFERENCE_TURN = 3e-3  # size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances
 
 
@@ -56,10 +56,10 @@ class StabilityRequirement:
         return cls(BARRIER_WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(BARRIER_WEIGHT * mismatch)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return log((enough - m) / (rises - m)), m = ``SINGULAR_EIGENVALUE``, with its tangent near m, and the derivatives by ``rises``."""
-        room = rises - SINGULAR_EIGENVALUE
+        """Return log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, with its tangent near m, and the derivatives by ``rises``."""
+        room = rises - BARRIER_POLE
         near = np.maximum(room, TANGENT_BELOW)
-        return np.log((enough - SINGULAR_EIGENVALUE) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
+        return np.log((enough - BARRIER_POLE) / near) + (near - room) / TANGENT_BELOW, -1.0 / near
 
     def merit(self, rises: Float[np.ndarray, " k"]) -> float:
         """Return the factor on the objective of a result with these eigenvalues, for comparing results; 1 if stable enough."""

@@ -25,7 +25,7 @@ from ..spirals.blends import (
     MATE_LEAN,
     MATE_WIDTH,
     MATE_WIND,
-    N_PARAMETERS,
+    N_BLEND_PARAMETERS,
     OWN_LEAN,
     OWN_WIDTH,
     OWN_WIND,
@@ -108,7 +108,7 @@ class SlotRequirement:
         shapes, assembly = self.shapes, model.assembly
         n = assembly.spirals
         width, wind = assembly.width[:n].ravel(), self.sign * np.repeat(assembly.twist[:n], 4)
-        out = np.empty((len(width), N_PARAMETERS))
+        out = np.empty((len(width), N_BLEND_PARAMETERS))
         for own, mate, values, sign in (
             (OWN_WIDTH, MATE_WIDTH, width, 1.0),
             (OWN_WIND, MATE_WIND, wind, shapes.sign),
@@ -215,7 +215,7 @@ class NarrowSlots:
         out = self._rows(through, column, geometry_by_points.shape[0]) @ geometry_by_points
         for side in (0, 1):
             numbers = np.zeros((len(self.found.values), N_ARM_PARAMETERS))
-            numbers[:, :N_PARAMETERS] = self.found.slopes[1][:, side]
+            numbers[:, :N_BLEND_PARAMETERS] = self.found.slopes[1][:, side]
             out = out + self.opening.shapes.by_points(self.found.arms[:, side], numbers)
         return csr_array(out)
 

@@ -26,7 +26,7 @@ from . import codesign
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import CANCELLED, SearchRecord
-from .search import FARTHER, MIN_ALLOWED_DISTANCE, Search, StageResult, Task
+from .search import ALWAYS_ALLOWED_DISTANCE, FARTHER, Search, StageResult, Task
 from .snapshot import OptimisationStep
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
@@ -245,7 +245,7 @@ def _check(design: SpiralDesign, target: QuadMesh, constraints: Constraints, wis
 
 def _distance_limit(given: DesignPoint | None, problem: InverseProblem) -> float:
     """Return the largest allowed RMS distance of a result from the target, in distances of neighbours; infinite without a given design."""
-    return np.inf if given is None else max(FARTHER * given.distance, MIN_ALLOWED_DISTANCE) + problem.target.reach
+    return np.inf if given is None else max(FARTHER * given.distance, ALWAYS_ALLOWED_DISTANCE) + problem.target.reach
 
 
 def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:

@@ -62,7 +62,7 @@ TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the
 OVERTIME, RELIEF_STEPS = 0.25, 1
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
-MIN_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
+ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
 
 
 @dataclass(frozen=True, eq=False)

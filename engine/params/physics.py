@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..materials import MATERIALS, LongTerm, Material, Orthotropy, material
+from ..materials import MATERIALS, LongTermProperties, Material, Orthotropy, material
 from .fields import Params, setting
 
 
@@ -79,7 +79,7 @@ class MaterialParams(Params):
         if self.material != "custom":
             return material(self.material)
         given = "given by the user"
-        lasting = LongTerm(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
+        lasting = LongTermProperties(self.lasting_share, self.lasting_strain, given) if self.lasting_share else None
         rest = (self.poisson, self.density, self.strain_limit, True, given)
         if not self.across:
             return Material("Custom", self.youngs, *rest, lasting=lasting)

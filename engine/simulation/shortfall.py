@@ -17,7 +17,7 @@ from ..figures import format_figure
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
 from ..surface.mesh import QuadMesh
-from .visible import VISIBLE_DISTANCE
+from .visible import VISIBLE_RMS_SHARE
 
 # RMS distance from the target, as a share of the target's relief, above which a body is far from its target
 FAR_BY_RELIEF = 0.5
@@ -85,7 +85,7 @@ def find_far_bodies(
         wanted, own = mesh.centroids[quads], centres[quads]
         rms, height = float(np.sqrt(((own - wanted) ** 2).sum(axis=1).mean())), rms_height(wanted)
         flat = height > LOW_RELIEF * size and rms_height(own) < FLAT * height
-        if flat or rms > VISIBLE_DISTANCE * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
+        if flat or rms > VISIBLE_RMS_SHARE * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
             border = bool(mesh.border[mesh.quad_edges[quads]].any())
             far.append(FarBody(quads, rms / size, flat, bool(held[quads].any()), border, _middle_cut(layout, quads)))
     return sorted(far, key=lambda s: -s.rms)

@@ -14,7 +14,7 @@ from ..materials import FILLET_STRAIN, OVERSTRAIN_SHARE, Material
 from ..mechanics.arms.bent import Bender, bend_arms
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
-from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_angles, strain_by_spiral
+from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_sharpness, max_strain_per_spiral
 from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
@@ -88,11 +88,11 @@ class Simulation:
     def strain(self) -> Float[np.ndarray, " quads"] | None:
         """(F,) largest surface strain of every spiral's arms, without fillets, over the strain limit; None for the rod model.
 
-        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.strain_by_spiral``).
+        The more strained arm of a joint counts for both of its spirals (see ``strain_changes.max_strain_per_spiral``).
         """
         if self.joint_strain is None:
             return None
-        return strain_by_spiral(self.model.assembly, self.joint_strain) / self.material.strain_limit
+        return max_strain_per_spiral(self.model.assembly, self.joint_strain) / self.material.strain_limit
 
     def slots(self, progress: Progress = SILENT) -> SpaceSlots | None:
         """Measure the slots between the bent arms, at the first call only; None without an equilibrium."""
@@ -217,7 +217,7 @@ class Simulation:
             return []
         assembly = self.model.assembly
         share = self.joint_strain.max(axis=1) / self.material.strain_limit
-        share = np.where(kink_angles(assembly) < KINK_LIMIT, 0.0, share)
+        share = np.where(kink_sharpness(assembly) < KINK_LIMIT, 0.0, share)
         doubtful = (share <= OVERSTRAIN_SHARE) & (KINK_STRAIN_FACTOR * share > OVERSTRAIN_SHARE)
         if not doubtful.any():
             return []

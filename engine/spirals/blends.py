@@ -23,7 +23,7 @@ from ..arrays import Complex, Float
 
 # Columns of the derivatives with respect to a joint's parameters. The mate's radius does not affect an arm's blend.
 OWN_WIDTH, MATE_WIDTH, OWN_WIND, MATE_WIND, RADIUS, ANGLE, OWN_LEAN, MATE_LEAN = range(8)
-N_PARAMETERS = 8  # number of these columns
+N_BLEND_PARAMETERS = 8  # number of these columns
 
 # sine of the smallest angle between an arm and the edge that it crosses; larger values bend wound arms more
 _CROSSING_MIN = 0.1
@@ -122,11 +122,11 @@ def blend_joints(
     turn_by[..., 0] -= 1j + length_by[..., 0] / turned[..., 0] * common
     turn_by[..., 2] += 1j * back * common
     spoke = radius * np.exp(1j * angle)
-    by = np.zeros((*radius.shape, N_PARAMETERS), dtype=complex)
+    by = np.zeros((*radius.shape, N_BLEND_PARAMETERS), dtype=complex)
     by[..., [OWN_WIND, MATE_WIND, OWN_LEAN, MATE_LEAN]] = spoke[..., None] * turn_by
     by[..., RADIUS], by[..., ANGLE] = spoke * turn / radius, 1j * spoke * turn
     joint = 0.5 * width.sum(-1)
-    joint_by = np.zeros((*radius.shape, N_PARAMETERS))
+    joint_by = np.zeros((*radius.shape, N_BLEND_PARAMETERS))
     joint_by[..., [OWN_WIDTH, MATE_WIDTH]] = 0.5
     share, share_by = _blend_shares(turn, turn_by, length[..., 0], length_by[..., 0], joint, radius, shortest)
     return Blends(spoke * turn, joint, share, by, joint_by, share_by)
@@ -147,7 +147,7 @@ def _blend_shares(
     over, slope = smooth_positive(need - shortest, _BLEND_SOFT * shortest)
     below, cut = smooth_positive(_BLEND_MAX - shortest - over, _TOP_SOFT)
     change = slope * cut
-    by = np.zeros((*radius.shape, N_PARAMETERS))
+    by = np.zeros((*radius.shape, N_BLEND_PARAMETERS))
     by_h = change * need * (0.5 / np.maximum(h, 1e-12) + 1.0 / rest)
     by[..., [OWN_WIND, MATE_WIND, OWN_LEAN, MATE_LEAN]] = by_h[..., None] * h_by
     by[..., OWN_WIND] -= change * need * length_by / length

@@ -20,10 +20,10 @@ def table_twist_limit(ratio: np.ndarray | float) -> np.ndarray:
     At the limit the slot, (pi/4) s / sqrt(1 + twist^2) - w, is 0.14 arm widths wide.
     """
     # at larger ratios only the cap matters
-    return twist_limit_and_slope(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
+    return table_limit_and_slope(np.minimum(np.asarray(ratio, dtype=float), 1e6))[0]
 
 
-def twist_limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def table_limit_and_slope(ratio: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``table_twist_limit`` and its derivative with respect to ln(ratio)."""
     spread = (0.25 * math.pi / (1.0 + SLOT_SHARE) * ratio) ** 2
     cut = np.sqrt(spread - 1.0)
@@ -46,6 +46,6 @@ def twist_margin(
     (A,) radians, negative beyond the limit; and two derivatives (A,), radians per metre
     """
     ratio = 2.0 * radius / width
-    limit, slope = twist_limit_and_slope(np.clip(ratio, *SCALE_RANGE))
+    limit, slope = table_limit_and_slope(np.clip(ratio, *SCALE_RANGE))
     slope = np.where((ratio > SCALE_RANGE[0]) & (ratio < SCALE_RANGE[1]), slope, 0.0)
     return limit - twist, slope / radius, -slope / width

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Complex, Float, Int
-from .blends import ANGLE, N_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
+from .blends import ANGLE, N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
 from .spiral import arm_widths, curve_points
 
 # Columns of the derivatives with respect to an arm's parameters: the columns of ``blend_joints``, then the quad's centre.
-CENTRE_X, CENTRE_Y = N_PARAMETERS, N_PARAMETERS + 1
-N_ARM_PARAMETERS = N_PARAMETERS + 2  # number of these columns
+CENTRE_X, CENTRE_Y = N_BLEND_PARAMETERS, N_BLEND_PARAMETERS + 1
+N_ARM_PARAMETERS = N_BLEND_PARAMETERS + 2  # number of these columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +117,10 @@ class ArmCurves:
             return move.real * along.real + move.imag * along.imag
 
         by_slope, by_share = (share * value), project(slope) * (value - u * change)
-        point[:, :N_PARAMETERS] = by_slope[:, None] * (
+        point[:, :N_BLEND_PARAMETERS] = by_slope[:, None] * (
             end.slope_by[i].real * along.real[:, None] + end.slope_by[i].imag * along.imag[:, None]
         )
-        point[:, :N_PARAMETERS] += by_share[:, None] * end.share_by[i]
+        point[:, :N_BLEND_PARAMETERS] += by_share[:, None] * end.share_by[i]
         radial = project(turn) * (1.0 - t)
         across = project(1j * turn) * (1.0 - t) * self.radius[i]
         point[:, OWN_WIND] += t * across
@@ -130,8 +130,8 @@ class ArmCurves:
         joint = 1.0 + uu * u * (-10.0 + u * (15.0 - 6.0 * u))
         narrows = -30.0 * (u * (1.0 - u)) ** 2 * -u / share
         half = np.zeros((len(i), N_ARM_PARAMETERS))
-        half[:, :N_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
-        half[:, :N_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
+        half[:, :N_BLEND_PARAMETERS] = 0.5 * joint[:, None] * end.width_by[i]
+        half[:, :N_BLEND_PARAMETERS] += (0.5 * (end.width[i] - self.width[i]) * narrows)[:, None] * end.share_by[i]
         half[:, OWN_WIDTH] += 0.5 * (1.0 - joint)
         return point, half
 
@@ -162,7 +162,7 @@ class ArmCurves:
         radial = along * rest + aside1 * level - along1
         across = radius * (aside * rest - along1 * level - aside1)
         by_t = radius * (level * (aside - wind * along1) - along - 2.0 * wind * aside1)
-        out = np.zeros((len(t), N_PARAMETERS))
+        out = np.zeros((len(t), N_BLEND_PARAMETERS))
         out[:, RADIUS], out[:, ANGLE] = radial.sum(1), across.sum(1)
         out[:, OWN_WIND] = (t * across + radius * aside1 * rest).sum(1)
         out[:, OWN_WIDTH] = 0.5 * half.sum(1)

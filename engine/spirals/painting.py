@@ -18,7 +18,7 @@ from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
 from .design import SpiralDesign
 from .room import ClearanceModel
-from .slots import SLOT_DEPTH, min_slot_width, twist_limit, width_range
+from .slots import OPEN_SHARE, min_slot_width, twist_limit, width_range
 
 # halvings of a spiral's move where slots would close, before the spiral stays; more lose less of the move (here 2 %) and
 # take longer
@@ -111,7 +111,7 @@ def _largest_twist(
 ) -> Float[np.ndarray, " quads"]:
     """Return the largest twist in radians of a regular spiral of that width; in irregular quads slots close sooner."""
     params = design.params
-    limit = twist_limit(canvas.diameter, width.mean(axis=1), min_slot_width(params), SLOT_DEPTH)
+    limit = twist_limit(canvas.diameter, width.mean(axis=1), min_slot_width(params), OPEN_SHARE)
     return np.clip(limit, params.twist_min, params.twist_max)
 
 

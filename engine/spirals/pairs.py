@@ -12,13 +12,13 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import lean_angles
 from .lines import ArmCurves
-from .spiral import mirror_quads, opposite_sides, spokes
+from .spiral import mate_signs, opposite_sides, spokes
 
 # Kinds of pairs: two arms of one quad; an arm and the arms beside its mate, across the joint; all other arms of quads that
 # share an edge or a vertex
 SAME_QUAD, ACROSS, ROUND = range(3)
 # Largest t that counts on the first and on the second arm, for each kind. The slot beside an arm must be open over the outer
-# third (``slots.SLOT_DEPTH``); at t beyond 0.4, 0.9 and 0.8, arms of other quads were never nearest.
+# third (``slots.OPEN_SHARE``); at t beyond 0.4, 0.9 and 0.8, arms of other quads were never nearest.
 DEPTHS = np.array([[1.0 / 3.0, 1.0], [0.4, 0.9], [0.8, 0.8]])
 # Twists of an arm and of its mate, as shares of the largest twist, at which the reach of arms is sampled. Apart from blends,
 # arms with less twist lie within the region that arms with the largest twist surround.
@@ -150,7 +150,7 @@ def _extents(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, "arms
     """Return how far an arm's centre line can reach from its quad's centre in any design, in evenly spaced directions, metres."""
     _, radius, angle = spokes(flat.corners)
     mate, side = opposite_sides(flat.layout.mesh)
-    lean, sign = lean_angles(flat.corners, angle), mirror_quads(flat.layout.mesh, params)
+    lean, sign = lean_angles(flat.corners, angle), mate_signs(flat.layout.mesh, params)
     width = np.full((radius.size, 2), params.width_max)
     both = np.stack([lean, sign * lean[mate, side]], axis=-1).reshape(-1, 2)
     t = np.broadcast_to(_REACH_T, (radius.size, len(_REACH_T)))

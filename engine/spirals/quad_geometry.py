@@ -12,7 +12,7 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, lean_angles
 from .lines import CENTRE_X, CENTRE_Y
-from .spiral import mirror_quads, opposite_sides, spokes
+from .spiral import mate_signs, opposite_sides, spokes
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class ArmGeometry:
     radius, angle : length (metres) and direction (radians) from the centre to the joint
     lean : angle from the side's outward normal to that direction, radians
     mate : arm across the joint; at the border the arm itself
-    sign : factor on the mate's wind and lean, see ``spiral.mirror_quads``
+    sign : factor on the mate's wind and lean, see ``spiral.mate_signs``
     corner : (A, 4) flat points of the quad, from the start of the arm's side on
     corners : (A, 4) their positions, metres
     points : number of flat points
@@ -58,7 +58,7 @@ class ArmGeometry:
             angle.ravel(),
             lean_angles(flat.corners, angle).ravel(),
             (4 * mate + side).ravel(),
-            mirror_quads(flat.layout.mesh, params).ravel(),
+            mate_signs(flat.layout.mesh, params).ravel(),
             corner,
             flat.points[corner] @ np.array([1.0, 1j]),
             len(flat.points),

@@ -32,12 +32,12 @@ from .spiral import (
 
 # share of every arm, from its tip, over which the slot beside it must be open; with more twist, slots of thick spirals close
 # from the hub, and at about this share the free length of the arms is greatest
-SLOT_DEPTH = 1.0 / 3.0
+OPEN_SHARE = 1.0 / 3.0
 PARALLEL_COSINE = 0.3  # least cosine of the angle between two edges that bound a slot
 # least arm width in quads without room for the smallest width, as a share of it; quads with even less room get a solid hub
 MIN_WIDTH_SHARE = 0.5
 # arm width at a solid hub, as a share of the smallest width; it differs from ``MIN_WIDTH_SHARE`` by more than single precision
-SOLID_WIDTH = 0.48
+SOLID_WIDTH_SHARE = 0.48
 # places on the outer part of an arm where its gap is measured for the largest twist, with a parabola between them; more are slower.
 # On five surfaces of 7,722 quads, with eight sets of widths, 18 places lead to the same twists
 GAP_PLACES = 6
@@ -82,9 +82,9 @@ def width_range(
     small = widest < MIN_WIDTH_SHARE * params.width_min
     # straight arms must leave slots beside their outer thirds, unless they have the smallest width
     wide = np.minimum(
-        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, min_slot_width(params), SLOT_DEPTH))
+        params.width_max, np.maximum(params.width_min, widest_beside_slots(flat, min_slot_width(params), OPEN_SHARE))
     )
-    high = np.where(small, SOLID_WIDTH * params.width_min, np.minimum(wide, widest))
+    high = np.where(small, SOLID_WIDTH_SHARE * params.width_min, np.minimum(wide, widest))
     return np.minimum(params.width_min, high), high
 
 
@@ -102,7 +102,7 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:
     """Return the narrowest gap in metres between the outer parts of arms and the facing arms, ``step`` sides before them."""
     opening = (step * (outer.angle - inner.angle))[..., None] % (2.0 * math.pi)
-    t = np.broadcast_to(np.linspace(0.0, SLOT_DEPTH, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
+    t = np.broadcast_to(np.linspace(0.0, OPEN_SHARE, GAP_PLACES), (*outer.radius.shape, GAP_PLACES))
     p = centre_line(outer, t)[0]
     # the facing arm's parameter at the same angle; the nearest point is close to it
     level = t + opening / np.maximum(np.abs(outer.wind), 1e-9)[:, None, None]

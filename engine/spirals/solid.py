@@ -17,10 +17,10 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import Finding, counted, finding, named
 from .contours import SlotRoots, find_roots
-from .slots import MIN_WIDTH_SHARE, SOLID_WIDTH, width_range
+from .slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
 from .spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
 
-# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID_WIDTH`` and ``MIN_WIDTH_SHARE``
+# arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
 BELOW = 0.49
 LARGEST_SHARE = 0.01  # largest share of quads without a spiral; with more, the piece would be a different one
 MOST = 20  # largest number of quads without a spiral
@@ -55,7 +55,7 @@ def set_solid(
     quads: Bool[np.ndarray, " quads"],
 ) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
     """Return widths (metres) and twists (radians) with solid hubs in the quads of a mask."""
-    return np.where(quads[:, None], SOLID_WIDTH * params.width_min, width), np.where(quads, 0.0, twist)
+    return np.where(quads[:, None], SOLID_WIDTH_SHARE * params.width_min, width), np.where(quads, 0.0, twist)
 
 
 def fewer_quads(count: int) -> int:

@@ -85,7 +85,7 @@ def opposite_sides(mesh: QuadMesh) -> tuple[Int[np.ndarray, "quads 4"], Int[np.n
     return np.where(border, own, quad), np.where(border, np.arange(4), side)
 
 
-def mirror_quads(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
+def mate_signs(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads 4"]:
     """Return the factor on the mate's wind and lean at every side: -1 at a rim, else 1.
 
     At a rim, the mate is the arm's own mirror image, so that the arm meets the rim at right angles.
@@ -112,7 +112,7 @@ def arms(
     width, lean = np.asarray(width, dtype=float), lean_angles(flat.corners, angle)
     quad, side = opposite_sides(flat.layout.mesh)
     every = np.broadcast_to(wind[:, None], width.shape)
-    sign = mirror_quads(flat.layout.mesh, params)
+    sign = mate_signs(flat.layout.mesh, params)
     widths = np.stack([width, width[quad, side]], axis=-1)
     winds, both = (np.stack([own, sign * own[quad, side]], axis=-1) for own in (every, lean))
     end = blend_joints(widths, winds, both, radius, angle, params.blend)

@@ -9,7 +9,7 @@ import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.files import write_all_atomically, write_atomically
-from flexmaps.engine.own_files import CHECKSUM_FILE, ForeignFileError, Guard, is_ours
+from flexmaps.engine.own_files import CHECKSUM_FILE, Guard, UserFileError, is_ours
 
 OUTPUTS = (
     "sheet-01.svg",
@@ -82,9 +82,9 @@ def test_files_of_others_stay_unless_that_is_allowed(tmp_path: Path, name: str, 
     else:
         target.write_text("the user's work")
     before = None if state == "link to nothing" else target.read_bytes()
-    with pytest.raises(ForeignFileError, match="--overwrite"):
+    with pytest.raises(UserFileError, match="--overwrite"):
         Guard().check([target], tmp_path)
-    with pytest.raises(ForeignFileError), write_all_atomically([target], tmp_path, Guard()) as new:
+    with pytest.raises(UserFileError), write_all_atomically([target], tmp_path, Guard()) as new:
         new(target)
     with write_all_atomically([target], tmp_path, Guard()):
         pass  # it would be removed if it were ours
@@ -130,7 +130,7 @@ def test_a_run_that_ends_early_changes_neither_files_nor_note(tmp_path: Path, er
 def test_a_damaged_note_makes_no_file_ours(tmp_path: Path, note: str) -> None:
     (tmp_path / "a.svg").write_text("whose?")
     (tmp_path / CHECKSUM_FILE).write_text(note)
-    with pytest.raises(ForeignFileError):
+    with pytest.raises(UserFileError):
         Guard().check([tmp_path / "a.svg"], tmp_path)
 
 

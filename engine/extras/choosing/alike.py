@@ -12,7 +12,7 @@ from ...simulation.shortfall import angle_defects
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping
 from .judge import Idea, JudgedLayout, LayoutProblem
-from .moves import cuts, mismatch_weights, weakest, with_images
+from .moves import cuts, fixable_mismatch, weakest, with_images
 
 ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
 JOINED = 6  # seams that are tried against a cut; not measured, it bounds the time
@@ -28,7 +28,7 @@ def alike(piece: LayoutProblem, judged: JudgedLayout) -> list[Idea]:
     kept = keeping(piece.symmetries, layout.cut)
     found: dict[bytes, Idea] = {}
     for symmetries in (kept, []) if kept else ([],):
-        for idea in (*_moved(layout, symmetries), *_exchanged(layout, symmetries, mismatch_weights(judged))):
+        for idea in (*_moved(layout, symmetries), *_exchanged(layout, symmetries, fixable_mismatch(judged))):
             found.setdefault(idea.cut.tobytes(), idea)
     found.pop((layout.cut & ~layout.mesh.border).tobytes(), None)
     worth = [(_curved(PatchLayout(layout.mesh, idea.cut)), k) for k, idea in enumerate(found.values())]

@@ -35,7 +35,7 @@ from ...workers import Workers
 from .alike import alike
 from .choice import INITIAL, STRIDE, Choice, front
 from .decide import decide, may_replace_initial
-from .drawn_cuts import along_folds, drop_images, equal_cuts, planes, symmetrised
+from .drawn_cuts import along_folds, drop_images, equal_cuts, planes, symmetric_variants
 from .judge import (
     LONG,
     WHOLE,
@@ -49,7 +49,7 @@ from .judge import (
     panel_curvature,
 )
 from .layout_search import LayoutSearch, Together, clocked_progress, key
-from .moves import IDEAS, join_seams, moves
+from .moves import IDEAS, merge_across_seams, moves
 from .predict import PredictionStart
 from .prospects import WORTH
 
@@ -196,7 +196,7 @@ def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> Non
     others: list[Idea | LayoutParams] = [*_merges(search), *(Idea(cut, name) for name, cut in sketched)]
     if piece.symmetries:
         others += [Idea(cut, name, even=True) for name, cut in sketched]
-    others += [Idea(cut, name) for name, cut in symmetrised(first.cut, mesh, piece.symmetries)]
+    others += [Idea(cut, name) for name, cut in symmetric_variants(first.cut, mesh, piece.symmetries)]
     unsearched = quick is not None and key(first) not in search.proved
     jobs = [first, *others] if unsearched else others
     most = CURVED * panel_curvature(first.flat.layout)
@@ -373,6 +373,6 @@ def _between(search: LayoutSearch) -> Iterator[FlatLayout]:
     """Yield layouts that nobody has judged, of more panels than one proposal and far fewer than the next."""
     for few, many in pairwise(front(search.judged)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
-        made = join_seams(search.piece, many, most) if many.laid.panels > most else None
+        made = merge_across_seams(search.piece, many, most) if many.laid.panels > most else None
         if made is not None and made.panels > few.laid.panels and search.unknown(made):
             yield made

@@ -7,7 +7,7 @@ from dataclasses import replace
 from ...surface.checking.finding import counted
 from .choice import INITIAL, Choice, Proposal, proposal, worth_showing
 from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
-from .layout_search import DUPLICATE_TOL, EXPECTED, LayoutSearch, key, short
+from .layout_search import EXPECTED, SEARCH_SCATTER, LayoutSearch, key, short
 from .prospects import WORTH
 
 # Distances that count as the same when the work is weighed: two searches of the same layout differ by up to 3 %
@@ -63,7 +63,7 @@ def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) ->
         alike = [given] if given is not None and search.holds(given) and given in alike else []
     alike.append(best)
     if given is not None and given.share >= WHOLE and search.holds(given) == search.holds(best):
-        alike = [one for one in alike if one is given or (1.0 + DUPLICATE_TOL) * one.eased < given.rms] or [given]
+        alike = [one for one in alike if one is given or (1.0 + SEARCH_SCATTER) * one.eased < given.rms] or [given]
     return min(alike, key=lambda one: (one.laid.joints, one.laid.panels))
 
 

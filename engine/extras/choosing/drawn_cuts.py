@@ -182,7 +182,7 @@ def drop_images(
             yield name, cut
 
 
-def symmetrised(
+def symmetric_variants(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
     """A layout made symmetric: with its images, or one half of it on both sides of a mirror plane; a name and (E,) bool each."""

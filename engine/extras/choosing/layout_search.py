@@ -26,7 +26,7 @@ PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows 
 # Seconds that a layout takes to judge for one of the given one, by the clock: 1.6 to 2.8 on six surfaces, with two at once
 HARDER = 2.0
 FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
-DUPLICATE_TOL = (
+SEARCH_SCATTER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
 )
 # Expected distance after a long search over the distance after a short one: measured 0.36 to 0.67 for layouts of 986 quads, less for those of 150
@@ -86,7 +86,7 @@ class LayoutSearch:
         if self.params.goal == "panels":
             few = laid.panels <= self.params.panels
             return (0.0, rms, *work) if few else (1.0, float(laid.panels), *work)
-        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + DUPLICATE_TOL) * self.reference
+        limit = self.params.match / 100.0 if self.params.goal == "match" else (1.0 + SEARCH_SCATTER) * self.reference
         return (0.0, *work) if rms <= limit else (1.0, rms, *work)
 
     def holds(self, one: JudgedLayout) -> bool:

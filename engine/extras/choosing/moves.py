@@ -38,10 +38,10 @@ def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool
         return Idea(cut & ~layout.mesh.border, origin)
 
     if more:
-        for edges, origin in cuts(layout, mismatch_weights(judged)):
+        for edges, origin in cuts(layout, fixable_mismatch(judged)):
             yield changed(edges, True, origin)
     if fewer:
-        for edges in weakest(layout, mismatch_weights(judged))[:PLACES]:
+        for edges in weakest(layout, fixable_mismatch(judged))[:PLACES]:
             joined = changed(edges, False, "joined")
             if PatchLayout(layout.mesh, joined.cut).planar.all():
                 yield joined
@@ -52,12 +52,14 @@ def with_images(edges: Int[np.ndarray, " some"], symmetries: Sequence[Symmetry])
     return np.unique(np.concatenate([edges, *(symmetry.edges[edges] for symmetry in symmetries)]))
 
 
-def mismatch_weights(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
+def fixable_mismatch(judged: JudgedLayout) -> Float[np.ndarray, " quads"]:
     """Return (F,) each quad's share in the mismatch, weighted by whether another cut could remove its reason."""
-    return weight_mismatch(judged.blame, judged.kind)
+    return weight_by_fixability(judged.blame, judged.kind)
 
 
-def weight_mismatch(blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]) -> Float[np.ndarray, " quads"]:
+def weight_by_fixability(
+    blame: Float[np.ndarray, " quads"], kind: Int[np.ndarray, " quads"]
+) -> Float[np.ndarray, " quads"]:
     """Weight differences of bending by whether another cut could remove their reason, ``kind`` as in ``reach``."""
     return blame * np.where(np.isin(kind, MENDED), 1.0, OTHERWISE)
 
@@ -124,12 +126,12 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
                 break
 
 
-def join_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
+def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
     """Return a judged layout with seams opened until it has at most so many panels, within the limits; None where those forbid it.
 
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
     """
-    layout, params, blame = judged.laid.flat.layout, piece.settings.layout, mismatch_weights(judged)
+    layout, params, blame = judged.laid.flat.layout, piece.settings.layout, fixable_mismatch(judged)
     board = bounded(layout, params, piece.symmetries)
     while len(board.pieces) > most:
         for seam in weakest(board.layout, blame):

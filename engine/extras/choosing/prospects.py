@@ -27,7 +27,7 @@ from ...simulation.simulate import Simulation
 from ...surface.checking.folds import rounded
 from ...surface.mesh import PolygonMesh, QuadMesh
 from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
-from .moves import IDEAS, weight_mismatch, with_cuts
+from .moves import IDEAS, weight_by_fixability, with_cuts
 from .predict import PredictionStart, predict
 
 BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
@@ -61,7 +61,7 @@ def prospects(
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
         return None
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
-    ideas = with_cuts(found.design.flat.layout, weight_mismatch(_mismatch(found), limits.kind))
+    ideas = with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
     design, smooth = found.design, found.target.moved(rounded(PolygonMesh.from_quads(found.target)))
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))

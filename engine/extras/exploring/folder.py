@@ -19,7 +19,7 @@ from .candidate import Candidate, ExplorationInput
 from .explore import Exploration
 from .space import MEASURES, SECTIONS, Space
 
-CANDIDATES_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
+JOURNAL_FILE = "tried.jsonl"  # JSON lines: the first identifies piece and variables, one follows for every candidate
 TABLE, REPORT, PLOT = "candidates.csv", "explore.json", "front.svg"
 AXIS_MARGIN = 0.08  # free space at both ends of an axis, as a share of its values' range; chosen by eye
 
@@ -47,8 +47,8 @@ class Folder:
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             lines = (
-                (self.path / CANDIDATES_FILE).read_text(encoding="utf-8").splitlines()
-                if (self.path / CANDIDATES_FILE).exists()
+                (self.path / JOURNAL_FILE).read_text(encoding="utf-8").splitlines()
+                if (self.path / JOURNAL_FILE).exists()
                 else []
             )
         except (OSError, ValueError) as error:
@@ -60,7 +60,7 @@ class Folder:
             if isinstance(row, dict) and row.keys() == {"values", "measures", "advice", "fault", "picture"}:
                 self.known.append(Candidate(**row))
         try:
-            self._stream = (self.path / CANDIDATES_FILE).open("a", encoding="utf-8")
+            self._stream = (self.path / JOURNAL_FILE).open("a", encoding="utf-8")
         except OSError as error:
             raise FlexMapsError(f"{self.path}: {files.describe_error(error)}") from None
         self._append("" if not lines else "\n")  # ends a line that an earlier run has written by half

@@ -213,7 +213,7 @@ SWITCH_VARIABLES = {
 }
 
 
-def space_of_switches(params: ExploreParams, settings: Settings, edge: float) -> Space:
+def space_from_switches(params: ExploreParams, settings: Settings, edge: float) -> Space:
     """Return the question of the sidebar's switches.
 
     Parameters

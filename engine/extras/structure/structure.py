@@ -18,7 +18,7 @@ from ...errors import FlexMapsError
 from ...fabrication import joints
 from ...fabrication.connectors.connect import Connections
 from ...materials import OVERLOADED, OVERSTRAIN_SHARE, Material
-from ...mechanics.arms.strain_changes import strain_by_spiral
+from ...mechanics.arms.strain_changes import max_strain_per_spiral
 from ...mechanics.assembly import Pose
 from ...mechanics.equilibrium import Equilibrium, solve
 from ...mechanics.loads import Loads, parse_supports
@@ -235,7 +235,7 @@ class _Strength:
         strains, wrenches = model.strains(state, material), model.wrenches(state)
         if strains is None or wrenches is None:
             return Borne()
-        worst, wrench = strain_by_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
+        worst, wrench = max_strain_per_spiral(model.assembly, strains) / strain, wrenches[: model.assembly.inner]
         stress = joints.stresses(wrench, self.necks, model.assembly.thickness)
         force, moment = np.linalg.norm(wrench[:, :3], axis=1), np.linalg.norm(wrench[:, 3:], axis=1)
         return Borne(worst, stress / (material.youngs * strain), force, moment)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ...arrays import Float
 from .bars import BarPull, Bars
-from .tip_beams import PlaneVector
+from .tip_beams import SplitVector
 
 # Columns of the loads of an arm, in its own axes: the wrench at its tip, N and N m; the first-order wrench, which bends
 # the arm; and the turn of the other hub of its joint relative to its own, radians. The second arm of a joint feels the
@@ -49,12 +49,12 @@ class BarLoads:
     loads: Float[np.ndarray, "n 15"]
     compliance: Float[np.ndarray, "3 n pieces"]
     flat: _FlatLoads
-    bends: PlaneVector
+    bends: SplitVector
     beyond: Float[np.ndarray, "n 1"]
-    half: PlaneVector
-    tangent: PlaneVector
-    lever: PlaneVector
-    moment: PlaneVector
+    half: SplitVector
+    tangent: SplitVector
+    lever: SplitVector
+    moment: SplitVector
     normal: Float[np.ndarray, "n pieces"]
     torque: Float[np.ndarray, "n pieces"]
     lift: Float[np.ndarray, "n pieces"]
@@ -67,15 +67,15 @@ class BarLoads:
         """Bend the bars and take the moments along them; arguments as the attributes."""
         flat = _FlatLoads.from_wrench(bars, loads[:, FIRST_ORDER])
         twist, lift, turn = compliance * bars.length * flat.moments
-        bends, hub = PlaneVector((twist + 1j * lift) * bars.tangent, turn), _pair(loads[:, TURN])
+        bends, hub = SplitVector((twist + 1j * lift) * bars.tangent, turn), _pair(loads[:, TURN])
         beyond = BEYOND * bars.width[:, -1:] / bars.length[:, -1:]
-        half = PlaneVector(
+        half = SplitVector(
             0.5 * (_from_hub(bends.flat) + beyond * bends.flat[:, -1:]) - 0.25 * hub.flat,
             0.5 * (_from_hub(bends.off) + beyond * bends.off[:, -1:]) - 0.25 * hub.off,
         )
-        along = PlaneVector(bars.tangent, np.zeros_like(bars.length))
+        along = SplitVector(bars.tangent, np.zeros_like(bars.length))
         change = _turned(half, along)
-        lever = PlaneVector(bars.lever + _from_tip(change.flat * bars.length), _from_tip(change.off * bars.length))
+        lever = SplitVector(bars.lever + _from_tip(change.flat * bars.length), _from_tip(change.off * bars.length))
         force, at_tip = _pair(loads[:, 0:3]), _pair(loads[:, 3:6])
         moment = _sum(_cross(lever, force), at_tip)
         own = _sum(moment, _turned(_negative(half), moment))
@@ -94,23 +94,23 @@ class BarLoads:
         ----------
         normal, torque, lift, turn : (n, pieces) derivatives of one number per arm by the loads in the sections
         """
-        bars, along = self.bars, PlaneVector(self.bars.tangent, np.zeros_like(self.normal))
+        bars, along = self.bars, SplitVector(self.bars.tangent, np.zeros_like(self.normal))
         force = _pair(self.loads[:, 0:3])
-        by_own = PlaneVector((torque + 1j * lift) * bars.tangent, turn)
+        by_own = SplitVector((torque + 1j * lift) * bars.tangent, turn)
         by_along = (torque - 1j * lift) * (self.torque + 1j * self.lift) * bars.tangent
         by_moment, by_back = _turned_vjp(_negative(self.half), self.moment, by_own)
         by_moment = _sum(by_moment, by_own)
         by_lever = _cross(force, by_moment)
         by_force = _sum(
-            _cross(by_moment, self.lever), PlaneVector(normal * self.tangent.flat, normal * self.tangent.off)
+            _cross(by_moment, self.lever), SplitVector(normal * self.tangent.flat, normal * self.tangent.off)
         )
-        steps = PlaneVector(_from_hub(by_lever.flat), _from_hub(by_lever.off))
-        change = PlaneVector(self.tangent.flat - along.flat, self.tangent.off)
+        steps = SplitVector(_from_hub(by_lever.flat), _from_hub(by_lever.off))
+        change = SplitVector(self.tangent.flat - along.flat, self.tangent.off)
         by_length = _dot(steps, change)
-        by_tangent = PlaneVector(normal * force.flat, normal * force.off)
-        by_change = _sum(by_tangent, PlaneVector(bars.length * steps.flat, bars.length * steps.off))
+        by_tangent = SplitVector(normal * force.flat, normal * force.off)
+        by_change = _sum(by_tangent, SplitVector(bars.length * steps.flat, bars.length * steps.off))
         back, by_half = _turned_vjp(self.half, along, by_change)
-        by_half = PlaneVector(by_half.flat - by_back.flat, by_half.off - by_back.off)
+        by_half = SplitVector(by_half.flat - by_back.flat, by_half.off - by_back.off)
         by_along = by_along + by_tangent.flat + back.flat
         by_first, by_compliance, bent = self._bends_pulled(by_half)
         angle = (np.conj(1j * bars.tangent) * by_along).real
@@ -119,14 +119,14 @@ class BarLoads:
         return np.concatenate([*wrench, by_first, hub], axis=1), pull, by_compliance
 
     def _bends_pulled(
-        self, by_half: PlaneVector
+        self, by_half: SplitVector
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "3 n pieces"], BarPull]:
         """Derivatives by the first-order wrenches, the compliances and the bars from those by ``half``."""
         bars, moments, all_turned = self.bars, self.flat.moments, 0.5 * _vectors(by_half)
-        by_bends = PlaneVector(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
+        by_bends = SplitVector(0.5 * _from_tip(by_half.flat), 0.5 * _from_tip(by_half.off))
         by_bends.flat[:, -1:] += self.beyond * (all_turned[:, :1] + 1j * all_turned[:, 1:2])
         by_bends.off[:, -1:] += self.beyond * all_turned[:, 2:]
-        last = PlaneVector(self.bends.flat[:, -1:], self.bends.off[:, -1:]).space[:, 0]
+        last = SplitVector(self.bends.flat[:, -1:], self.bends.off[:, -1:]).space[:, 0]
         by_beyond = (all_turned * last).sum(1) * self.beyond[:, 0]
         local = np.conj(bars.tangent) * by_bends.flat
         by_parts = np.stack([local.real, local.imag, by_bends.off])
@@ -148,7 +148,7 @@ class _FlatLoads:
     """
 
     bars: Bars
-    force: PlaneVector
+    force: SplitVector
     moment: np.ndarray
     moments: Float[np.ndarray, "3 n pieces"]
 
@@ -166,58 +166,58 @@ class _FlatLoads:
         moment = (by[0] + 1j * by[1]) * bars.tangent
         by_tangent = (by[0] - 1j * by[1]) * self.moment
         lever = 1j * (self.force.off * moment - self.force.flat * turn)
-        force = PlaneVector(1j * turn * bars.lever, (np.conj(-1j * bars.lever) * moment).real)
-        return np.concatenate([_vectors(force), _vectors(PlaneVector(moment, turn))], axis=1), lever, by_tangent
+        force = SplitVector(1j * turn * bars.lever, (np.conj(-1j * bars.lever) * moment).real)
+        return np.concatenate([_vectors(force), _vectors(SplitVector(moment, turn))], axis=1), lever, by_tangent
 
 
-def _pair(vectors: Float[np.ndarray, "n 3"]) -> PlaneVector:
+def _pair(vectors: Float[np.ndarray, "n 3"]) -> SplitVector:
     """Vectors of n arms, to be combined with (n, pieces)."""
-    return PlaneVector.from_vectors(vectors[:, None])
+    return SplitVector.from_vectors(vectors[:, None])
 
 
-def _vectors(pairs: PlaneVector) -> Float[np.ndarray, "n 3"]:
+def _vectors(pairs: SplitVector) -> Float[np.ndarray, "n 3"]:
     """Sums of pairs (n, pieces) over the pieces, as vectors."""
     flat = pairs.flat.sum(1)
     return np.stack([flat.real, flat.imag, pairs.off.sum(1)], axis=1)
 
 
-def _sum(a: PlaneVector, b: PlaneVector) -> PlaneVector:
-    return PlaneVector(a.flat + b.flat, a.off + b.off)
+def _sum(a: SplitVector, b: SplitVector) -> SplitVector:
+    return SplitVector(a.flat + b.flat, a.off + b.off)
 
 
-def _negative(a: PlaneVector) -> PlaneVector:
-    return PlaneVector(-a.flat, -a.off)
+def _negative(a: SplitVector) -> SplitVector:
+    return SplitVector(-a.flat, -a.off)
 
 
-def _dot(a: PlaneVector, b: PlaneVector) -> np.ndarray:
+def _dot(a: SplitVector, b: SplitVector) -> np.ndarray:
     return (np.conj(a.flat) * b.flat).real + a.off * b.off
 
 
-def _cross(a: PlaneVector, b: PlaneVector) -> PlaneVector:
-    return PlaneVector(1j * (a.off * b.flat - a.flat * b.off), (np.conj(a.flat) * b.flat).imag)
+def _cross(a: SplitVector, b: SplitVector) -> SplitVector:
+    return SplitVector(1j * (a.off * b.flat - a.flat * b.off), (np.conj(a.flat) * b.flat).imag)
 
 
-def _size(half: PlaneVector) -> np.ndarray:
+def _size(half: SplitVector) -> np.ndarray:
     """Factor of the Cayley transform of half a rotation vector q: it moves v by this factor times q x v + q x (q x v)."""
     return 2.0 / (1.0 + _dot(half, half))
 
 
-def _turned(half: PlaneVector, vector: PlaneVector) -> PlaneVector:
+def _turned(half: SplitVector, vector: SplitVector) -> SplitVector:
     """Change of vectors when they are turned by Cayley transforms."""
     once, size = _cross(half, vector), _size(half)
     twice = _cross(half, once)
-    return PlaneVector(size * (once.flat + twice.flat), size * (once.off + twice.off))
+    return SplitVector(size * (once.flat + twice.flat), size * (once.off + twice.off))
 
 
-def _turned_vjp(half: PlaneVector, vector: PlaneVector, by: PlaneVector) -> tuple[PlaneVector, PlaneVector]:
+def _turned_vjp(half: SplitVector, vector: SplitVector, by: SplitVector) -> tuple[SplitVector, SplitVector]:
     """Vector-Jacobian product of ``_turned``: derivatives by the vectors and by ``half``."""
     once, size = _cross(half, vector), _size(half)
     both = _sum(once, _cross(half, once))
-    scaled = PlaneVector(size * by.flat, size * by.off)
+    scaled = SplitVector(size * by.flat, size * by.off)
     inner = _sum(scaled, _cross(scaled, half))
     less = size * _dot(scaled, both)
     direct = _sum(_cross(vector, inner), _cross(once, scaled))
-    return _cross(inner, half), PlaneVector(direct.flat - less * half.flat, direct.off - less * half.off)
+    return _cross(inner, half), SplitVector(direct.flat - less * half.flat, direct.off - less * half.off)
 
 
 def _from_tip(x: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from ...spirals.blends import (
     RADIUS,
     smooth_positive,
 )
-from ...spirals.blends import N_PARAMETERS as BLEND_NUMBERS
+from ...spirals.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
 from ...spirals.lines import ArmCurves
 from .tip_beams import HUB_SHARE, hub_ends
 

@@ -12,7 +12,7 @@ from ...arrays import Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ..assembly import Assembly
-from .cut import TWIST, WIDTH, CutArms, added_compliance, limit_reduction, rest_shapes
+from .cut import TWIST, WIDTH, CutArms, added_compliance, reduction_factors, rest_shapes
 from .grain import GrainBeams
 from .rim_beams import of_rim
 from .stiffness import table_tip_compliance
@@ -92,7 +92,7 @@ def arm_compliances(assembly: Assembly, material: Material, slopes: bool = True)
         raise FlexMapsError(str(error), faces=np.unique(spiral[np.asarray(error.faces, dtype=int)])) from None
     arms = CutArms.from_assembly(assembly, shape)
     added, by = added_compliance(arms, assembly.thickness, material, slopes)
-    share = limit_reduction(arms, found.values, added)[:, None, None]
+    share = reduction_factors(arms, found.values, added)[:, None, None]
     added = added * share
     if slopes:
         by *= share[..., None]

@@ -31,7 +31,7 @@ from .stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE, SHORTEST
 # Parameters, besides its geometry, on which the compliance of an arm depends: its own width and twist, the mean width
 # of its two neighbours in the spiral, and width and twist of the arm beyond the joint.
 WIDTH, TWIST, BESIDE, MATE_WIDTH, MATE_TWIST = range(5)
-N_PARAMETERS = 5  # number of these parameters
+N_CUT_PARAMETERS = 5  # number of these parameters
 # rows in derivative arrays: the value and the parameters of a blended end
 _BLEND_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + MATE_WIDTH, 1 + MATE_TWIST]
 _ROOT_ROWS = [0, 1 + WIDTH, 1 + TWIST, 1 + BESIDE]  # rows of the value and of the parameters of a root
@@ -148,7 +148,7 @@ def added_compliance_by_shape(
 ) -> Float[np.ndarray, "n _ 6 6"]:
     """(2 m, k, 6, 6) derivatives of the compliance added to the table's, with respect to the k ``rest_shapes`` of every arm.
 
-    The factor of ``limit_reduction`` counts as constant.
+    The factor of ``reduction_factors`` counts as constant.
     """
     shape = rest_shapes(assembly, material)
     n, count = len(shape), shape.shape[1]
@@ -169,7 +169,7 @@ def added_compliance_by_shape(
         for (i, j), entry in zip(_NONZERO, found, strict=True):
             value[part, i, j] = value[part, j, i] = entry[0]
             by[part, :, i, j] = by[part, :, j, i] = entry[1:].T
-    return by * limit_reduction(arms, table, value)[:, None, None, None]
+    return by * reduction_factors(arms, table, value)[:, None, None, None]
 
 
 def added_compliance(
@@ -177,19 +177,19 @@ def added_compliance(
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n numbers 6 6"]]:
     """Compliance of N cut arms minus the table's compliance, SI, and its derivatives.
 
-    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``N_PARAMETERS`` parameters above, per metre
+    Rows and columns as in ``ArmCompliance``; derivatives with respect to the ``N_CUT_PARAMETERS`` parameters above, per metre
     and per radian. It fades to zero for arms hardly longer than wide. Without ``slopes`` the derivatives are zero,
     which is faster.
     """
     n, kept = len(arms.radius), slice(None if slopes else 1)
-    value, by = np.zeros((n, 6, 6)), np.zeros((n, N_PARAMETERS, 6, 6))
+    value, by = np.zeros((n, 6, 6)), np.zeros((n, N_CUT_PARAMETERS, 6, 6))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
         some = arms.part(part)
         lines = [(-1.0, _ROOT_ROWS[kept], _root_line(some))]
         if _any_blend(some):
             lines += zip((1.0, -1.0), (_BLEND_ROWS[kept], _BLEND_ROWS[kept]), _blend_lines(some), strict=True)
-        found = _sum_lines(some, lines, N_PARAMETERS + 1, thickness, material)
+        found = _sum_lines(some, lines, N_CUT_PARAMETERS + 1, thickness, material)
         fade, fade_by, _ = _fade_factor(some)
         if slopes:
             found[:, 1 + WIDTH] = found[:, 1 + WIDTH] * fade + found[:, 0] * fade_by
@@ -225,7 +225,7 @@ def _sum_lines(
     return out
 
 
-def limit_reduction(
+def reduction_factors(
     arms: CutArms, table: Float[np.ndarray, "n 6 6"], more: Float[np.ndarray, "n 6 6"]
 ) -> Float[np.ndarray, " n"]:
     """(N,) factors on ``more`` that keep its reduction within ``MAX_REDUCTION`` of the table's compliance; 1 for arms that can

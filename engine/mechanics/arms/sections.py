@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Complex, Float, Int
 from ..vectors import matvec, right_jacobian, rotation_matrix
-from .tip_beams import BentBeams, PlaneVector, PointGradient
+from .tip_beams import BentBeams, PointGradient, SplitVector
 
 
 @dataclass(eq=False)
@@ -109,13 +109,13 @@ class Section:
         turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)
         within = (self.rate < 0.0)[..., None]
-        chord = PlaneVector.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
+        chord = SplitVector.from_vectors(np.where(within, np.cross(pull.middle, self.halfway), 0.0)).flat
         by_share = dot(pull.middle, self.stretch) + dot(0.5 * halfway + turn, self.bend)
         rates = by_share * -self.rate * self.t / self.hub
         spin = aside * 1j * self.pace / np.abs(self.pace) ** 2
         vectors = (pull.middle, halfway + turn, share * (0.5 * halfway + turn), share * pull.middle)
-        shift, turns, bend, stretch = (PlaneVector.from_vectors(x[:, 0]) for x in vectors)
-        flat = PlaneVector.from_vectors(pull.middle).flat
+        shift, turns, bend, stretch = (SplitVector.from_vectors(x[:, 0]) for x in vectors)
+        flat = SplitVector.from_vectors(pull.middle).flat
         return PointGradient(
             shift, turns, bend, stretch, -chord[:, 0], rates[:, 0], (flat + chord)[:, 0], spin[:, 0], pull.half[:, 0]
         ), self.piece[:, 0]

@@ -20,7 +20,7 @@ from ...spirals.blends import (
     MATE_LEAN,
     MATE_WIDTH,
     MATE_WIND,
-    N_PARAMETERS,
+    N_BLEND_PARAMETERS,
     OWN_LEAN,
     OWN_WIDTH,
     OWN_WIND,
@@ -28,7 +28,7 @@ from ...spirals.blends import (
 )
 from ...spirals.lines import ArmCurves
 from .sections import Section, SectionPull, dot
-from .tip_beams import BentBeams, PlaneVector, PointGradient, TipBeams
+from .tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 
 # t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
 # within the first sixth of their arm.
@@ -142,7 +142,7 @@ class Slots:
         pulls, pieces = zip(*(part.pulled(pull) for part, pull in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
         by_motion, by_numbers = field.pulled(both[:, 0], pieces, PointGradient.interleave(*pulls))
-        return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_PARAMETERS)
+        return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_BLEND_PARAMETERS)
 
     @property
     def _sign(self) -> float:
@@ -171,7 +171,7 @@ class Slots:
         outer, inner = pair.T
         here = Section.from_arms(field, outer, t)
         # start at the nearest station
-        stations = PlaneVector(field.beams.flat + field.shift.flat, field.shift.off).space
+        stations = SplitVector(field.beams.flat + field.shift.flat, field.shift.off).space
         apart = np.linalg.norm(here.middle[:, :, None] - stations[inner][:, None], axis=-1)
         s = field.beams.hub[inner, None] * (1.0 - apart.argmin(axis=2) / STATIONS)
         for _ in range(ROUNDS):

@@ -27,7 +27,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
-from ...spirals.known import SCALE_RANGE, table_twist_limit, twist_limit_and_slope
+from ...spirals.known import SCALE_RANGE, table_limit_and_slope, table_twist_limit
 from ...surface.checking.finding import counted
 from ..beyond import Beyond
 from . import beams
@@ -119,7 +119,7 @@ class _TablePoint:
 def locate(ratio: np.ndarray, flatness: np.ndarray, twist: np.ndarray) -> _TablePoint:
     """Nearest positions in the table; a clipped coordinate has zero derivatives."""
     within = np.clip(ratio, *SCALE_RANGE)
-    limit, slope = twist_limit_and_slope(within)
+    limit, slope = table_limit_and_slope(within)
     part = twist / limit
     x, x_slope = _to_unit_interval(np.log(within), *np.log(SCALE_RANGE))
     y, y_slope = _to_unit_interval(np.log(flatness), *np.log(WIDTH_RANGE))

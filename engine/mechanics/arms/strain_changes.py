@@ -22,7 +22,7 @@ from .cut import TWIST, WIDTH, CutArms, rest_shapes
 from .peak_strain import GRAIN_INDEX, NUMBERS, PeakStrain, StrainedArms
 from .sensitivity import SENSES, JointDerivatives, arm_loads, spread_over_design
 
-# Kink (see ``kink_angles``) above which the estimated strain is less certain, and the largest ratio of true to estimated
+# Kink (see ``kink_sharpness``) above which the estimated strain is less certain, and the largest ratio of true to estimated
 # strain there. Of 1,006 joints in 40 solids, those above reach 1.6 (99 of 100 at most 1.19), those below 1.21.
 KINK_LIMIT, KINK_STRAIN_FACTOR = 0.9, 1.6
 _UNCUT = 0.3  # blended share of t, where every arm counts as blended with an equal arm and the value has no effect
@@ -158,7 +158,7 @@ def arm_strains(
     return strained_arms(assembly, material).values(loads.reshape(-1, LOADS)).reshape(-1, 2)
 
 
-def strain_by_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
+def max_strain_per_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"]) -> Float[np.ndarray, " spirals"]:
     """Largest strain at the joints of every spiral.
 
     The larger strain at a joint counts for both of its spirals, because a kink in one arm begins in the other.
@@ -172,7 +172,7 @@ def strain_by_spiral(assembly: Assembly, strains: Float[np.ndarray, "joints 2"])
     return worst
 
 
-def kink_angles(assembly: Assembly) -> Float[np.ndarray, " joints"]:
+def kink_sharpness(assembly: Assembly) -> Float[np.ndarray, " joints"]:
     """(m,) sharpness of the kink at every joint: the angle (radians) of the more bent arm, times thickness over
     the width of the narrower arm."""
     arms = CutArms.from_assembly(assembly)

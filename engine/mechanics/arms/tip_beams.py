@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Complex, Float, Int
-from ...spirals.blends import N_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, smooth_positive
+from ...spirals.blends import N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, smooth_positive
 from ...spirals.lines import ArmCurves
 from .beams import SHEAR_FACTOR, torsion_constant
 from .pieces import POISSON
@@ -32,14 +32,14 @@ _MAX_HUB_SHARE = 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneVector:
+class SplitVector:
     """Vectors split into their part in the plane of the flat arms (complex) and their part along the normal."""
 
     flat: Complex[np.ndarray, "*n"]
     off: Float[np.ndarray, "*n"]
 
     @classmethod
-    def from_vectors(cls, vector: Float[np.ndarray, "*n 3"]) -> PlaneVector:
+    def from_vectors(cls, vector: Float[np.ndarray, "*n 3"]) -> SplitVector:
         """Split vectors in space."""
         return cls(vector[..., 0] + 1j * vector[..., 1], vector[..., 2])
 
@@ -48,12 +48,12 @@ class PlaneVector:
         """Vectors in space, (..., 3)."""
         return np.stack([self.flat.real, self.flat.imag, self.off], axis=-1)
 
-    def __getitem__(self, index: Any) -> PlaneVector:
-        return PlaneVector(self.flat[index], self.off[index])
+    def __getitem__(self, index: Any) -> SplitVector:
+        return SplitVector(self.flat[index], self.off[index])
 
-    def sums(self) -> PlaneVector:
+    def sums(self) -> SplitVector:
         """Sums over the pieces from the hub to every station."""
-        return PlaneVector(_cumulative(self.flat), _cumulative(self.off))
+        return SplitVector(_cumulative(self.flat), _cumulative(self.off))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,10 @@ class PointGradient:
     point, velocity, half : by position, velocity and half width of the flat arm at the place
     """
 
-    shift: PlaneVector
-    turn: PlaneVector
-    bend: PlaneVector
-    stretch: PlaneVector
+    shift: SplitVector
+    turn: SplitVector
+    bend: SplitVector
+    stretch: SplitVector
     station: Complex[np.ndarray, " k"]
     hub: Float[np.ndarray, " k"]
     point: Complex[np.ndarray, " k"]
@@ -85,12 +85,12 @@ class PointGradient:
 class Wrenches:
     """Force and moment at the tips of N arms, for a Young's modulus of 1 Pa."""
 
-    force: PlaneVector
-    moment: PlaneVector
+    force: SplitVector
+    moment: SplitVector
 
-    def at(self, lever: Complex[np.ndarray, "n pieces"]) -> PlaneVector:
+    def at(self, lever: Complex[np.ndarray, "n pieces"]) -> SplitVector:
         """Moments (n, pieces) about the pieces; lever : i times the vector from a piece to the tip."""
-        return PlaneVector(
+        return SplitVector(
             self.moment.flat[:, None] - self.force.off[:, None] * lever,
             self.moment.off[:, None] + _dot(lever, self.force.flat[:, None]),
         )
@@ -138,7 +138,7 @@ class TipBeams:
         """Derivatives of ``hub`` by the arms' parameters."""
         lines = self.lines
         slopes = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + self.fillet)[1]
-        out = np.zeros((len(slopes), N_PARAMETERS))
+        out = np.zeros((len(slopes), N_BLEND_PARAMETERS))
         out[:, RADIUS], out[:, OWN_WIND], out[:, OWN_WIDTH] = slopes[:, 0], slopes[:, 1], 0.5 * slopes[:, 2]
         return out
 
@@ -167,15 +167,15 @@ class TipBeams:
             twist * change, -level / width,
         )  # fmt: skip
 
-    def _turn_pieces(self, moment: PlaneVector) -> PlaneVector:
+    def _turn_pieces(self, moment: SplitVector) -> SplitVector:
         """Turns of the pieces under moments (n, pieces)."""
         p, r, off = self._flexibilities[:3]
-        return PlaneVector(p * moment.flat + r * self._direction_squared * np.conj(moment.flat), off * moment.off)
+        return SplitVector(p * moment.flat + r * self._direction_squared * np.conj(moment.flat), off * moment.off)
 
-    def _stretch_pieces(self, force: PlaneVector) -> PlaneVector:
+    def _stretch_pieces(self, force: SplitVector) -> SplitVector:
         """Stretch and shear of the pieces under forces (n, pieces) or (n, 1)."""
         p, r, off = self._flexibilities[3:6]
-        return PlaneVector(p * force.flat + r * self._direction_squared * np.conj(force.flat), off * force.off)
+        return SplitVector(p * force.flat + r * self._direction_squared * np.conj(force.flat), off * force.off)
 
     @cached_property
     def _elastic_centres(self) -> tuple[Any, ...]:
@@ -194,7 +194,7 @@ class TipBeams:
         lift = (_dot(way, p * way + r * self._direction_squared * np.conj(way)) + slide).sum(1)
         return turn, centre, plane, roll, other, lift
 
-    def wrenches(self, shift: PlaneVector, turn: PlaneVector) -> Wrenches:
+    def wrenches(self, shift: SplitVector, turn: SplitVector) -> Wrenches:
         """Wrenches at the tips that cause these tip motions.
 
         As an adjoint: derivatives by the tip motion of numbers whose derivatives by the wrenches are ``shift`` and
@@ -203,17 +203,17 @@ class TipBeams:
         stiff, centre, plane, roll, other, lift = self._elastic_centres
         force = _solve(plane, shift.flat - turn.off * centre)
         up = (shift.off + _dot(other, turn.flat)) / lift
-        moment = PlaneVector(_solve(roll, turn.flat) + up * other, turn.off / stiff - _dot(centre, force))
-        return Wrenches(PlaneVector(force, up), moment)
+        moment = SplitVector(_solve(roll, turn.flat) + up * other, turn.off / stiff - _dot(centre, force))
+        return Wrenches(SplitVector(force, up), moment)
 
     def bent(self, motion: Float[np.ndarray, "n 6"]) -> BentBeams:
         """Bend the arms by tip motions (n, 6): shifts in metres and turns in radians."""
-        load = self.wrenches(PlaneVector.from_vectors(motion[:, :3]), PlaneVector.from_vectors(motion[:, 3:]))
+        load = self.wrenches(SplitVector.from_vectors(motion[:, :3]), SplitVector.from_vectors(motion[:, 3:]))
         bend, stretch = self._turn_pieces(load.at(self.lever)), self._stretch_pieces(load.force[:, None])
         turn = bend.sums()
-        middle = PlaneVector(turn.flat[:, :-1] + 0.5 * bend.flat, turn.off[:, :-1] + 0.5 * bend.off)
+        middle = SplitVector(turn.flat[:, :-1] + 0.5 * bend.flat, turn.off[:, :-1] + 0.5 * bend.off)
         chord = np.diff(self.flat, axis=1)
-        steps = PlaneVector(stretch.flat + 1j * middle.off * chord, stretch.off + _cross(middle.flat, chord))
+        steps = SplitVector(stretch.flat + 1j * middle.off * chord, stretch.off + _cross(middle.flat, chord))
         return BentBeams(self, load, bend, stretch, turn, steps.sums(), middle)
 
 
@@ -227,11 +227,11 @@ class BentBeams:
 
     beams: TipBeams
     load: Wrenches
-    bend: PlaneVector
-    stretch: PlaneVector
-    turn: PlaneVector
-    shift: PlaneVector
-    middle: PlaneVector
+    bend: SplitVector
+    stretch: SplitVector
+    turn: SplitVector
+    shift: SplitVector
+    middle: SplitVector
 
     def rows(self, index: Int[np.ndarray, " k"]) -> BentBeams:
         """Select arms by index, with repetitions, together with everything already computed for them."""
@@ -247,10 +247,10 @@ class BentBeams:
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))
         before, chord = np.arange(count) < piece[:, None], np.diff(beams.flat, axis=1)
-        stretch = PlaneVector(before * pull.shift.flat[:, None], before * pull.shift.off[:, None])
-        half = PlaneVector(-1j * stretch.off * chord, _cross(chord, stretch.flat))
+        stretch = SplitVector(before * pull.shift.flat[:, None], before * pull.shift.off[:, None])
+        half = SplitVector(-1j * stretch.off * chord, _cross(chord, stretch.flat))
         turn = pull.turn[:, None]
-        bend = PlaneVector(_sum_beyond(half.flat) + before * turn.flat, _sum_beyond(half.off) + before * turn.off)
+        bend = SplitVector(_sum_beyond(half.flat) + before * turn.flat, _sum_beyond(half.off) + before * turn.off)
         by_chord = 1j * (stretch.off * self.middle.flat - self.middle.off * stretch.flat)
         by_flat = np.zeros(beams.flat.shape, dtype=complex)
         by_flat[:, 1:] += by_chord
@@ -275,7 +275,7 @@ class BentBeams:
         return np.concatenate([force, moment], axis=1), numbers
 
     def _vjp_of_pieces(
-        self, bend: PlaneVector, stretch: PlaneVector
+        self, bend: SplitVector, stretch: SplitVector
     ) -> tuple[Wrenches, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Virtual wrench, and derivatives by the hubs' t (through the pieces' lengths), velocities, widths and levers,
         from derivatives by bend and stretch of the pieces."""
@@ -284,15 +284,15 @@ class BentBeams:
         _, r, off, _, aside, _, twist_by, level_by = beams._flexibilities
         turned, stretched = beams._turn_pieces(bend), beams._stretch_pieces(stretch)
         virtual = beams.wrenches(
-            PlaneVector(
+            SplitVector(
                 (off * bend.off * lever + stretched.flat).sum(1), (stretched.off - _dot(lever, turned.flat)).sum(1)
             ),
-            PlaneVector(turned.flat.sum(1), turned.off.sum(1)),
+            SplitVector(turned.flat.sum(1), turned.off.sum(1)),
         )
         moment, force, other = load.at(lever), load.force[:, None], virtual.at(lever)
         # subtract the part that tip motions explain: the rest are derivatives at fixed tips
-        bend = PlaneVector(bend.flat - other.flat, bend.off - other.off)
-        stretch = PlaneVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
+        bend = SplitVector(bend.flat - other.flat, bend.off - other.off)
+        stretch = SplitVector(stretch.flat - virtual.force.flat[:, None], stretch.off - virtual.force.off[:, None])
         turned = beams._turn_pieces(bend)
         plane, upright = _dot(turned.flat, moment.flat), turned.off * moment.off
         gone = beams._stretch_pieces(stretch)
@@ -307,7 +307,7 @@ class BentBeams:
             + aside * _dot(stretch.flat, 1j * along * np.conj(force.flat))
         )
         by_velocity = beams.velocity / np.abs(beams.velocity) ** 2 * (whole + 1j * by_angle)
-        own = PlaneVector(load.force.flat[:, None], load.force.off[:, None])
+        own = SplitVector(load.force.flat[:, None], load.force.off[:, None])
         by_lever = (
             virtual.force.off[:, None] * self.bend.flat
             - own.off * turned.flat
@@ -347,8 +347,8 @@ def hub_ends(
 
 def _interleave(first: Any, second: Any) -> Any:
     """Interleave two arrays along their first axis."""
-    if isinstance(first, PlaneVector):
-        return PlaneVector(_interleave(first.flat, second.flat), _interleave(first.off, second.off))
+    if isinstance(first, SplitVector):
+        return SplitVector(_interleave(first.flat, second.flat), _interleave(first.off, second.off))
     return np.stack([first, second], axis=1).ravel()
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...spirals.known import twist_limit_and_slope
+from ...spirals.known import table_limit_and_slope
 from ..arms.stiffness import lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 
@@ -29,7 +29,7 @@ SMALLEST_SLOT = 0.15  # smallest slot over thickness of these spirals
 
 
 @dataclass(frozen=True, eq=False)
-class RodParameters:
+class RodStiffnesses:
     """k_s (N), k_b0, k_b1, k_t (N m^2) of n spirals, and their derivatives.
 
     values : (n, 4); by_scale, by_width, by_twist : (n, 4) per metre, per metre, per radian
@@ -68,7 +68,7 @@ def rod_parameters(
     thickness: float,
     youngs: float,
     model: str = "pair",
-) -> RodParameters:
+) -> RodStiffnesses:
     """Rod parameters of n spirals with exact derivatives, at a Poisson's ratio of 0.3.
 
     scale, width : (n,) m; twist : (n,) rad; thickness in m, Young's modulus in Pa; model : "pair" or "chord". Spirals
@@ -79,7 +79,7 @@ def rod_parameters(
     near = _Nearest.from_spirals(*lengths_and_twists(scale, width, twist), thickness)
     net = load_network(model)
     ratio = near.scale / near.width
-    limit, slope = twist_limit_and_slope(ratio)
+    limit, slope = table_limit_and_slope(ratio)
     x = np.stack([np.log(ratio), np.log(near.width / thickness), near.twist / limit], axis=1)
     span = net["high"] - net["low"]
     offset = ((x - net["low"]) / span)[:, None] - net["centres"]
@@ -95,7 +95,7 @@ def rod_parameters(
     value = value * youngs * near.width[:, None] ** power
     by_scale = value * log_scale / near.scale[:, None]
     by_width = value * (slopes[1] - log_scale + power) / near.width[:, None]
-    return near.with_own_derivatives(RodParameters(value, by_scale, by_width, value * slopes[2] / limit[:, None]))
+    return near.with_own_derivatives(RodStiffnesses(value, by_scale, by_width, value * slopes[2] / limit[:, None]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,13 +125,13 @@ class _Nearest:
         along = np.stack([by_scale, by_width]) * wound
         return cls(near, thin, np.clip(twist, 0.0, limit), moves, along)
 
-    def with_own_derivatives(self, found: RodParameters) -> RodParameters:
+    def with_own_derivatives(self, found: RodStiffnesses) -> RodStiffnesses:
         """Apply the chain rule: parameters of the nearest spirals, with derivatives by the original spirals."""
         by_scale, by_width = (
             (slope + found.by_twist * along[:, None]) * moves[:, None]
             for slope, along, moves in zip((found.by_scale, found.by_width), self.along, self.moves[:2], strict=True)
         )
-        return RodParameters(found.values, by_scale, by_width, found.by_twist * self.moves[2][:, None])
+        return RodStiffnesses(found.values, by_scale, by_width, found.by_twist * self.moves[2][:, None])
 
 
 def _largest_twist(scale: np.ndarray, width: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.firmness import (
-    SINGULAR_EIGENVALUE,
+    BARRIER_POLE,
     STABLE_EIGENVALUE,
     TANGENT_BELOW,
     StabilityBarrier,
@@ -115,7 +115,7 @@ def test_gradient_of_the_barrier(options: dict) -> None:
 
 
 def test_the_logarithm_goes_on_in_a_straight_line() -> None:
-    asked, kink, step = StabilityRequirement(1.0), SINGULAR_EIGENVALUE + TANGENT_BELOW, 1e-7
+    asked, kink, step = StabilityRequirement(1.0), BARRIER_POLE + TANGENT_BELOW, 1e-7
     rises = np.array([kink - step, kink + step])
     values, slopes = asked.rows(rises, STABLE_EIGENVALUE)
     assert values[0] - values[1] == pytest.approx(2.0 * step / TANGENT_BELOW, rel=1e-3)

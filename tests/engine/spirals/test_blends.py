@@ -34,7 +34,7 @@ def _moved(numbers, number, step):
 
 
 @pytest.mark.parametrize("value", ["slope", "width", "share"])
-@pytest.mark.parametrize("number", range(module.N_PARAMETERS), ids=NAMES)
+@pytest.mark.parametrize("number", range(module.N_BLEND_PARAMETERS), ids=NAMES)
 def test_derivatives_agree_with_differences(number, value):
     numbers = _joints()
     step = 1e-7 if number in (0, 1, 4) else 1e-5

@@ -30,7 +30,7 @@ def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     arms = spiral.arms(flat, params, width, bound)
     whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
     lines = spiral.centre_line(arms.unblended(bound), whole)[0][0]
-    outer = round(4000 * slots.SLOT_DEPTH)
+    outer = round(4000 * slots.OPEN_SHARE)
     gaps = [LineString(lines[k, : outer + 1]).distance(LineString(lines[k - 1])) - width[0, 0] for k in range(4)]
     assert min(gaps) == pytest.approx(params.slot_min, abs=3e-6)
     # the closed form for regular spirals is a little more generous, for it looks at the tip alone

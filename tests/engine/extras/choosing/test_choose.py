@@ -16,7 +16,7 @@ from flexmaps.engine.extras.choosing import judge as judging
 from flexmaps.engine.extras.choosing.alike import ROWS, alike
 from flexmaps.engine.extras.choosing.choose import choose
 from flexmaps.engine.extras.choosing.judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
-from flexmaps.engine.extras.choosing.moves import join_seams, moves
+from flexmaps.engine.extras.choosing.moves import merge_across_seams, moves
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.patches.layout import PatchLayout, groups
 from flexmaps.engine.progress import Progress
@@ -103,7 +103,7 @@ def test_a_lopsided_layout_is_made_symmetric() -> None:
     x = mesh.vertices[mesh.edges][:, :, 0]
     cut = (np.isclose(x, 0.02) | np.isclose(x, 0.12)).all(axis=1)  # two lines, at 1 and 6 quads of 8
     names = set()
-    for name, edges in drawn_cuts.symmetrised(cut, mesh, found):
+    for name, edges in drawn_cuts.symmetric_variants(cut, mesh, found):
         names.add(name)
         assert keeping(found, edges)
         assert "images" not in name or (edges >= cut).all()
@@ -274,7 +274,7 @@ def strips(*parts: int) -> dict[int, FlatLayout]:
 def test_panels_are_joined_down_to_a_number_within_the_limits(most: int) -> None:
     laid = strips(8)[8]
     piece = LayoutProblem(laid.flat.layout.mesh, Settings())
-    made = join_seams(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
+    made = merge_across_seams(piece, judged_of(laid, np.ones(len(laid.flat.layout.mesh.quads))), most)
     assert made is not None and 0 < made.panels <= most
     assert (made.cut <= laid.cut).all()  # nothing is cut anew
     assert float(made.flat.energy.max()) <= piece.settings.layout.distortion_limit

@@ -178,7 +178,7 @@ def test_one_that_was_stopped_goes_on_to_the_same_end(tmp_path):
         assert not part.finished
         assert 20 <= len(part.candidates) < 60
         kept.write(part)
-    with (tmp_path / folders.CANDIDATES_FILE).open("a") as stream:
+    with (tmp_path / folders.JOURNAL_FILE).open("a") as stream:
         stream.write('{"values": {"spiral.th')  # as if the disk had been full
     calls.clear()
     with folders.Folder(tmp_path, BASE, asked) as kept:

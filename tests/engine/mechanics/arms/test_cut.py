@@ -48,7 +48,7 @@ def pulls(count: int, seed: int = 3) -> np.ndarray:
 @pytest.mark.parametrize("clockwise", [False, True])
 def test_derivatives_are_differences(clockwise: bool) -> None:
     known = joints(30, clockwise=clockwise)
-    by = added_compliance(CutArms.from_assembly(known), THICKNESS, VERO)[1].reshape(30, 2, cut.N_PARAMETERS, 6, 6)
+    by = added_compliance(CutArms.from_assembly(known), THICKNESS, VERO)[1].reshape(30, 2, cut.N_CUT_PARAMETERS, 6, 6)
     wrench = pulls(1)[0]
     own = known.pairs, known.sides
     beside = known.pairs, (known.sides + 1) % 4
@@ -95,7 +95,7 @@ def test_derivatives_by_the_shapes_are_differences(material: Material) -> None:
     by = wrench @ cut.added_compliance_by_shape(known, yields, material) @ wrench
     assert by.shape == shape.shape
     # of stubs less is believed, which counts as given
-    whole = cut.limit_reduction(
+    whole = cut.reduction_factors(
         CutArms.from_assembly(known, shape),
         yields,
         added_compliance(CutArms.from_assembly(known), THICKNESS, material)[0],

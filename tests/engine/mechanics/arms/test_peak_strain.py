@@ -16,9 +16,9 @@ from flexmaps.engine.mechanics.arms.strain_changes import (
     KINK_LIMIT,
     KINK_STRAIN_FACTOR,
     arm_strains,
-    kink_angles,
+    kink_sharpness,
+    max_strain_per_spiral,
     strain_by_rest_shape,
-    strain_by_spiral,
     strained_arms,
 )
 from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, assembly_from_design
@@ -238,7 +238,7 @@ def test_the_mirror_image_is_strained_alike() -> None:
     found = arm_strains(known, arm_loads(known, wrench, linear, turn), BIRCH)
     turned = arm_loads(image, wrench * across, linear * across, turn * across[3:])
     assert arm_strains(image, turned, BIRCH) == pytest.approx(found, rel=1e-12)
-    assert strain_by_spiral(known, found) == pytest.approx(np.repeat(found.max(axis=1), 2))
+    assert max_strain_per_spiral(known, found) == pytest.approx(np.repeat(found.max(axis=1), 2))
 
 
 @pytest.mark.parametrize("clockwise", [False, True])
@@ -282,8 +282,8 @@ def test_kinks_are_what_blends_turn_arms_by(checker: Simulation) -> None:
     at_joint = np.zeros((*arms.radius.shape, 1))
     blended, pure = (centre_line(one, at_joint)[1][..., 0, :] for one in (arms, arms.unblended(arms.wind)))
     turned = np.linalg.norm(blended - pure, axis=-1)[known.pairs, known.sides]
-    assert kink_angles(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
-    assert kink_angles(known).max() > KINK_LIMIT and not kink_angles(replace(known, cut=None)).any()
+    assert kink_sharpness(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
+    assert kink_sharpness(known).max() > KINK_LIMIT and not kink_sharpness(replace(known, cut=None)).any()
 
 
 def test_kinks_that_may_break_are_named(checker: Simulation) -> None:

@@ -7,8 +7,8 @@ import pytest
 from flexmaps.engine.mechanics.arms import slot_estimate
 from flexmaps.engine.mechanics.arms.pieces import POISSON, piece_flexibilities
 from flexmaps.engine.mechanics.arms.slot_estimate import Slots
-from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PlaneVector, PointGradient, TipBeams
-from flexmaps.engine.spirals.blends import N_PARAMETERS
+from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
+from flexmaps.engine.spirals.blends import N_BLEND_PARAMETERS
 from flexmaps.engine.spirals.lines import ArmCurves
 
 PIECES, FILLET, THICKNESS, COUNT = 10, 3e-4, 0.002, 40
@@ -37,9 +37,9 @@ def test_tips_move_as_asked_by_the_general_beam() -> None:
     numbers, motion = random_arms(1, COUNT)
     field = bent(numbers, motion)
     beams, zero = field.beams, np.zeros((COUNT, PIECES))
-    lever = PlaneVector(-1j * beams.lever, zero).space
+    lever = SplitVector(-1j * beams.lever, zero).space
     pace = np.abs(beams.velocity)
-    tangent = PlaneVector(-beams.velocity / pace, zero).space
+    tangent = SplitVector(-beams.velocity / pace, zero).space
     answer = piece_flexibilities(lever, tangent, pace * beams.hub[:, None] / PIECES, beams.width, THICKNESS, POISSON)
     load = np.concatenate([field.load.force.space, field.load.moment.space], axis=1)
     strain = (answer @ load[:, None, :, None])[..., 0]
@@ -66,7 +66,7 @@ def test_what_places_do_follows_motions_and_numbers() -> None:
         pairs = (field.beams.flat[ROWS, piece], station), (here, point), (pace, velocity)
         return out + sum((np.conj(by) * x).real for x, by in pairs) + hub * field.beams.hub + half * wide
 
-    pull = PointGradient(*(PlaneVector.from_vectors(x) for x in vectors), station, hub, point, velocity, half)
+    pull = PointGradient(*(SplitVector.from_vectors(x) for x in vectors), station, hub, point, velocity, half)
     for told, steps, which in zip(bent(numbers, motion).pulled(t, piece, pull), (MOTION_STEPS, STEPS), (1, 0)):
         for k, step in enumerate(steps):
             ahead, behind = [numbers, motion], [numbers, motion]
@@ -88,5 +88,5 @@ def test_the_rough_look_leaves_no_narrow_place_out(clockwise, monkeypatch) -> No
     found = slots.below(np.full(len(numbers), 4e-4), numbers, motion)
     monkeypatch.setattr(slot_estimate, "ROUGH_MARGIN", 1.0)
     every = slots.below(np.full(len(numbers), 4e-4), numbers, motion)
-    assert len(every.values) > 100 and numbers.shape[1] == N_PARAMETERS
+    assert len(every.values) > 100 and numbers.shape[1] == N_BLEND_PARAMETERS
     assert found.values == pytest.approx(every.values, abs=1e-12)
