@@ -20,6 +20,7 @@ from ..mechanics.arms.tip_motion import TipMotions, tip_motions
 from ..mechanics.assembly import Assembly, Pose
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
+from ..spirals.arm_geometry import ArmGeometry
 from ..spirals.blends import (
     ANGLE,
     MATE_LEAN,
@@ -33,7 +34,6 @@ from ..spirals.blends import (
 )
 from ..spirals.design import SpiralDesign
 from ..spirals.lines import N_ARM_PARAMETERS
-from ..spirals.quad_geometry import ArmGeometry
 from ..spirals.slots import min_slot_width
 from .terms import Rows, ScalarChange, Term
 

@@ -23,12 +23,12 @@ from scipy.sparse import csr_array
 from ..arrays import Bool, Float, Int
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
+from .arm_geometry import ArmGeometry
 from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
 from .known import twist_margin
 from .lines import N_ARM_PARAMETERS, ArmCurves
 from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
-from .quad_geometry import ArmGeometry
 from .slots import min_slot_width, width_range
 from .spiral import same_width
 
