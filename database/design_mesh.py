@@ -14,8 +14,8 @@ import numpy as np
 
 from ..engine.arrays import Complex, Float, Int
 from ..engine.errors import FlexMapsError
+from ..engine.spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, width_at
 from ..engine.spirals.design import SpiralDesign
-from ..engine.spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, width_at
 from .rim_mesh import plane_nodes
 from .solid import ARMS, LOBATTO, lagrange
 

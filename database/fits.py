@@ -20,7 +20,7 @@ from ..engine.arrays import Float
 from ..engine.errors import FlexMapsError
 from ..engine.mechanics.rods import rod_stiffness as stiffness_rods
 from ..engine.mechanics.rods.rod_stiffness import PARAMETERS
-from ..engine.spirals.known import table_limit_and_slope
+from ..engine.spirals.clearance.table_range import table_limit_and_slope
 from . import packs, rods
 from .geometry import Spiral
 from .packs import Series

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..engine.arrays import Bool, Float
+from ..engine.spirals.curves.spiral import centre_line
 from ..engine.spirals.design import SpiralDesign
-from ..engine.spirals.spiral import centre_line
 from .design_mesh import UNIT
 from .design_solid import DesignSolid
 from .elastic import largest_principal

@@ -13,7 +13,7 @@ import numpy as np
 from ..engine.arrays import Float
 from ..engine.mechanics.arms import stiffness
 from ..engine.progress import SILENT, Progress
-from ..engine.spirals.known import SCALE_RANGE, table_twist_limit
+from ..engine.spirals.clearance.table_range import SCALE_RANGE, table_twist_limit
 from . import linear
 from .geometry import Spiral
 from .solid import Fineness

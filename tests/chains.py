@@ -7,7 +7,7 @@ from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.spirals.spiral import same_width
+from flexmaps.engine.spirals.curves.spiral import same_width
 from scipy.spatial.transform import Rotation
 
 SPACING, WIDTH, THICKNESS = 0.02, 0.0025, 0.0015

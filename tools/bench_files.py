@@ -34,7 +34,7 @@ from flexmaps.engine.fabrication.writers.operations import frame
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface.checking import check
 from rows import Row, Table, at_least, at_most, row
 from sheet_kinds import KINDS

@@ -24,7 +24,7 @@ from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, table_tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
-from flexmaps.engine.spirals.known import table_twist_limit
+from flexmaps.engine.spirals.clearance.table_range import table_twist_limit
 from harness import Bench
 from rows import Row, at_most, row
 

@@ -22,8 +22,8 @@ import numpy as np
 from bench_layout import surfaces
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.clearance.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import optimise, reach, search

@@ -17,7 +17,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import same_width
+from flexmaps.engine.spirals.curves.spiral import same_width
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh

@@ -78,7 +78,7 @@ def per_quad(kind: str, values: np.ndarray) -> Shaped[np.ndarray, " quads"]:
     """Reduce an attribute's values to one a quad: for widths the mean of the four arms, or the anisotropy in percent."""
     if kind == "WIDTH":
         return attributes.on_faces(values).mean(axis=1)
-    from ...engine.spirals.spiral import anisotropy  # scipy comes with it
+    from ...engine.spirals.curves.spiral import anisotropy  # scipy comes with it
 
     return 100 * anisotropy(attributes.on_faces(values)) if kind == "ANISOTROPY" else values
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...engine.arrays import Float
 
 if TYPE_CHECKING:
-    from ...engine.spirals.arcs import Curve
+    from ...engine.spirals.curves.arcs import Curve
 
 
 def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, sides: int = 8) -> bpy.types.Curve:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ...engine.display.solids import PolygonSolid
     from ...engine.fabrication.connectors.connect import Connections
     from ...engine.patches.flattening.flatten import FlatPatches
-    from ...engine.spirals.arcs import Curve
+    from ...engine.spirals.curves.arcs import Curve
     from ...engine.spirals.design import SpiralDesign
     from ..store.surface import ObjectSurface
 

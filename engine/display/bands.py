@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Float, Int
-from ..spirals.spiral import LEFT, RIGHT, Arms, edge_points
+from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points
 
 # largest number of points of all bands; above it arms get fewer pieces; 1,000 spirals still have the most pieces
 MOST = 250_000

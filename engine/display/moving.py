@@ -8,9 +8,9 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..spirals.caps import stump_starts
+from ..spirals.clearance.slots import min_slot_width
 from ..spirals.contours import arm_starts
 from ..spirals.design import SpiralDesign
-from ..spirals.slots import min_slot_width
 from ..spirals.solid import slot_roots
 from . import arrange
 from .solids import ArmVertices, PolygonSolid, arm_edges, light, rim_points

@@ -19,8 +19,8 @@ from ..mechanics.assembly import Pose
 from ..mechanics.vectors import matvec
 from ..progress import SILENT, Progress
 from ..spirals.caps import Cap
+from ..spirals.curves.spiral import LEFT, RIGHT, centre_line, edge_points, opposite_sides
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, centre_line, edge_points, opposite_sides
 from .rim_mesh import RimMesh
 
 DRAWING = "Drawing the arms"  # text of the progress

@@ -15,8 +15,8 @@ from ..optimisation import reach
 from ..optimisation.reach import MatchLimits
 from ..patches.flattening.flatten import FlatPatches
 from ..simulation.simulate import Simulation
+from ..spirals.curves.spiral import anisotropy
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import anisotropy
 from ..surface.mesh import QuadMesh
 from . import arrange, plots
 from .drawing import Drawing, hexes

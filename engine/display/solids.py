@@ -15,8 +15,8 @@ from ..fabrication.connectors.tips import Tip
 from ..fabrication.writers.panel_solids import places
 from ..spirals.caps import Cap
 from ..spirals.contours import SlotRoots
+from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points, opposite_sides
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import LEFT, RIGHT, Arms, edge_points, opposite_sides
 from .rim_mesh import RimMesh
 
 DEGREES = 9.5  # degrees of an arm's twist per step

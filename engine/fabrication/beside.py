@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Float
 from ..params import SheetParams
 from ..progress import SILENT, Progress
-from ..spirals.arcs import Curve
+from ..spirals.curves.arcs import Curve
 from .nesting.packing import Packing
 from .panels.labels import LEGIBLE, SmallLabel
 from .panels.lettering import length, straight

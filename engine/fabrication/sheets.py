@@ -13,8 +13,8 @@ from ..params import ConnectorParams, CutParams, SheetParams, refuse_crossed
 from ..patches.joining import panel_numbers
 from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
+from ..spirals.curves.spiral import centre_line
 from ..spirals.design import SpiralDesign
-from ..spirals.spiral import centre_line
 from ..spirals.touching import find_contacts, nearest_quads
 from ..surface.checking.finding import counted
 from .beside import labels_beside

@@ -1,6 +1,6 @@
 """Exact bounds of a search at every step: the box of the coordinates, and the clearance between the arms.
 
-The clearance of a gap is a smooth function of the design (see ``spirals.room``). A step keeps its linearisation
+The clearance of a gap is a smooth function of the design (see ``spirals.clearance.room``). A step keeps its linearisation
 ``room + slope @ step >= 0``. Gaps that still close, because clearance is curved, are opened again along the slopes; where that
 fails, single spirals take only part of the step. So every design of the search can be cut.
 """
@@ -16,7 +16,7 @@ from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Bool, Float
 from ..linalg import Pattern, SparseCholesky
-from ..spirals.room import Terms
+from ..spirals.clearance.room import Terms
 
 Product = Callable[[np.ndarray], np.ndarray]
 # Largest number of rounds a step; each starts again with the bounds that the one before has reached. A third of the coordinates are

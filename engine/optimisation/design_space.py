@@ -17,11 +17,11 @@ import numpy as np
 from ..arrays import Bool, Float, Int
 from ..mechanics.assembly import Assembly
 from ..progress import SILENT, Progress
+from ..spirals.clearance.slots import twist_bound
+from ..spirals.clearance.table_range import SCALE_RANGE, table_twist_limit
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
+from ..spirals.curves.spiral import same_width
 from ..spirals.design import SpiralDesign, width_range
-from ..spirals.known import SCALE_RANGE, table_twist_limit
-from ..spirals.slots import twist_bound
-from ..spirals.spiral import same_width
 
 # Number of widths at which the largest twist is computed, and interpolated between; more take longer to prepare. Not measured:
 # designs are checked again before they are cut

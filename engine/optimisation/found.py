@@ -9,12 +9,12 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..errors import Cancelled, FlexMapsError
 from ..materials import OVERSTRAIN_SHARE
-from ..mechanics.arms.slots_in_space import SpaceSlots
+from ..mechanics.clearance.slots_in_space import SpaceSlots
 from ..progress import Progress
 from ..simulation.simulate import Simulation
+from ..spirals.clearance.slots import min_slot_width
+from ..spirals.curves.spiral import opposite_sides
 from ..spirals.design import SpiralDesign, resolve_contacts
-from ..spirals.slots import min_slot_width
-from ..spirals.spiral import opposite_sides
 from .inverse import DesignPoint
 from .optimisers import CANCELLED
 from .search import Search, StageResult

@@ -14,14 +14,15 @@ from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Float, Int
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.slot_estimate import Slots, SlotWidths
-from ..mechanics.arms.slots_in_space import SpaceSlots
 from ..mechanics.arms.tip_motion import TipMotions, tip_motions
 from ..mechanics.assembly import Assembly, Pose
+from ..mechanics.clearance.slot_estimate import Slots, SlotWidths
+from ..mechanics.clearance.slots_in_space import SpaceSlots
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..spirals.arm_geometry import ArmGeometry
-from ..spirals.blends import (
+from ..spirals.clearance.slots import min_slot_width
+from ..spirals.curves.arm_geometry import ArmGeometry
+from ..spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
     MATE_WIDTH,
@@ -32,9 +33,8 @@ from ..spirals.blends import (
     OWN_WIND,
     RADIUS,
 )
+from ..spirals.curves.lines import N_ARM_PARAMETERS
 from ..spirals.design import SpiralDesign
-from ..spirals.lines import N_ARM_PARAMETERS
-from ..spirals.slots import min_slot_width
 from .terms import Rows, ScalarChange, Term
 
 # Share of the smallest flat slot below which a slot in space is penalised; a larger share opens slots earlier. With 0.5 instead, a

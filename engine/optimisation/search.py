@@ -22,9 +22,9 @@ from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..simulation.simulate import Simulation, build_model, simulate
+from ..spirals.clearance.room import ClearanceModel
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
 from ..spirals.design import SpiralDesign
-from ..spirals.room import ClearanceModel
 from ..surface.mesh import QuadMesh
 from . import codesign
 from .codesign_problem import FlatPoint

@@ -13,9 +13,9 @@ from ..errors import FlexMapsError
 from ..materials import FILLET_STRAIN, OVERSTRAIN_SHARE, Material
 from ..mechanics.arms.bent import Bender, bend_arms
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, kink_sharpness, max_strain_per_spiral
 from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
+from ..mechanics.clearance.slots_in_space import SpaceSlots, slots_in_space
 from ..mechanics.elastic import ElasticModel
 from ..mechanics.equilibrium import Equilibrium, other_minima, solve
 from ..mechanics.laplacian import laplacian_rmse

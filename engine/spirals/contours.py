@@ -19,10 +19,10 @@ from ..patches.joining import panel_numbers
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
 from ..surface.mesh import QuadMesh
-from .arcs import Curve, FittedArcs, fit_biarcs
+from .clearance.slots import PARALLEL_COSINE, is_clockwise, slot_widths
+from .curves.arcs import Curve, FittedArcs, fit_biarcs
+from .curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, widening
 from .rim import Rim
-from .slots import PARALLEL_COSINE, is_clockwise, slot_widths
-from .spiral import LEFT, RIGHT, Arms, centre_line, edge_points, opposite_sides, widening
 
 # Largest t at which a slot may end. The edges of a wide arm between thin ones can end beyond the centre: in 1 of 100
 # spirals with widths between 1 and 2 mm in quads of 60 and 120 degrees, at most at 1.12.

@@ -14,15 +14,24 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..progress import SILENT, Progress
 from ..surface.checking.finding import Finding
-from . import slots
 from .caps import Cap, left_out_arms, make_caps, stump_starts
+from .clearance import slots
+from .clearance.opening import open_gaps
+from .clearance.room import ClearanceModel
+from .clearance.slots import (
+    MIN_WIDTH_SHARE,
+    NO_NEIGHBOUR,
+    PARALLEL_COSINE,
+    beside_absent,
+    slot_widths,
+    too_small,
+    width_range,
+)
 from .constraints import NO_CONSTRAINTS, Constraints
 from .contours import Outline, SlotRoots, Tips, arm_starts, draw_outlines, fit_edges
+from .curves.spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides, same_width
 from .drawing_cache import DrawingCache
-from .opening import open_gaps
 from .rim import Rim
-from .room import ClearanceModel
-from .slots import MIN_WIDTH_SHARE, NO_NEIGHBOUR, PARALLEL_COSINE, beside_absent, slot_widths, too_small, width_range
 from .solid import (
     fewer_quads,
     no_spiral,
@@ -33,7 +42,6 @@ from .solid import (
     without_room,
     without_spiral,
 )
-from .spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides, same_width
 from .touching import nearest_quads
 from .wider import enlarge_quads
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..progress import SILENT, Progress
+from .curves.spiral import anisotropy
 from .design import SpiralDesign
-from .spiral import anisotropy
 
 
 def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured: bool = True) -> dict[str, Any]:

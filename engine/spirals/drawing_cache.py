@@ -8,8 +8,8 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..progress import Progress
-from .arcs import FittedArcs
 from .contours import Outline, Tips
+from .curves.arcs import FittedArcs
 from .touching import find_contacts
 
 

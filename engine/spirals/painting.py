@@ -16,9 +16,9 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.mesh import QuadMesh
+from .clearance.room import ClearanceModel
+from .clearance.slots import OPEN_SHARE, min_slot_width, twist_limit, width_range
 from .design import SpiralDesign
-from .room import ClearanceModel
-from .slots import OPEN_SHARE, min_slot_width, twist_limit, width_range
 
 # halvings of a spiral's move where slots would close, before the spiral stays; more lose less of the move (here 2 %) and
 # take longer

@@ -20,9 +20,9 @@ from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import counted
-from .arcs import Curve
-from .slots import min_slot_width
-from .spiral import opposite_sides
+from .clearance.slots import min_slot_width
+from .curves.arcs import Curve
+from .curves.spiral import opposite_sides
 
 # largest slope of a strip's end against the border's normal, as it follows the seam; beyond 45 degrees it would be a point
 _SLANT = 1.0

@@ -194,7 +194,7 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
 
 def test_bezier_curves_are_arcs() -> None:
     """A circle of four arcs: every point of Blender's curve is on it."""
-    from flexmaps.engine.spirals.arcs import Curve
+    from flexmaps.engine.spirals.curves.arcs import Curve
 
     quarter = np.tan(np.pi / 8)
     circle = Curve(np.array([[1.0, 0], [0, 1], [-1, 0], [0, -1]]), np.full(4, quarter))

@@ -17,7 +17,7 @@ from flexmaps.database.table import FINENESS
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.mechanics.arms import beams
 from flexmaps.engine.mechanics.arms.stiffness import ENTRIES, IN_PLANE, OUT_OF_PLANE
-from flexmaps.engine.spirals.known import table_twist_limit
+from flexmaps.engine.spirals.clearance.table_range import table_twist_limit
 from scipy.spatial.transform import Rotation
 
 wrong_blocks = sys.modules["flexmaps_taylor"].wrong_blocks

@@ -12,7 +12,7 @@ from ...fabrication.panels.labels import panel_name, seam_name
 from ...fabrication.writers.pdf import Page
 from ...patches.flattening.flatten import FlatPatches
 from ...patches.joining import Join, Step, panel_numbers
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 
 WIDTH, HEIGHT, MARGIN = 0.21, 0.297, 0.015  # width, height and margin of a page in metres (A4)
 INK, PALE, GREY = "#1c1e24", "#e4e6e9", "#7a7f87"

@@ -18,10 +18,10 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...params import ConnectorParams
 from ...progress import SILENT, Progress
+from ...spirals.clearance.slots import min_slot_width
 from ...spirals.contours import Tips
+from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import min_slot_width
-from ...spirals.spiral import LEFT, RIGHT, edge_points
 from .path import Halves, Throughs, complexes, pairs
 from .shape import Size, sizes, tabs
 from .tips import Attempt, Tip, ends_of, make_tips

@@ -13,9 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Bool, Complex, Float, Int
-from ...spirals.arcs import Curve, fit_biarcs
+from ...spirals.curves.arcs import Curve, fit_biarcs
+from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
 from ...spirals.design import SpiralDesign
-from ...spirals.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
 
 # minimum speed along an edge of a tip as a share of the speed along the other edge; at 0 the edge folds
 UNFOLDED = 0.15

@@ -22,7 +22,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...params import ConnectorParams
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from ..panels.kerf import offset, relieved
 
 FLANK = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Complex, Float
-from ...spirals.arcs import Curve, along_arcs
-from ...spirals.spiral import LEFT, RIGHT
+from ...spirals.curves.arcs import Curve, along_arcs
+from ...spirals.curves.spiral import LEFT, RIGHT
 from .path import ARM_SHARE, UNFOLDED, Throughs, Widening, complexes, pairs
 from .shape import Size, face, head, socket
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...errors import FlexMapsError
-from ...spirals.arcs import Curve
 from ...spirals.contours import Outline
+from ...spirals.curves.arcs import Curve
 
 SMOOTH = 2e-3  # radians; a smaller change of direction between segments counts as smooth
 SHORT = 2e-5  # metres; controllers stutter on shorter segments, while removing longer ones would be visible

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 
 ORDER = "the order of the cuts"
 _FIRST = 32  # nodes searched first around the end of a cut; more only if all of them belong to finished cuts

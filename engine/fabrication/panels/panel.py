@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...arrays import Float
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Float
 from ...params import CutParams
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve, arc_points
+from ...spirals.curves.arcs import Curve, arc_points
 from .kerf import without_short
 from .order import CutGroup, in_order
 

@@ -12,7 +12,7 @@ from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
 from ...params import BaseParams, SheetParams, SpiralParams
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
 from ..nesting.packing import turn_that_fits
 from ..panels.lettering import length, straight

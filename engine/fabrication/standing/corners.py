@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays import Float
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 
 STRAIGHT = 1e-6  # radians; smaller turns are not corners
 

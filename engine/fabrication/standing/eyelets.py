@@ -17,7 +17,7 @@ from ...errors import FlexMapsError
 from ...materials import Material
 from ...mechanics.assembly import Pose
 from ...params import CutParams
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
 from ...surface.checking.finding import counted
 from ..panels.labels import hub_circles

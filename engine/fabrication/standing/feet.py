@@ -15,11 +15,11 @@ from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...mechanics.assembly import Pose
 from ...params import BaseParams
-from ...spirals.arcs import Curve, biarcs
 from ...spirals.caps import Cap, make_caps, stump_starts
+from ...spirals.clearance.slots import min_slot_width
+from ...spirals.curves.arcs import Curve, biarcs
+from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import min_slot_width
-from ...spirals.spiral import LEFT, RIGHT, edge_points
 from ...surface.checking.finding import counted
 from ...surface.mesh import QuadMesh
 from .corners import rounded

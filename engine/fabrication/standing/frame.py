@@ -14,7 +14,7 @@ import numpy as np
 from ...arrays import Float
 from ...errors import FlexMapsError
 from ...params import SheetParams
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from ..nesting.packing import turn_that_fits
 from .corners import rounded
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ... import MARK
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from .operations import FRAME, OPERATIONS, DrawableSheets, Operation, frame, on_sheet
 
 FLAT = 1e-4  # minimum bulge; FreeCAD loses polylines with flatter arcs, and a chord of 20 mm is then 1 um off

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...params import CutParams, SheetParams
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from ..nesting.packing import Packing
 from ..panels.toolpath import SheetCuts
 

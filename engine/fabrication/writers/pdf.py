@@ -15,7 +15,7 @@ import numpy as np
 
 from ... import MARK
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from . import glyphs
 from .operations import DrawableSheets, on_sheet
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import MARK
 from ...progress import SILENT, Progress
-from ...spirals.arcs import Curve
+from ...spirals.curves.arcs import Curve
 from .operations import FRAME, DrawableSheets, frame, on_sheet
 
 UNITS = {"mm": 1e-3, "in": 0.0254}  # metres per unit

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Complex, Float
-from ...spirals.blends import (
+from ...spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
     MATE_WIDTH,
@@ -19,8 +19,8 @@ from ...spirals.blends import (
     RADIUS,
     smooth_positive,
 )
-from ...spirals.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
-from ...spirals.lines import ArmCurves
+from ...spirals.curves.blends import N_BLEND_PARAMETERS as BLEND_NUMBERS
+from ...spirals.curves.lines import ArmCurves
 from .tip_beams import HUB_SHARE, hub_ends
 
 # Parameter after those of ``blends``: metres, width of the spiral's next arm on the side of the inner edge

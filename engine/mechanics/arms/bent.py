@@ -16,8 +16,8 @@ import numpy as np
 from ...arrays import Bool, Float, Int
 from ...materials import Material
 from ...progress import SILENT, Progress
+from ...spirals.curves.spiral import centre_line, opposite_sides, width_at
 from ...spirals.design import SpiralDesign
-from ...spirals.spiral import centre_line, opposite_sides, width_at
 from ..assembly import Pose, rest_joints
 from ..vectors import matvec, rotation_matrix, rotation_vector, skew
 from .bent_rim import RimPieces, rim_pieces

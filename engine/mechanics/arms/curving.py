@@ -25,7 +25,7 @@ import numpy as np
 from ...arrays import Complex, Float
 from ...materials import Material
 from ...progress import SILENT, Progress
-from ...spirals.spiral import arm_widths, curve_points
+from ...spirals.curves.spiral import arm_widths, curve_points
 from ..assembly import Assembly
 from ..vectors import outer, skew
 from .beams import torsion_constant

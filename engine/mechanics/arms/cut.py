@@ -1,7 +1,7 @@
 """Compliance of a cut arm minus the compliance of the stiffness table's arm, with exact derivatives.
 
 The table holds pure spirals with fillets of a standard size, in spirals of four equal arms. A cut arm differs in two
-ways: its end is blended with the arm beyond its joint (see ``spirals.blends``), and its root lies where its neighbours'
+ways: its end is blended with the arm beyond its joint (see ``spirals.curves.blends``), and its root lies where its neighbours'
 widths and the fillets of the settings put it. Both differences are integrals along beams, as in ``beams``:
 
     blended arm - pure spiral, over the blended part of t,
@@ -20,9 +20,9 @@ import numpy as np
 
 from ...arrays import Complex, Float
 from ...materials import Material
-from ...spirals.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
-from ...spirals.blends import MATE_WIDTH as BY_MATE_WIDTH
-from ...spirals.known import SCALE_RANGE
+from ...spirals.clearance.table_range import SCALE_RANGE
+from ...spirals.curves.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
+from ...spirals.curves.blends import MATE_WIDTH as BY_MATE_WIDTH
 from ..assembly import Assembly
 from .beams import SHEAR_FACTOR, gauss, torsion_constant
 from .grain import SectionFlexibility, line_compliance
@@ -126,7 +126,7 @@ class CutArms:
 
 def rest_shapes(assembly: Assembly, material: Material | None = None) -> Float[np.ndarray, "n _"]:
     """(2 m, 3) rest shape of both arms of every joint: radius (metres), own and mate's lean (radians, positive in the
-    sense of the spirals, see ``spirals.blends``). Sheets with a grain add a column: the angle from radius to grain."""
+    sense of the spirals, see ``spirals.curves.blends``). Sheets with a grain add a column: the angle from radius to grain."""
     out = assembly.radial[..., 0] * np.array([1.0, -1.0])[:, None]
     lean = np.arctan2(out[..., 1], out[..., 0]) * (-1.0 if assembly.clockwise else 1.0)
     if assembly.nodes:
@@ -296,7 +296,7 @@ def _blend_lines(arms: CutArms, by: slice = _BY_DESIGN) -> tuple[_Line, _Line]:
     place, pace = _spiral(arms, t, **({"twist": TWIST} if of_design else {"radius": 0}))
     width = _dual(arms.width[None], {WIDTH: 1.0} if of_design else {}, 4)
     xx = x * x
-    # blending quintics of ``spirals.spiral``
+    # blending quintics of ``spirals.curves.spiral``
     bent = place + _times(slope, share) * (x * (1.0 + xx * (-6.0 + x * (8.0 - 3.0 * x))))
     speed = pace + slope * (1.0 + xx * (-18.0 + x * (32.0 - 15.0 * x)))
     wide = width + (joint - width) * (1.0 + xx * x * (-10.0 + x * (15.0 - 6.0 * x)))

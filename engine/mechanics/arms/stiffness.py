@@ -27,7 +27,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
-from ...spirals.known import SCALE_RANGE, table_limit_and_slope, table_twist_limit
+from ...spirals.clearance.table_range import SCALE_RANGE, table_limit_and_slope, table_twist_limit
 from ...surface.checking.finding import counted
 from ..beyond import Beyond
 from . import beams

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...materials import Material
-from ...spirals.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
+from ...spirals.curves.blends import MATE_LEAN, MATE_WIDTH, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS
 from ..assembly import Assembly
 from ..rim_bodies import FORWARDS
 from ..vectors import matvec

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...spirals.known import table_limit_and_slope
+from ...spirals.clearance.table_range import table_limit_and_slope
 from ..arms.stiffness import lengths_and_twists, refuse_material
 from ..beyond import SLACK, Beyond
 

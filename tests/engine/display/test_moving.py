@@ -11,9 +11,9 @@ from flexmaps.engine.display.moving import MovingPanels
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.spirals.curves.spiral import opposite_sides
 from flexmaps.engine.spirals.design import uniform_design
 from flexmaps.engine.spirals.painting import Stroke, paint_spirals
-from flexmaps.engine.spirals.spiral import opposite_sides
 from flexmaps.engine.surface import shapes
 
 

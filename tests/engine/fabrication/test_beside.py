@@ -8,8 +8,8 @@ from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import seam_labels
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
-from flexmaps.engine.spirals.spiral import centre_line
+from flexmaps.engine.spirals.curves.arcs import Curve
+from flexmaps.engine.spirals.curves.spiral import centre_line
 
 
 def _polygon(panel):

@@ -23,8 +23,8 @@ from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
 from flexmaps.engine.spirals.contours import Outline
+from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -283,7 +283,7 @@ def test_progress_ascends_and_stops(flat_grid):
 
 
 def test_svg_arc_flags_for_both_senses_and_large_arcs():
-    from flexmaps.engine.spirals.arcs import Curve
+    from flexmaps.engine.spirals.curves.arcs import Curve
 
     # three quarters of a circle to the left, closed by a quarter to the right
     curve = Curve(np.array([[0.001, 0.0], [0.0, -0.001]]), np.array([math.tan(3 * math.pi / 8), 0.3]))

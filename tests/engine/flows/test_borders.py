@@ -13,7 +13,8 @@ from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import SheetParams, SimulateParams, SpiralParams
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design, spiral
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.curves import spiral
 
 STUBS, OUT = SpiralParams(border="stubs"), SpiralParams(border="left_out")
 

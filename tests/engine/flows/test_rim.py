@@ -28,8 +28,8 @@ from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals import design as designs
+from flexmaps.engine.spirals.clearance.room import ClearanceModel
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

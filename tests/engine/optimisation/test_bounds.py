@@ -14,7 +14,7 @@ from flexmaps.engine.optimisation.bounds import (
     narrowest_per_pair,
     restore_clearances,
 )
-from flexmaps.engine.spirals.room import Terms
+from flexmaps.engine.spirals.clearance.room import Terms
 from scipy.sparse import block_diag, csr_array, random_array
 
 

@@ -27,9 +27,9 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
+from flexmaps.engine.spirals.clearance.room import ClearanceModel
 from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
 from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable
-from flexmaps.engine.spirals.room import ClearanceModel
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

@@ -10,11 +10,11 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.slot_estimate import PLACES
-from flexmaps.engine.mechanics.arms.slots_in_space import slots_in_space
 from flexmaps.engine.mechanics.arms.tip_beams import hub_ends
 from flexmaps.engine.mechanics.arms.tip_motion import TipMotions, tip_motions
 from flexmaps.engine.mechanics.assembly import Pose, assembly_from_design, target_pose
+from flexmaps.engine.mechanics.clearance.slot_estimate import PLACES
+from flexmaps.engine.mechanics.clearance.slots_in_space import slots_in_space
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.search import Task

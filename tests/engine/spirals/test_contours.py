@@ -5,7 +5,9 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import contours, design, slots, spiral
+from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals.clearance import slots
+from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.spirals.touching import find_contacts
 

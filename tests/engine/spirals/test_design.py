@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import design, slots, spiral
+from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals.clearance import slots
+from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design_report import design_report
 from shapely import LineString
 

@@ -11,7 +11,7 @@ from flexmaps.engine.fabrication.connectors.shape import rounded
 from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.spirals.touching import find_contacts
 
 SQUARE = [(0.0, 0.0), (0.02, 0.0), (0.02, 0.01), (0.0, 0.01)]

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from flexmaps.engine.fabrication.panels.order import CutGroup, in_order
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 
 
 def square(centre: np.ndarray, size: float = 0.001) -> Curve:

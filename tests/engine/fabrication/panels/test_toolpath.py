@@ -13,7 +13,7 @@ from flexmaps.engine.fabrication.panels.kerf import relieved, without_short
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 
 fit = sys.modules["flexmaps_connector_gaps"].fit
 

@@ -15,7 +15,7 @@ from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.fabrication.writers import panel_solids as solid_files
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.writers import export, pdf
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.arcs import Curve
+from flexmaps.engine.spirals.curves.arcs import Curve
 
 pdfium = pytest.importorskip("pypdfium2")
 MM = 25.4 / 72.0

@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import LEFT, RIGHT, edge_points, opposite_sides
+from flexmaps.engine.spirals.curves.spiral import LEFT, RIGHT, edge_points, opposite_sides
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
 

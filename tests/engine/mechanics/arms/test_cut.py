@@ -15,8 +15,8 @@ from flexmaps.engine.mechanics.arms.cut import ROOT_DISTANCE, CutArms, added_com
 from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, assembly_from_design
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
+from flexmaps.engine.spirals.curves.spiral import Arms, centre_line, width_at
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.spiral import Arms, centre_line, width_at
 
 VERO, BIRCH, THICKNESS = MATERIALS["vero"], MATERIALS["birch"], 0.002
 

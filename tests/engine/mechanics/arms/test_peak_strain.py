@@ -26,7 +26,7 @@ from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.blends import (
+from flexmaps.engine.spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
     MATE_WIDTH,
@@ -36,8 +36,8 @@ from flexmaps.engine.spirals.blends import (
     OWN_WIND,
     RADIUS,
 )
+from flexmaps.engine.spirals.curves.spiral import centre_line
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.spiral import centre_line
 from flexmaps.engine.surface import shapes
 
 POM, BIRCH = MATERIALS["pom"], MATERIALS["birch"]

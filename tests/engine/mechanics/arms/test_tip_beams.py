@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flexmaps.engine.mechanics.arms import slot_estimate
 from flexmaps.engine.mechanics.arms.pieces import POISSON, piece_flexibilities
-from flexmaps.engine.mechanics.arms.slot_estimate import Slots
 from flexmaps.engine.mechanics.arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
-from flexmaps.engine.spirals.blends import N_BLEND_PARAMETERS
-from flexmaps.engine.spirals.lines import ArmCurves
+from flexmaps.engine.mechanics.clearance import slot_estimate
+from flexmaps.engine.mechanics.clearance.slot_estimate import Slots
+from flexmaps.engine.spirals.curves.blends import N_BLEND_PARAMETERS
+from flexmaps.engine.spirals.curves.lines import ArmCurves
 
 PIECES, FILLET, THICKNESS, COUNT = 10, 3e-4, 0.002, 40
 ROWS = np.arange(COUNT)

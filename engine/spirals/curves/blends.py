@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Complex, Float
+from ...arrays import Complex, Float
 
 # Columns of the derivatives with respect to a joint's parameters. The mate's radius does not affect an arm's blend.
 OWN_WIDTH, MATE_WIDTH, OWN_WIND, MATE_WIND, RADIUS, ANGLE, OWN_LEAN, MATE_LEAN = range(8)

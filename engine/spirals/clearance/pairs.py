@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 
-from ..arrays import Bool, Complex, Float, Int
-from ..params import SpiralParams
-from ..patches.flattening.flatten import FlatPatches
-from .blends import lean_angles
-from .lines import ArmCurves
-from .spiral import mate_signs, opposite_sides, spokes
+from ...arrays import Bool, Complex, Float, Int
+from ...params import SpiralParams
+from ...patches.flattening.flatten import FlatPatches
+from ..curves.blends import lean_angles
+from ..curves.lines import ArmCurves
+from ..curves.spiral import mate_signs, opposite_sides, spokes
 
 # Kinds of pairs: two arms of one quad; an arm and the arms beside its mate, across the joint; all other arms of quads that
 # share an edge or a vertex

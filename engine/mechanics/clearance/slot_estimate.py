@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays import Float, Int
-from ...spirals.blends import (
+from ...spirals.curves.blends import (
     ANGLE,
     MATE_LEAN,
     MATE_WIDTH,
@@ -26,9 +26,9 @@ from ...spirals.blends import (
     OWN_WIND,
     RADIUS,
 )
-from ...spirals.lines import ArmCurves
+from ...spirals.curves.lines import ArmCurves
+from ..arms.tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 from .sections import Section, SectionPull, dot
-from .tip_beams import BentBeams, PointGradient, SplitVector, TipBeams
 
 # t on the outer arm where widths are measured; more are slower. In four optimised pieces all 98 slots that close do so
 # within the first sixth of their arm.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import spiral
+from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.checking import geometry as check_geometry
 

@@ -20,17 +20,17 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Bool, Float, Int
-from ..params import SpiralParams
-from ..patches.flattening.flatten import FlatPatches
-from .arm_geometry import ArmGeometry
-from .blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
+from ...arrays import Bool, Float, Int
+from ...params import SpiralParams
+from ...patches.flattening.flatten import FlatPatches
+from ..curves.arm_geometry import ArmGeometry
+from ..curves.blends import MATE_WIDTH, MATE_WIND, OWN_WIDTH, OWN_WIND, RADIUS
+from ..curves.lines import N_ARM_PARAMETERS, ArmCurves
+from ..curves.spiral import same_width
 from .gaps import gap_slopes, narrow, sharp, sharp_slopes
-from .known import twist_margin
-from .lines import N_ARM_PARAMETERS, ArmCurves
 from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .slots import min_slot_width, width_range
-from .spiral import same_width
+from .table_range import twist_margin
 
 # clearance below which the barrier is not 0, by default; larger values keep designs farther from their limits
 SUPPORT = 0.5

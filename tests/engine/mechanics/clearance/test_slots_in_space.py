@@ -9,14 +9,14 @@ import pytest
 import shapely
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.bent import BentArms, bend_arms
-from flexmaps.engine.mechanics.arms.slots_in_space import DEEPEST, SpaceSlots, _near_stations, slots_in_space
 from flexmaps.engine.mechanics.assembly import Pose
+from flexmaps.engine.mechanics.clearance.slots_in_space import DEEPEST, SpaceSlots, _near_stations, slots_in_space
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals import design
-from flexmaps.engine.spirals.spiral import LEFT, RIGHT, centre_line, edge_points
+from flexmaps.engine.spirals.curves.spiral import LEFT, RIGHT, centre_line, edge_points
 from flexmaps.engine.surface import shapes
 from scipy.spatial import cKDTree
 

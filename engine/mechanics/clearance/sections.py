@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Complex, Float, Int
+from ..arms.tip_beams import BentBeams, PointGradient, SplitVector
 from ..vectors import matvec, right_jacobian, rotation_matrix
-from .tip_beams import BentBeams, PointGradient, SplitVector
 
 
 @dataclass(eq=False)

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Complex, Float, Int
-from .blends import ANGLE, OWN_WIND, RADIUS
-from .lines import ArmCurves, blend_offset
+from ...arrays import Complex, Float, Int
+from ..curves.blends import ANGLE, OWN_WIND, RADIUS
+from ..curves.lines import ArmCurves, blend_offset
+from ..curves.spiral import arm_widths
 from .pairs import DEPTHS, ROUND, SAME_QUAD, Pairs
-from .spiral import arm_widths
 
 _PLACES = 13  # number of t on the first arm where gaps are measured; more find narrower gaps and take longer
 _COARSE = 25  # points of the second arm that start the search for the nearest point; more start nearer and take longer

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Complex, Float, Int
+from ...arrays import Complex, Float, Int
 from .blends import ANGLE, N_BLEND_PARAMETERS, OWN_WIDTH, OWN_WIND, RADIUS, Blends, blend_joints
 from .spiral import arm_widths, curve_points
 

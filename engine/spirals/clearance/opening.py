@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Bool
-from ..progress import SILENT, Progress
+from ...arrays import Bool
+from ...progress import SILENT, Progress
 from .room import ClearanceModel
 
 # most rounds that change spirals by the slopes of the closed gaps (random designs of 19 surfaces mostly need under 10), and

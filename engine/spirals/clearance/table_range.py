@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..arrays import Float
+from ...arrays import Float
 
 SCALE_RANGE = (5.0, 50.0)  # range of s/w (spiral diameter over arm width) in the table
 SLOT_SHARE = 0.14  # slot width over arm width at the largest twist in the table

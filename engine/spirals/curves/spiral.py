@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Float, Int
-from ..params import SpiralParams
-from ..patches.flattening.flatten import FlatPatches
-from ..surface.mesh import QuadMesh
+from ...arrays import Float, Int
+from ...params import SpiralParams
+from ...patches.flattening.flatten import FlatPatches
+from ...surface.mesh import QuadMesh
 from .blends import blend_joints, lean_angles
 
 LEFT, RIGHT = 1.0, -1.0  # sides of an arm, seen from the centre outwards

@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Float, Int
 from ...progress import SILENT, Progress
+from ...spirals.clearance.slots import beside_absent, is_clockwise, slot_widths
+from ...spirals.curves.spiral import Arms, centre_line, width_at
 from ...spirals.design import SpiralDesign
-from ...spirals.slots import beside_absent, is_clockwise, slot_widths
-from ...spirals.spiral import Arms, centre_line, width_at
-from .bent import BentArms
+from ..arms.bent import BentArms
 
 # Stations along every slot within a spiral, from its mouth inwards, and stations of the second look around the
 # narrowest one; more are slower. 80 and 25 find widths smaller by up to 0.08 and 0.03 mm where slots are narrower than

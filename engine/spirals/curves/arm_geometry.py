@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..arrays import Complex, Float, Int
-from ..params import SpiralParams
-from ..patches.flattening.flatten import FlatPatches
+from ...arrays import Complex, Float, Int
+from ...params import SpiralParams
+from ...patches.flattening.flatten import FlatPatches
 from .blends import ANGLE, MATE_LEAN, OWN_LEAN, RADIUS, lean_angles
 from .lines import CENTRE_X, CENTRE_Y
 from .spiral import mate_signs, opposite_sides, spokes

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.spirals import arcs
-from flexmaps.engine.spirals.arcs import Curve, arc_points, fit_biarcs
+from flexmaps.engine.spirals.curves import arcs
+from flexmaps.engine.spirals.curves.arcs import Curve, arc_points, fit_biarcs
 from shapely import LineString, Point, Polygon
 
 HALF = Curve(np.array([[1.0, 0.0], [-1.0, 0.0]]), np.array([1.0, 1.0]))  # a circle as two half circles

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flexmaps.engine.spirals import blends as module
-from flexmaps.engine.spirals.blends import blend_joints
+from flexmaps.engine.spirals.curves import blends as module
+from flexmaps.engine.spirals.curves.blends import blend_joints
 
 NAMES = [
     "OWN_WIDTH", "MATE_WIDTH", "OWN_WIND", "MATE_WIND", "RADIUS", "ANGLE", "OWN_LEAN", "MATE_LEAN",

@@ -13,11 +13,12 @@ from flexmaps.engine.optimisation.bounds import narrowest_per_pair
 from flexmaps.engine.params import SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.simulation.simulate import build_model
-from flexmaps.engine.spirals import pairs, spiral
+from flexmaps.engine.spirals.clearance import pairs
+from flexmaps.engine.spirals.clearance.opening import open_gaps
+from flexmaps.engine.spirals.clearance.room import ClearanceModel
+from flexmaps.engine.spirals.curves import spiral
+from flexmaps.engine.spirals.curves.spiral import same_width
 from flexmaps.engine.spirals.design import SpiralDesign
-from flexmaps.engine.spirals.opening import open_gaps
-from flexmaps.engine.spirals.room import ClearanceModel
-from flexmaps.engine.spirals.spiral import same_width
 
 WIDE = 6.0  # rooms: all that is near in any way
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Float, Int
-from ..progress import SILENT, Progress
+from ...arrays import Float, Int
+from ...progress import SILENT, Progress
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Bool, Float, Int
-from ..params import SpiralParams
-from ..patches.flattening.flatten import FlatPatches
-from ..progress import SILENT, Progress
-from ..surface.checking.finding import counted
-from .arcs import dot
-from .spiral import (
+from ...arrays import Bool, Float, Int
+from ...params import SpiralParams
+from ...patches.flattening.flatten import FlatPatches
+from ...progress import SILENT, Progress
+from ...surface.checking.finding import counted
+from ..curves.arcs import dot
+from ..curves.spiral import (
     LEFT,
     RIGHT,
     Arms,
