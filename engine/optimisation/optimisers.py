@@ -102,7 +102,7 @@ class _Proposal:
 
 @dataclass(eq=False)
 class _GaussNewtonProblem:
-    """The objective as a function of points, for ``newton.minimise`` (a ``newton.InverseProblem``).
+    """The objective as a function of points, for ``newton.minimise`` (a ``newton.DampedProblem``).
 
     note : called with every better point; best : the best point so far; bending : estimate of the objective's curvature
     step_number : number of accepted steps; before : ``_depending_on_shape`` where the present step begins

@@ -18,15 +18,6 @@ from .caps import Cap, left_out_arms, make_caps, stump_starts
 from .clearance import slots
 from .clearance.opening import open_gaps
 from .clearance.room import ClearanceModel
-from .clearance.slots import (
-    MIN_WIDTH_SHARE,
-    NO_NEIGHBOUR,
-    PARALLEL_COSINE,
-    beside_absent,
-    slot_widths,
-    too_small,
-    width_range,
-)
 from .constraints import NO_CONSTRAINTS, Constraints
 from .contours import Outline, SlotRoots, Tips, arm_starts, draw_outlines, fit_edges
 from .curves.spiral import LEFT, RIGHT, Arms, arms, edge_points, opposite_sides, same_width
@@ -45,7 +36,7 @@ from .solid import (
 from .touching import nearest_quads
 from .wider import enlarge_quads
 
-__all__ = ["SpiralDesign", "design_from_curvature", "uniform_design", "width_range"]
+__all__ = ["SpiralDesign", "design_from_curvature", "uniform_design"]
 
 BATCH = 500  # spirals measured between two calls of progress: a tenth of a second
 NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
@@ -198,9 +189,9 @@ class SpiralDesign:
         """Return the quads with a slot narrower than ``width`` metres beside their arms, at the root or elsewhere."""
         if 2.0 * self.params.fillet < width * (1.0 - 1e-9):
             return np.arange(len(self.width))
-        apart, lean = slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
-        faces = (lean > PARALLEL_COSINE) & ~beside_absent(self.absent)[..., None]
-        least = np.where(faces, apart, NO_NEIGHBOUR).min(axis=(1, 2))
+        apart, lean = slots.slot_widths(self.arms, self.roots.left, self.roots.right, np.linspace(0.0, 0.97, 32))[:2]
+        faces = (lean > slots.PARALLEL_COSINE) & ~slots.beside_absent(self.absent)[..., None]
+        least = np.where(faces, apart, slots.NO_NEIGHBOUR).min(axis=(1, 2))
         quads, gap = self._gaps(width)
         np.minimum.at(least, quads, gap[:, None])
         return np.flatnonzero(least < 0.999 * width)
@@ -316,9 +307,9 @@ def make_fabricable(
     FlexMapsError with the faces that are far too small for the smallest width.
     """
     free = np.ones(len(twist), dtype=bool) if free is None else free
-    low, high = width_range(flat, params)
+    low, high = slots.width_range(flat, params)
     small = without_room(flat, params)
-    refuse_many(np.flatnonzero(small & free), len(twist), too_small(flat, params, np.flatnonzero(small)))
+    refuse_many(np.flatnonzero(small & free), len(twist), slots.too_small(flat, params, np.flatnonzero(small)))
     if prove:  # quads with solid hubs may have room in these flat patches
         width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
     most = np.where(free, high, np.inf)
@@ -338,11 +329,11 @@ def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] |
 
     quads : check only the slots beside these quads; default is all
     """
-    low, high = width_range(design.flat, design.params)
+    low, high = slots.width_range(design.flat, design.params)
     finite = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
     width, twist = np.where(finite[:, None], design.width, low[:, None]), np.where(finite, design.twist, 0.0)
     slack = 1e-3  # for rounding, and for limits from iterations
-    least, most = (1.0 - slack) * np.minimum(low, MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
+    least, most = (1.0 - slack) * np.minimum(low, slots.MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
     fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
     fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
     # arms without room for connectors can be glued, and spirals outside the model's range can be cut
@@ -364,7 +355,7 @@ def resolve_contacts(
     Raises ``FlexMapsError`` with the faces where even straight and thin arms touch.
     """
     mate = opposite_sides(design.flat.layout.mesh)[0]
-    thinnest = MIN_WIDTH_SHARE * design.params.width_min
+    thinnest = slots.MIN_WIDTH_SHARE * design.params.width_min
     free = np.ones(len(design.twist), dtype=bool) if free is None else free
     start, culprits = design, np.empty(0, dtype=np.int64)
     for turn in range(rounds):

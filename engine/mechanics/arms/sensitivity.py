@@ -157,7 +157,7 @@ def convex_by_design(
     """(m, 2, 5) derivatives of each joint's convex energy r.K.r by the widths and the twist of both spirals.
 
     r is the rate of the joint's strains in a motion ``way`` (m, 12) of both hubs. Other arguments as in
-    ``JointDerivatives.from_joints``.
+    ``JointDerivatives.from_assembly``.
     """
     turn, base = motion.turn, motion.middle
     angle = np.linalg.norm(turn, axis=1)

@@ -77,7 +77,12 @@ class PointGradient:
 
     @classmethod
     def interleave(cls, first: PointGradient, second: PointGradient) -> PointGradient:
-        """Interleave two sets of derivatives: first, second, first, second, ..."""
+        """Interleave two sets of derivatives.
+
+        Parameters
+        ----------
+        first, second : as many each; they alternate
+        """
         return cls(*(_interleave(getattr(first, part.name), getattr(second, part.name)) for part in fields(cls)))
 
 
@@ -118,7 +123,14 @@ class TipBeams:
 
     @classmethod
     def from_lines(cls, lines: ArmCurves, fillet: float, thickness: float, pieces: int) -> TipBeams:
-        """Divide arms into pieces between hub and tip."""
+        """Divide arms into pieces between hub and tip.
+
+        Parameters
+        ----------
+        lines : centre lines
+        fillet, thickness : metres
+        pieces : per arm
+        """
         hub = hub_ends(lines.radius, lines.wind, 0.5 * lines.width + fillet)[0]
         t = hub[:, None] * np.linspace(1.0, 0.0, 2 * pieces + 1)
         points, velocity, change, half = lines.at(np.arange(len(hub))[:, None], t)[:4]
@@ -199,6 +211,10 @@ class TipBeams:
 
         As an adjoint: derivatives by the tip motion of numbers whose derivatives by the wrenches are ``shift`` and
         ``turn``.
+
+        Parameters
+        ----------
+        shift, turn : metres and radians
         """
         stiff, centre, plane, roll, other, lift = self._elastic_centres
         force = _solve(plane, shift.flat - turn.off * centre)
@@ -242,7 +258,10 @@ class BentBeams:
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
         """Vector-Jacobian product with respect to tip motions and the arms' parameters (see ``blends``).
 
-        Number i depends on the place t[i] of arm i, which lies on piece[i] and has the derivatives ``pull``.
+        Parameters
+        ----------
+        t, piece : place on every arm, and the piece that it lies on
+        pull : derivatives of one number for every arm by that place
         """
         beams = self.beams
         count, rows = beams.velocity.shape[1], np.arange(len(t))

@@ -92,7 +92,7 @@ def tip_motions(
 
     Parameters
     ----------
-    assembly, compliance, stiffness, pose : as in ``TipMotions.from_joints``
+    assembly, compliance, stiffness, pose : as in ``TipMotions.from_assembly``
 
     Returns
     -------

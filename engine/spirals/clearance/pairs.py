@@ -36,7 +36,7 @@ class Pairs:
     """Pairs of arms that can come near each other.
 
     one, two : numbers of both arms
-    kind : BESIDE, ACROSS or ROUND
+    kind : SAME_QUAD, ACROSS or ROUND
     turn, shift : map from the second arm's frame to the first's: a point q (metres, complex) becomes turn q + shift
     laid : whether the quads are placed side by side across a cut, so that turn and shift depend on the flat corners
     """

@@ -1,14 +1,13 @@
 """Clearances of a design as smooth functions of widths and twists, with exact derivatives.
 
 A design has gaps between neighbouring arms of a quad over their outer part, between an arm and the arms beside its mate, and
-between arms of quads that share only a vertex. The inner edge of every blend must not fold, and the twist of every arm must
+between arms of quads that share an edge or a vertex. The inner edge of every blend must not fold, and the twist of every arm must
 stay within the range of the stiffness table. Each condition has a clearance (called room): 0 at the limit, negative beyond it
 (closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
 radians.
 
     room = ClearanceModel.from_flat(flat, params)                      # once per flat patches; ``moved`` when their points move
     terms = room.terms(width, twist)                  # clearances below SUPPORT with their Jacobian
-    barrier = room.barrier(width, twist)              # value, gradient and root of the Hessian
     room.closed(trial_width, trial_twist, quads)      # quads whose steps must be shorter
 """
 
@@ -32,7 +31,7 @@ from .pairs import ROUND, SAME_QUAD, Pairs, pairs_of
 from .slots import min_slot_width, width_range
 from .table_range import twist_margin
 
-# clearance below which the barrier is not 0, by default; larger values keep designs farther from their limits
+# clearance below which terms are computed, by default; larger values let steps foresee limits from farther away
 SUPPORT = 0.5
 # safety factor on the smallest slot, because gaps are measured at some points of the arms only
 _SAFETY = 1.015

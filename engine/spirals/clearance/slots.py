@@ -89,7 +89,13 @@ def width_range(
 
 
 def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " n"]) -> str:
-    """Return the error message for quads that are far too small for the smallest width."""
+    """Return the error message for quads that are far too small for the smallest width.
+
+    Parameters
+    ----------
+    flat, params : flat quads, and the smallest width that they have no room for
+    quads : the quads that are too small
+    """
     widest = widest_arms(flat, params)[quads].min(initial=params.width_min)
     remedy = (
         f"the object {params.width_min / widest:.3g} times larger, or the smallest width {widest * 1e3:.2g} mm"

@@ -177,7 +177,13 @@ class FittedArcs:
     start: Int[np.ndarray, " starts"]
 
     def replaced(self, which: Int[np.ndarray, " k"], other: FittedArcs) -> FittedArcs:
-        """Replace the curves ``which`` by the curves of ``other``."""
+        """Replace some curves.
+
+        Parameters
+        ----------
+        which : indices of the curves to replace
+        other : as many curves
+        """
         sizes = np.diff(self.start)
         rest = np.setdiff1d(np.arange(len(sizes)), which)
         sizes[which] = np.diff(other.start)
@@ -323,5 +329,10 @@ def _circle_distance(x: np.ndarray, y: np.ndarray, half: np.ndarray, sag: np.nda
 
 
 def dot(a: Float[np.ndarray, "... 2"], b: Float[np.ndarray, "... 2"]) -> np.ndarray:
-    """Return the scalar products of vectors in the plane."""
+    """Return the scalar products of vectors in the plane.
+
+    Parameters
+    ----------
+    a, b : vectors of shapes that broadcast
+    """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]

@@ -193,7 +193,13 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def blend_offset(share: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return the offset of points at t due to a blend of length ``share``, per ``Blends.slope``; both broadcast (see ``spiral.curve_points``)."""
+    """Return the offset of points due to a blend, per ``Blends.slope`` (see ``spiral.curve_points``).
+
+    Parameters
+    ----------
+    share : length of the blend, in t
+    t : places on the arm, of a shape that broadcasts with ``share``
+    """
     u = np.minimum(t / share, 1.0)
     uu = u * u
     return share * u * (1.0 + uu * (-6.0 + u * (8.0 - 3.0 * u)))

@@ -89,6 +89,10 @@ def mate_signs(mesh: QuadMesh, params: SpiralParams) -> Float[np.ndarray, "quads
     """Return the factor on the mate's wind and lean at every side: -1 at a rim, else 1.
 
     At a rim, the mate is the arm's own mirror image, so that the arm meets the rim at right angles.
+
+    Parameters
+    ----------
+    mesh, params : the quads, and the kind of border
     """
     return np.where(mesh.border[mesh.quad_edges] & (params.border == "rim"), -1.0, 1.0)
 
@@ -106,7 +110,13 @@ def anisotropy(width: Float[np.ndarray, "quads 4"]) -> Float[np.ndarray, " quads
 def arms(
     flat: FlatPatches, params: SpiralParams, width: Float[np.ndarray, "quads 4"], twist: Float[np.ndarray, " quads"]
 ) -> Arms:
-    """Compute the arms of spirals with given widths (metres) and twists (radians), including blends."""
+    """Compute the arms of spirals, including blends.
+
+    Parameters
+    ----------
+    flat, params : flat quads, and the sense, border and blends of the spirals
+    width, twist : metres and radians
+    """
     centre, radius, angle = spokes(flat.corners)
     wind = np.asarray(twist, dtype=float) * (-1.0 if params.clockwise else 1.0)
     width, lean = np.asarray(width, dtype=float), lean_angles(flat.corners, angle)
@@ -120,7 +130,12 @@ def arms(
 
 
 def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " quads"]:
-    """Return the largest width in metres at which straight arms leave slots with fillets in every corner of a quad."""
+    """Return the largest width in metres at which straight arms leave slots with fillets in every corner of a quad.
+
+    Parameters
+    ----------
+    flat, params : flat quads, and the fillet
+    """
     _, radius, angle = spokes(flat.corners)
     opening = np.diff(angle, axis=1)
     # edges at the distance a from straight centre lines meet at the distance a (1 + cos) / sin from the centre
@@ -129,7 +144,13 @@ def widest_arms(flat: FlatPatches, params: SpiralParams) -> Float[np.ndarray, " 
 
 
 def widest_beside_slots(flat: FlatPatches, slot: float, depth: float) -> Float[np.ndarray, " quads"]:
-    """Return the largest width in metres at which straight arms leave slots ``slot`` wide beside their outer share ``depth``."""
+    """Return the largest width in metres at which straight arms leave slots beside their outer part.
+
+    Parameters
+    ----------
+    flat : flat quads
+    slot, depth : width of the slots in metres, and share of the arms, from the tip, that they reach along
+    """
     _, radius, angle = spokes(flat.corners)
     least = np.minimum(np.sin(np.diff(angle, axis=1)).min(axis=1), 1.0)
     return (1.0 - depth) * radius.min(axis=1) * least - slot
