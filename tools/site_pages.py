@@ -25,6 +25,7 @@ PAGES = {
     "docs/microstructures.md": "microstructures.md",
     "docs/translating.md": "translating.md",
     "docs/development.md": "development.md",
+    "docs/clearance.md": "clearance.md",
     "docs/tuning.md": "tuning.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
