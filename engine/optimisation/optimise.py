@@ -12,6 +12,7 @@ from ..arrays import Float, Int
 from ..errors import Cancelled, FlexMapsError
 from ..materials import Material
 from ..mechanics.assembly import Pose, target_pose
+from ..mechanics.equilibrium import poses_differ
 from ..params import OptimiseParams, SimulateParams
 from ..progress import SILENT, Progress
 from ..simulation.other_rests import find_other_rests
@@ -170,13 +171,13 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), before)
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
     name, start = names[0], first[0]
     given = points["given"].weighed(start.mismatch.value) if "given" in points else start
-    if before is None:
+    if before is None or _rests_elsewhere(before, given):
         within = progress.part(0.1, 0.12)
         before = task.simulated(design, given.equilibrium.pose, within) if prove else task.rested(design, given)
     trace, latest = SearchRecord(), (start, design)
@@ -198,6 +199,11 @@ def optimise(
     if prove and trace.ended != CANCELLED:
         after = _with_other_rests(after, physics, progress.part(0.99, 1.0))
     return Optimisation(before, after, trace, name, found.point, trace.ended)
+
+
+def _rests_elsewhere(before: Simulation, given: DesignPoint) -> bool:
+    """Return whether the given design was simulated in another of its shapes than that which its search starts from."""
+    return poses_differ(before.equilibrium.pose, given.equilibrium.pose, before.assembly.pairs, before.loads)
 
 
 def _shown_at_rest(task: Task, design: SpiralDesign, progress: Progress) -> Simulation | None:
@@ -333,9 +339,8 @@ def find_starts(
     target: QuadMesh,
     params: OptimiseParams,
     progress: Progress,
-    given: Simulation | None = None,
 ) -> dict[str, DesignPoint]:
-    """Return the starts that have an equilibrium, by name; ``given`` : the given design at rest, if known.
+    """Return the starts that have an equilibrium, by name.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
@@ -353,7 +358,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose if given is None or name != "given" else given.equilibrium.pose, within)
+        point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():

@@ -76,13 +76,12 @@ def predict(
 
     Returns
     -------
-    A share of the size of the surface; infinite where the layout takes no shape.
-
-    Raises
-    ------
-    FlexMapsError : quads are too small for spirals
+    A share of the size of the surface; infinite where the layout takes no shape, or its quads have no room for spirals.
     """
-    return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress), further)
+    try:
+        return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress), further)
+    except FlexMapsError:
+        return np.inf
 
 
 def judge_by_prediction(

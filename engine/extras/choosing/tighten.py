@@ -116,7 +116,4 @@ def _panels(flat: FlatPatches) -> int:
 
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
     """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
-    try:
-        return predict(piece, flat, start, progress.quiet(), further=FURTHER)
-    except FlexMapsError:
-        return np.inf
+    return predict(piece, flat, start, progress.quiet(), further=FURTHER)
