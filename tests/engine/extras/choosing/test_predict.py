@@ -45,6 +45,14 @@ def test_a_flat_sheet_is_matched() -> None:
     assert laid is not None and predict(piece, laid.flat) < 1e-6
 
 
+def test_nothing_is_expected_of_a_layout_whose_quads_have_no_room() -> None:
+    """Arms as wide as a quad's side leave none; what is tried beside a finished search must not end it with an error."""
+    piece, layouts = dome()
+    spiral = replace(piece.settings.spiral, width_min=0.02, width_max=0.03)
+    crowded = replace(piece, settings=replace(piece.settings, spiral=spiral))
+    assert predict(crowded, next(iter(layouts.values())).flat) == np.inf
+
+
 def test_no_search_begins_nearer_than_is_predicted() -> None:
     """The design that prediction begins with, simulated by itself, lies no nearer than the prediction."""
     piece, layouts = dome()
