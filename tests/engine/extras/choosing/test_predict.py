@@ -46,9 +46,9 @@ def test_a_flat_sheet_is_matched() -> None:
 
 
 def test_nothing_is_expected_of_a_layout_whose_quads_have_no_room() -> None:
-    """Arms as wide as a quad's side leave none; what is tried beside a finished search must not end it with an error."""
+    """Arms three times as wide as a quad leave none; what is tried beside a finished search must not end it with an error."""
     piece, layouts = dome()
-    spiral = replace(piece.settings.spiral, width_min=0.02, width_max=0.03)
+    spiral = replace(piece.settings.spiral, width_min=0.06, width_max=0.08)
     crowded = replace(piece, settings=replace(piece.settings, spiral=spiral))
     assert predict(crowded, next(iter(layouts.values())).flat) == np.inf
 
