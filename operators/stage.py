@@ -282,8 +282,10 @@ class StageOperator(Polled, HandsOver[Made]):
             for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
-        # the status bar has room for one sentence; the tab shows the others
-        self.report({self.level}, message if bpy.app.background else message.partition(". ")[0])
+        # the status bar has room for one sentence, which tells what was done where others follow; the tab shows these
+        first, _, more = message.partition(". ")
+        whole = bpy.app.background
+        self.report({self.level if whole or not more else "INFO"}, message if whole else first)
 
     def _clear(self, context: bpy.types.Context) -> None:
         if self._job is None:
