@@ -282,10 +282,13 @@ class StageOperator(Polled, HandsOver[Made]):
             for _ in self.after(context, find(self._surface.uid), result):
                 yield
         redraw(context)
-        # the status bar has room for one sentence, which tells what was done where others follow; the tab shows these
-        first, _, more = message.partition(". ")
-        whole = bpy.app.background
-        self.report({self.level if whole or not more else "INFO"}, message if whole else first)
+        level, text = self.level, message
+        if (
+            not bpy.app.background
+        ):  # the status bar has room for one sentence; where others follow, it tells what was done
+            text, _, others = message.partition(". ")
+            level = "INFO" if others else level
+        self.report({level}, text)
 
     def _clear(self, context: bpy.types.Context) -> None:
         if self._job is None:

@@ -202,7 +202,7 @@ def optimise(
 
 
 def _rests_elsewhere(before: Simulation, given: DesignPoint) -> bool:
-    """Return whether the given design was simulated in another of its shapes than that which its search starts from."""
+    """Return whether the given design was simulated to another equilibrium than the one that the search starts from."""
     return poses_differ(before.equilibrium.pose, given.equilibrium.pose, before.assembly.pairs, before.loads)
 
 
@@ -334,11 +334,7 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
 
 
 def find_starts(
-    problem: InverseProblem,
-    design: SpiralDesign,
-    target: QuadMesh,
-    params: OptimiseParams,
-    progress: Progress,
+    problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 

@@ -26,7 +26,6 @@ class DrawingCache:
     narrowest: tuple[float, float] | None = None
     earlier: dict[float, FittedArcs] = field(default_factory=dict)
     changed: Int[np.ndarray, " some"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-
     sound: set[int] = field(default_factory=set)
 
     def take_over(

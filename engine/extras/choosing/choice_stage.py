@@ -121,5 +121,5 @@ def drawings(shown: MapValues, described: Mapping[str, Any]) -> dict[str, Drawin
 
 
 def notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
-    """Return the notes for the top of the report's page: none, its section has them."""
+    """Return no notes for the top of the report's page; its section tells how the choice ended."""
     return []
