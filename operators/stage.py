@@ -283,9 +283,8 @@ class StageOperator(Polled, HandsOver[Made]):
                 yield
         redraw(context)
         level, text = self.level, message
-        if (
-            not bpy.app.background
-        ):  # the status bar has room for one sentence; where others follow, it tells what was done
+        # the status bar has room for one sentence; where others follow, it tells what was done
+        if not bpy.app.background:
             text, _, others = message.partition(". ")
             level = "INFO" if others else level
         self.report({level}, text)
