@@ -14,7 +14,7 @@ from ..progress import Progress
 from ..simulation.simulate import Simulation
 from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
-from ..spirals.design import SpiralDesign, resolve_contacts
+from ..spirals.design import SpiralDesign, make_fabricable, resolve_contacts
 from .inverse import DesignPoint
 from .optimisers import CANCELLED
 from .search import Search, StageResult
@@ -97,7 +97,7 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
         best = _open_slots(search, found, progress)
         if best is found:
             return found
-        design = resolve_contacts(best.simulation.design, progress, free=found.point.problem.space.free)
+        design = with_room(best.simulation.design, found.point.problem.space.free, progress)
         best = best if design is best.simulation.design else _with_design(search, best, design, progress)
     except Cancelled:
         search.trace.ended = CANCELLED
@@ -106,6 +106,14 @@ def open_closed_slots(search: Search, found: SimulatedResult, progress: Progress
         return found
     best = replace(best, nearby=None, point=_with_kept(best.point, found.point))
     return best if best.bears(found) and best.closed < found.closed else found
+
+
+def with_room(design: SpiralDesign, free: Bool[np.ndarray, " spirals"], progress: Progress) -> SpiralDesign:
+    """Return a design in which arms beside spirals with less twist have room in the flat sheet too; the same object if they have."""
+    made = make_fabricable(design.flat, design.params, design.width, design.twist, prove=False, free=free)
+    if made.unlike(design).any():
+        design = replace(design, width=made.width, twist=made.twist).reusing(design)
+    return resolve_contacts(design, progress, free=free)
 
 
 def _open_slots(search: Search, found: SimulatedResult, progress: Progress) -> SimulatedResult:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.materials import OVERSTRAIN_SHARE, material
 from flexmaps.engine.optimisation import found as found_module
-from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist
+from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist, with_room
 from flexmaps.engine.optimisation.optimisers import CANCELLED, SearchRecord
 from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search, Task
 from flexmaps.engine.optimisation.work import Work
@@ -104,6 +104,23 @@ def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, ask
     left = iter(range(asks))
     assert open_closed_slots(search, found, Progress(None, lambda: next(left, None) is None)) is found
     assert search.trace.ended == CANCELLED
+
+
+def test_arms_beside_a_spiral_with_less_twist_have_room_in_the_flat_sheet(wound):
+    flat = wound[1].simulation.design.flat
+    width = 0.0016 * np.random.default_rng(0).uniform(0.7, 1.5, (len(flat.corners), 4))
+    tight = design.make_fabricable(flat, SpiralParams(width_min=0.0006), width, np.full(len(width), 7.0))
+    every = np.ones(len(width), dtype=bool)
+    assert with_room(tight, every, SILENT) is tight
+    lacking = 0
+    for quad in range(0, len(width), 45):
+        twist = tight.twist.copy()
+        twist[quad] *= 0.8
+        made = with_room(replace(tight, twist=twist), every, SILENT)
+        fitted = design.make_fabricable(flat, made.params, made.width, made.twist, prove=False)
+        assert not fitted.unlike(made).any()
+        lacking += bool((made.twist != twist).any())
+    assert lacking  # or this shows nothing
 
 
 def test_only_free_spirals_beside_closed_slots_are_unwound(wound):
