@@ -319,7 +319,8 @@ def _cost_of_cut(
 
 def _cut_once(layout: PatchLayout, run: np.ndarray, cut: Bool[np.ndarray, " edges"], done: set[int]) -> set[int]:
     """Mark a run in ``cut`` unless it leaves its patch or that patch is already cut; return the patches cut."""
-    patches = set(np.unique(layout.patch_of[layout.mesh.edge_quads[run]]).tolist())
+    quads = layout.mesh.edge_quads[run]  # runs may follow the border of a hole, where there is no second quad
+    patches = set(np.unique(layout.patch_of[quads[quads >= 0]]).tolist())
     if len(patches) != 1 or patches <= done:
         return set()
     cut[run] = True

@@ -61,6 +61,16 @@ def test_a_large_plate_needs_several_rounds(flat_grid):
     assert made.layout.isthmus_widths().min() >= LAYOUT.neck_min
 
 
+@pytest.mark.parametrize("period", [3, 4])
+def test_cuts_may_follow_the_borders_of_holes(flat_grid, period):
+    bars = flat_grid(31, 31, without=lambda i, j: i % period != 0 and j % period != 0).layout.mesh
+    sheet, turns = SheetParams(sheet_width=0.35, sheet_height=0.25), iter(range(10000))
+    flat = merge.merge(trace.trace(bars, LAYOUT), LAYOUT)
+    # a cancel ends what would go on for ever
+    made = split.split(flat, LAYOUT, sheet, Progress(None, lambda: next(turns, None) is None))
+    assert all(_fits(p, sheet) for p in _pieces(made))
+
+
 def test_other_patches_stay_as_they_are(flat_grid):
     flat = flat_grid(60, 12, cut=lambda x, y: x == 50)  # 1000 x 240 and 200 x 240 mm
     made = split.split(flat, LAYOUT, SheetParams())
