@@ -24,7 +24,6 @@ from ..engine.mechanics.loads import Loads
 from ..engine.params import Settings
 from ..engine.patches.flattening.flatten import measured
 from ..engine.patches.layout import PatchLayout
-from ..engine.progress import SILENT, Progress
 from ..engine.runs import job
 from ..engine.spirals.design import SpiralDesign
 from ..engine.surface import shapes
@@ -145,16 +144,13 @@ def _header(case: Case) -> str:
     return json.dumps({"version": VERSION, "case": case.identity() | {"thickness": thickness}}, sort_keys=True)
 
 
-def run(only: str | None = None, progress: Progress = SILENT) -> list[str]:
-    """Solve the cases whose file is missing or of another design; the names of those solved. Goes on where it stopped."""
+def run(cases: list[Case]) -> list[str]:
+    """Solve the cases whose file is missing or of another design; return the names of those solved. Goes on where it stopped."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     done = []
-    for case in strain_cases():
-        if only is not None and only not in case.name:
-            continue
+    for case in cases:
         if is_done(case):
             continue
-        progress(0.0, case.name)
         chunks.write(FOLDER / f"{case.name}.npz", chunks.archive(_solved(case)))
         done.append(case.name)
     return done

@@ -1,6 +1,6 @@
 """Benchmark of the extension inside Blender: every installed Blender, time until users see something, random operator calls.
 
-python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey zips progress panels preview frames next random]
+python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey,zips,progress,panels,preview,frames,next,random]
 
 An interrupted run of random calls is resumed if the sources are unchanged (out/random_calls.json).
 """
@@ -21,8 +21,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from harness import Bench
 from responsiveness import frames, next_button, panels, preview, progress, ready
-from rows import Row, Table, at_most, row
+from rows import Row, at_most, row
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ROOT / "tools"
@@ -31,18 +32,8 @@ SESSION, BATCH = 20, 5  # calls per file, files per process: a crash of Blender 
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench blender")
-    parser.add_argument("--calls", type=int, default=1000, help="random operator calls")
-    parser.add_argument("--seconds", type=float, default=1500.0, help="longest time for the random calls")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--only", nargs="*", choices=[*PARTS], default=[*PARTS])
-    options = parser.parse_args(arguments)
-    table = Table(44)
-    for name in options.only:
-        for one in PARTS[name](options):
-            table.add(one)
-    table.finish(options.json, keep=len(options.only) < len(PARTS))
-    return 0
+    calls, seconds = (1000, "random operator calls"), (1500.0, "longest time for the random calls")
+    return Bench("blender", arguments, 44, only="*", calls=calls, seconds=seconds).run(PARTS)
 
 
 # -- every Blender ---------------------------------------------------------------------------------------------------------

@@ -10,9 +10,6 @@ those of other processes included; the time left is told by a clock, so that it 
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
-import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -24,7 +21,6 @@ import bpy
 import numpy as np
 import zoo
 from bench_panels import processor
-from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.extras.choosing.choice import INITIAL, Choice
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
@@ -33,7 +29,8 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from rows import Row, Table, at_most, row
+from harness import Bench
+from rows import Row, at_most, row
 from zoo import trial
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
@@ -56,27 +53,13 @@ KINDS = {".obj", ".off"}
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table, write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench choose")
-    parser.add_argument("--thorough", action="store_true", help="all surfaces")
-    parser.add_argument("--only", help="patterns of names among all surfaces, with commas")
-    parser.add_argument("--quads", type=int, default=USUAL, help="so many where a surface is remeshed")
-    parser.add_argument("--json", type=Path, help="write the rows here too, and go on from those that are there")
-    options = parser.parse_args(arguments)
-    patterns = options.only.split(",") if options.only else ["*"] if options.thorough else QUICK
-    table = Table(34)
-    table.rows = json.loads(options.json.read_text()) if options.json and options.json.is_file() else []
-    done = {one["mesh"] for one in table.rows}
-    for name, make in surfaces():
-        if name in done or not any(fnmatch.fnmatch(name, pattern) for pattern in patterns):
-            continue
-        try:
-            table.add(*measured(name, make(), options.quads))
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:80], None))
-        if options.json:
-            options.json.write_text(json.dumps(table.rows, indent=1) + "\n")
-    table.finish(options.json)
-    return 0
+    thorough, quads = (False, "all surfaces"), (USUAL, "so many where a surface is remeshed")
+    bench = Bench("choose", arguments, 34, only="", resume=True, thorough=thorough, quads=quads)
+    if not bench.options.only:
+        bench.options.only = "*" if bench.options.thorough else ",".join(QUICK)
+    for name, make in bench.cases(surfaces()):
+        bench.measure(lambda name, make=make: measured(name, make(), bench.options.quads), name)
+    return bench.finish()
 
 
 def surfaces() -> Iterator[tuple[str, Callable[[], PolygonMesh]]]:

@@ -8,7 +8,6 @@ with one BLAS thread, from a pose to the equilibrium, the symbolic factorisation
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import time
@@ -18,21 +17,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_layout import EDGE, surfaces
-from equilibrium_cases import MATERIAL, Subject, dome, of_mesh, of_shape, shaken, straight_row, torus, turned
-from flexmaps.engine.errors import FlexMapsError
+from equilibrium_cases import EDGE, MATERIAL, Subject, dome, of_mesh, of_shape, shaken, straight_row, torus
 from flexmaps.engine.linalg import Pattern
 from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.assembly import Pose
-from flexmaps.engine.mechanics.elastic import ElasticModel, sum_joint_vectors
-from flexmaps.engine.mechanics.equilibrium import Equilibrium, solve
+from flexmaps.engine.mechanics.elastic import ElasticModel
+from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.runs.report import peak_memory
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.threads import one_thread
-from rows import Table, at_least, at_most, row
+from harness import Bench, surfaces
+from rows import Row, Table, at_least, at_most, row
 from scipy.optimize import brentq
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
@@ -48,33 +46,18 @@ LARGEST = SIZES[-1]
 
 def main(arguments: list[str]) -> int:
     """Measure everything, print the table and write the rows; return 0 whatever the figures."""
-    root = Path(__file__).resolve().parent.parent
-    shared = root.parent / "shared" / "meshes"
-    parser = argparse.ArgumentParser(prog="dev.py bench equilibrium")
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
-    )
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--peak", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
-    if options.peak:
-        peak(options.peak)
+    bench = Bench("equilibrium", arguments, 44, meshes=True, peak=(0, "print the memory that so many spirals need"))
+    if bench.options.peak:
+        peak(bench.options.peak)
         return 0
-    table = Table(width=44)
-    exactness(table)
+    table = bench.table
     closed_forms(table)
-    for name, polygons in surfaces(options.meshes):
-        try:
-            found = of_mesh(name, polygons)
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:60], True))
-            continue
-        on_mesh(table, found)
+    for name, polygons in surfaces(bench.options.meshes):
+        bench.measure(lambda name, polygons=polygons: on_mesh(of_mesh(name, polygons)), name)
     linear_algebra(table)
     scaling(table)
     validation(table)
-    table.finish(options.json)
-    return 0
+    return bench.finish()
 
 
 def both(found: Subject) -> tuple[tuple[str, ElasticModel], ...]:
@@ -89,40 +72,6 @@ def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
         action()
         best = min(best, time.process_time() - start)
     return float(best)
-
-
-# -- exactness -------------------------------------------------------------------------------------------------------
-
-
-def exactness(table: Table) -> None:
-    """Compare derivatives with fourth-order central differences, and the energy before and after a rigid motion."""
-    found = of_shape("vault", shapes.vault(10))
-    pose = shaken(found.pose, 0.05 * EDGE, 0.2, 1)
-    figures = {name: _derivatives(model, pose) for name, model in both(found)}
-    names = ("gradient against differences", "Hessian against differences", "energy under rigid motion")
-    for k, (name, limit) in enumerate(zip(names, (1e-6, 1e-6, 1e-10), strict=True)):
-        table.add(at_most("100 spirals", name, limit, figures["arm"][k], {"rod": f"{figures['rod'][k]:.1e}"}))
-
-
-def _derivatives(model: ElasticModel, pose: Pose) -> tuple[float, float, float]:
-    state = model.start(pose)
-    here = model.expand(state)
-    rng, step, worst = np.random.default_rng(2), 3e-4, np.zeros(2)
-    for _ in range(10):
-        way = rng.normal(size=here.gradient.shape) * np.repeat([EDGE, 1.0], 3)
-        line = [model.expand(model.moved(state, k * step * way)) for k in (-2, -1, 1, 2)]
-
-        def slope(values: list[Any]) -> Any:
-            return (values[0] - 8 * values[1] + 8 * values[2] - values[3]) / (12 * step)
-
-        ends = way[model.pairs].reshape(-1, 12)
-        force = sum_joint_vectors(np.einsum("mij,mj->mi", here.hessian, ends), model.pairs, len(way))
-        first = float((here.gradient * way).sum())
-        second = float((force * way).sum())
-        worst[0] = max(worst[0], abs(slope([e.energy for e in line]) / first - 1.0))
-        worst[1] = max(worst[1], abs(slope([float((e.gradient * way).sum()) for e in line]) / second - 1.0))
-    there = model.energy(model.start(turned(pose)))
-    return float(worst[0]), float(worst[1]), abs(there / model.energy(state) - 1.0)
 
 
 # -- closed forms ----------------------------------------------------------------------------------------------------
@@ -195,7 +144,7 @@ def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: f
 # -- meshes ----------------------------------------------------------------------------------------------------------
 
 
-def on_mesh(table: Table, found: Subject) -> None:
+def on_mesh(found: Subject) -> list[Row]:
     """Start from the target and from perturbed targets: iterations, residual forces, seconds, and convergence."""
     kind = found.name.removeprefix("made:")
     loads = Loads.for_spirals(found.assembly.size)
@@ -210,7 +159,7 @@ def on_mesh(table: Table, found: Subject) -> None:
         )
     arm, rod = rest["arm"], rest["rod"]
     beyond = {"spirals outside the rod model's range": found.outside} if found.outside else {}
-    table.add(
+    return [
         row(found.name, "spirals", "", found.assembly.size, None, beyond),
         row(
             found.name,
@@ -218,7 +167,7 @@ def on_mesh(table: Table, found: Subject) -> None:
             "yes",
             "yes" if arm.converged else arm.status,
             arm.converged,
-            _said(rod),
+            {"rod": "yes" if rod.converged else rod.status},
         ),
         at_most(found.name, "iterations", 20 if kind in BENIGN else 50, arm.iterations, {"rod": rod.iterations}),
         at_most(found.name, "relative gradient", 1e-8, arm.residual, {"rod": f"{rod.residual:.1e}"}),
@@ -233,23 +182,20 @@ def on_mesh(table: Table, found: Subject) -> None:
             {"rod": round(rod.torsion_max, 3)},
         ),
         row(
-            found.name, "RMS distance to the target, %", "", _distance(found, arm), None, {"rod": _distance(found, rod)}
+            found.name,
+            "RMS distance to the target, %",
+            "",
+            _apart(found, arm.pose, found.pose),
+            None,
+            {"rod": _apart(found, rod.pose, found.pose)},
         ),
-        row(found.name, "RMS distance of both models, %", "", _apart(found, arm, rod), None),
-    )
+        row(found.name, "RMS distance of both models, %", "", _apart(found, arm.pose, rod.pose), None),
+    ]
 
 
-def _said(found: Equilibrium) -> dict[str, Any]:
-    return {"rod": "yes" if found.converged else found.status}
-
-
-def _distance(found: Subject, rest: Equilibrium) -> float:
-    apart = rest.pose.aligned(found.pose.centres).centres - found.pose.centres
-    return round(100.0 * float(np.sqrt((apart**2).sum(axis=1).mean())) / found.size, 3)
-
-
-def _apart(found: Subject, one: Equilibrium, other: Equilibrium) -> float:
-    apart = one.pose.aligned(other.pose.centres).centres - other.pose.centres
+def _apart(found: Subject, one: Pose, other: Pose) -> float:
+    """Return the RMS distance of the hubs of two poses, in percent of the size."""
+    apart = one.aligned(other.centres).centres - other.centres
     return round(100.0 * float(np.sqrt((apart**2).sum(axis=1).mean())) / found.size, 3)
 
 
@@ -378,6 +324,3 @@ def validation(table: Table) -> None:
                     peer,
                 )
             )
-
-
-__all__ = ["main"]

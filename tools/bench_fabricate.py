@@ -1,11 +1,10 @@
 """Benchmark of fabrication, from a mesh to cutting files, which independent programs read back.
 
-python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only NAME ...] [--nesting SECONDS | FAST]
+python3 tools/dev.py bench fabricate [--meshes DIR] [--json FILE] [--only PATTERNS] [--nesting SECONDS | FAST]
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import tempfile
 import time
@@ -18,8 +17,6 @@ import connector_gaps
 import growth
 import numpy as np
 import shapely
-from bench_layout import EDGE, surfaces
-from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.connectors.connect import Connections
 from flexmaps.engine.fabrication.nesting import nest as nesting
@@ -37,7 +34,8 @@ from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import regularise
-from rows import Row, Table, at_most, row
+from harness import EDGE, Bench, surfaces
+from rows import Row, at_most, row
 
 SOLIDS_UP_TO = 60_000  # most nodes of a panel's solid: triangulating larger ones takes long
 SECONDS = {"bunny": 30.0}  # most seconds for writing all files, by mesh
@@ -48,30 +46,12 @@ COLOURS = {"#000000": "engrave", "#0000ff": "inner", "#ff0000": "outer"}
 
 def main(arguments: list[str]) -> int:
     """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
-    root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(prog="dev.py bench fabricate")
-    shared = root.parent / "shared" / "meshes"
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
-    )
-    parser.add_argument(
-        "--json", type=Path, help="write the rows here too, in the place of earlier ones of the same meshes"
-    )
-    parser.add_argument("--only", nargs="*", help="only meshes of these names; 'growth' for its rows")
-    parser.add_argument("--nesting", default="20", help="seconds of the search for fewer sheets, or FAST for none")
-    options = parser.parse_args(arguments)
-    table = Table()
-    for name, polygons in surfaces(options.meshes):
-        if options.only and name not in options.only:
-            continue
-        try:
-            table.add(*measure(name, polygons, asked_nesting(options.nesting)))
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:90], True))
-    if not options.only or growth.NAME in options.only:
-        table.add(*growth.rows(asked_nesting("FAST")))
-    table.finish(options.json, keep=bool(options.only))
-    return 0
+    nesting = ("20", "seconds of the search for fewer sheets, or FAST for none")
+    bench = Bench("fabricate", arguments, only="*", meshes=True, nesting=nesting)
+    for name, polygons in bench.cases(surfaces(bench.options.meshes)):
+        bench.measure(measure, name, polygons, asked_nesting(bench.options.nesting))
+    growing = growth.rows(asked_nesting("FAST")) if bench.asked(growth.NAME) else ()
+    return bench.finish(*growing, keep=bench.options.only != "*")
 
 
 def asked_nesting(text: str) -> SheetParams:

@@ -74,53 +74,6 @@ def against_scikit_fem() -> list[Row]:
     return [*rows, most("motion of a blended pair of spirals against scikit-fem, %", 0.5, error)]
 
 
-def exactness() -> list[Row]:
-    """Check invariance under rigid motion, derivatives by finite differences, and a curved beam by Castigliano's theorem."""
-    from flexmaps.database import linear
-    from flexmaps.database.geometry import Spiral
-    from flexmaps.database.statics import Model
-    from flexmaps.engine.mechanics.arms import beams
-    from scipy.spatial.transform import Rotation
-
-    model = Model(Spiral(6.0, 1.0, 1.5), 0.35)
-    el, nodes = model.elements, model.solid.nodes
-    moved = nodes @ Rotation.from_rotvec([0.4, 2.0, -1.0]).as_matrix().T + 1.0 - nodes
-    f = el.gradients(moved)
-    rigid = float(np.abs(el.forces(f, el.stress(el.strain(f)))).max())
-    rng = np.random.default_rng(0)
-    q, v, h = 0.01 * rng.normal(size=model.size), rng.normal(size=model.size), 1e-5
-
-    def forces(q: np.ndarray) -> np.ndarray:
-        f = el.gradients(model.expand(q))
-        return model.inner_forces(f, el.stress(el.strain(f)))
-
-    def energy(q: np.ndarray) -> float:
-        return el.energy(el.strain(el.gradients(model.expand(q))))
-
-    def slope(g: Callable) -> np.ndarray:
-        return (8 * (g(q + h * v) - g(q - h * v)) - g(q + 2 * h * v) + g(q - 2 * h * v)) / (12 * h)
-
-    gradient = float(abs(forces(q) @ v / slope(energy) - 1.0))
-    f = el.gradients(model.expand(q))
-    exact = slope(forces)
-    tangent = model.pattern.matrix(model.stiffness(f, el.stress(el.strain(f)))) @ v
-    errors = []
-    for height, twist in ((1.0, 0.0), (0.5, 3.0), (2.0, 6.0)):
-        m = Model(Spiral(80.0, height, twist), 0.3)
-        c = linear.tip_compliance(m, linear.unit_motions(m))
-        base = beams.beam_tip_compliance(np.array([80.0]), np.array([height]), np.array([twist]), 0.3).values
-        errors += [
-            abs(base[1, 0, 0] / c[2, 2] - 1.0),
-            abs(base[0, 2 if twist == 0 else 0, 0] / c[*((1, 1) if twist == 0 else (0, 0))] - 1.0),
-        ]
-    return [
-        most("forces under a rigid motion", 1e-12, rigid),
-        most("gradient against finite differences", 1e-6, gradient),
-        most("tangent against finite differences", 1e-6, float(np.abs(tangent - exact).max() / np.abs(exact).max())),
-        most("slender arms against Castigliano, worst %", 3.0, 100 * max(errors)),
-    ]
-
-
 def speed() -> list[Row]:
     from flexmaps.database.sampling import Sampler, subjects
     from flexmaps.engine.linalg import SparseCholesky
@@ -220,14 +173,14 @@ def interpolation() -> list[Row]:
     ]
 
 
-PARTS = (exactness, against_scikit_fem, against_finer_meshes, speed, scaling, fitted, interpolation)
+PARTS = (against_scikit_fem, against_finer_meshes, speed, scaling, fitted, interpolation)
 
 
 def main(arguments: list[str]) -> int:
     """Run all parts; return 0 whatever the figures."""
     from threadpoolctl import threadpool_limits
 
-    bench = Bench("fem", arguments, 66, meshes=True)  # no part has meshes
+    bench = Bench("fem", arguments, 66)
     with threadpool_limits(1):
         for part in PARTS:
             bench.table.add(*part())

@@ -1,6 +1,6 @@
 """Benchmark of the sheets' files: travel, labels and segments, and reading by FreeCAD, LibreCAD, Inkscape and a slicer.
 
-python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only NAME ...]
+python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only PATTERNS]
 
 It measures small sheets of every kind (``sheet_kinds.py``) and those of the demo; ``--thorough`` adds larger meshes and the seconds of a
 slicer. Programs that are missing are named. Travel is compared with vpype's ``linesort`` of the same curves if ``vpype`` is installed
@@ -9,7 +9,6 @@ slicer. Programs that are missing are named. Travel is compared with vpype's ``l
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shutil
@@ -25,7 +24,6 @@ from typing import Any
 
 import browser
 import numpy as np
-from bench_layout import EDGE, surfaces
 from flexmaps import api
 from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
@@ -36,7 +34,8 @@ from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface.checking import check
-from rows import Row, Table, at_least, at_most, row
+from harness import EDGE, Bench, surfaces
+from rows import Row, at_least, at_most, row
 from sheet_kinds import KINDS
 
 QUICK, MESHES = ("made:demo",), ("made:demo", "vault", "cubesphere", "three_holes")
@@ -58,18 +57,10 @@ PASSES = ("engraved", "inner", "outer")  # in the order of cutting
 
 def main(arguments: list[str]) -> int:
     """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
-    root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(prog="dev.py bench files")
-    shared = root.parent / "shared" / "meshes"
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
-    )
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--thorough", action="store_true", help="larger meshes too, and a slicer's seconds")
-    parser.add_argument("--only", nargs="*", help="only meshes of these names")
-    options = parser.parse_args(arguments)
-    names = options.only or (MESHES if options.thorough else QUICK)
-    table = Table(36)
+    thorough = (False, "larger meshes too, and a slicer's seconds")
+    bench = Bench("files", arguments, 36, only="", meshes=True, thorough=thorough)
+    options, table = bench.options, bench.table
+    options.only = options.only or ",".join(MESHES if options.thorough else QUICK)
     kept: list[tuple[CutSheets, Path]] = []
     with tempfile.TemporaryDirectory() as place:
         for name, kind in KINDS.items():
@@ -78,9 +69,7 @@ def main(arguments: list[str]) -> int:
             made = kind(folder)
             table.add(*sheet_rows(name, made, folder, options.thorough))
             kept.append((made, folder))
-        for name, polygons in surfaces(options.meshes):
-            if name not in names:
-                continue
+        for name, polygons in bench.cases(surfaces(options.meshes)):
             sheets = job.run(
                 check.scaled(polygons, edge=EDGE),
                 with_values(Settings(), {"sheet.nesting": "FAST"}),
@@ -100,8 +89,7 @@ def main(arguments: list[str]) -> int:
             table.add(*solid_rows(next(iter(KINDS)), *kept[0], thorough=False))
         table.add(*printed_rows(Path(place)))
         table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
-    table.finish(options.json)
-    return 0
+    return bench.finish()
 
 
 # -- what the project's files say ----------------------------------------------------------------------------------------
@@ -355,9 +343,3 @@ def svg_lines(path: Path) -> list[np.ndarray]:
                 points = [(s.end.x, s.end.y) for s in svgelements.Path(part) if s.end is not None]
                 found.append(np.array(points))
     return [p * 1.0 for p in found if len(p)]
-
-
-if __name__ == "__main__":
-    import sys
-
-    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""Benchmark of sheets with a grain: the arm model against orthotropic solids, its derivatives, and its speed.
+"""Benchmark of sheets with a grain: the arm model against orthotropic solids, and its speed.
 
 python3 tools/dev.py bench grain [--spirals N] [--json FILE]
 
@@ -21,9 +21,8 @@ from flexmaps.database.validation_grain import FIVE_PLIES, three_plies
 from flexmaps.engine.materials import Material, Orthotropy
 from flexmaps.engine.mechanics.arms.grain import GrainBeams
 from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.arms.stiffness import ArmCompliance, table_tip_compliance
+from flexmaps.engine.mechanics.arms.stiffness import table_tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design
-from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.spirals.clearance.table_range import table_twist_limit
 from harness import Bench
 from rows import Row, at_most, row
@@ -41,7 +40,7 @@ def main(arguments: list[str]) -> int:
 
     bench = Bench("grain", arguments, 52, spirals=(90, "random spirals whose solids are made; 0.5 s each"))
     with threadpool_limits(1):
-        for part in (derivatives(), pieces(), speed(), spirals(bench.options.spirals)):
+        for part in (pieces(), speed(), spirals(bench.options.spirals)):
             bench.table.add(*part)
     return bench.finish()
 
@@ -102,63 +101,6 @@ def pieces() -> list[Row]:
         strain = {"strain": f"{one['strain_percent']:.2f} %"}
         out.append(row(name, f"{one['state']}: energy, %", "", 100.0 * (one["energy_ratio"] - 1.0), None, strain))
     return out
-
-
-def derivatives() -> list[Row]:
-    """Compare derivatives with central differences, relative to the compliance of the arms and to the forces."""
-    rng, n = np.random.default_rng(1), 400
-    known = FIVE_PLIES.orthotropy
-    assert known is not None
-    width = rng.uniform(0.001, 0.002, n)
-    at = {"scale": width * rng.uniform(4.0, 40.0, n), "width": width, "twist": rng.uniform(0.02, 8.0, n)}
-    at["grain"] = rng.uniform(-3.0, 3.0, n)
-
-    def values(given: dict[str, np.ndarray]) -> ArmCompliance:
-        beam = GrainBeams(known, given["grain"], FIVE_PLIES.youngs, POISSON)
-        return table_tip_compliance(
-            given["scale"], given["width"], given["twist"],
-            thickness=0.003, youngs=FIVE_PLIES.youngs, poisson=POISSON, beam=beam,
-        )  # fmt: skip
-
-    here, out = values(at), []
-    unit = np.sqrt(np.einsum("nii->ni", here.values))
-    for name in at:
-        step = 1e-6 * (at[name] if name in ("scale", "width") else np.ones(n))
-        ahead, behind = (values(at | {name: at[name] + sign * step}).values for sign in (1, -1))
-        slope, found = (ahead - behind) / (2.0 * step)[:, None, None], getattr(here, f"by_{name}")
-        apart = np.abs(found - slope) / (unit[:, :, None] * unit[:, None]) * (step * 1e6)[:, None, None]
-        out.append(at_most("derivatives", f"compliance by {name}", 1e-6, float(apart.max())))
-    return [*out, forces()]
-
-
-def forces() -> Row:
-    """Check the derivative of a piece's forces with respect to widths and twists along a random direction."""
-    case = next(one for one in validation.named("grain-patch"))
-    design = case.design
-    pose = validation.loads(case, case.loadings[0])[1]
-    rng = np.random.default_rng(3)
-    pose = pose.moved(rng.normal(size=(len(pose.centres), 6)) * np.repeat([1e-4, 0.05], 3))
-    known = assembly_from_design(design)
-    way_width, way_twist = 1e-3 * rng.normal(size=known.width.shape), rng.normal(size=known.twist.shape)
-
-    def gradient(step: float) -> np.ndarray:
-        moved = known.redesigned(known.width + step * way_width, known.twist + step * way_twist)
-        model = ArmModel.from_assembly(moved, case.material, curving=False)
-        return model.expand(model.start(pose)).gradient
-
-    model = ArmModel.from_assembly(known, case.material, curving=False)
-    blocks = model.gradient_by_design(model.start(pose))
-    way = np.column_stack([way_width, way_twist])
-    found = sum_joint_vectors(np.einsum("miks,mks->mi", blocks, way[known.pairs]), known.pairs, known.size)
-    h = 2e-4
-    line = [gradient(k * h) for k in (-2, -1, 1, 2)]
-    slope = (line[0] - 8 * line[1] + 8 * line[2] - line[3]) / (12 * h)
-    return at_most(
-        "derivatives",
-        "forces of a piece by its spirals",
-        1e-6,
-        float(np.abs(found - slope).max() / np.abs(slope).max()),
-    )
 
 
 def speed() -> list[Row]:

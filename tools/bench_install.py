@@ -7,14 +7,14 @@ In a Blender as a module that has nothing else (``fresh_blender``); ``bench blen
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import build_zip
 import fresh_blender
-from rows import Row, Table, at_most, row
+from harness import Bench
+from rows import Row, at_most, row
 
 MEGABYTE = 1e6  # bytes, as in what download pages say
 # required: megabytes per zip, seconds until it is enabled, seconds from the repository to the first button
@@ -23,36 +23,24 @@ SIZE, ENABLE, BUTTON = 75.0, 0.2, 60.0
 
 def main(arguments: list[str]) -> int:
     """Build, measure and print the table; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench install")
     own = build_zip.own_platform()
-    parser.add_argument(
-        "--platform", choices=[*build_zip.PLATFORMS, "all"], default=own or "all", help="whose zips are weighed"
-    )
-    parser.add_argument(
-        "--repeat",
-        type=int,
-        default=3,
-        help="how often enabling is measured after the first time, when Python compiles it; the best counts",
-    )
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table = Table(36)
+    bench = Bench(
+        "install", arguments, 36,
+        platform=(own or "all", "whose zips are weighed, or all"),
+        repeat=(3, "how often enabling is measured after the first time, when Python compiles it; the best counts"),
+    )  # fmt: skip
+    wanted = bench.options.platform
     with tempfile.TemporaryDirectory() as place:
-        for platform in build_zip.PLATFORMS if options.platform == "all" else [options.platform]:
+        for platform in build_zip.PLATFORMS if wanted == "all" else [wanted]:
             for line in build_zip.usual(platform):
-                made = build_zip.build(platform, line, Path(place))
-                table.add(
-                    at_most(
-                        f"{platform} {build_zip.LINES[line].python}", "zip, MB", SIZE, made.stat().st_size / MEGABYTE
-                    )
-                )
+                size = build_zip.build(platform, line, Path(place)).stat().st_size / MEGABYTE
+                bench.table.add(at_most(f"{platform} {build_zip.LINES[line].python}", "zip, MB", SIZE, size))
         if own is None:
-            table.add(row("this machine", "install", "", "no zip is made for its system", None))
+            bench.table.add(row("this machine", "install", "", "no zip is made for its system", None))
         else:
-            for one in _installed(build_zip.build(own, build_zip.own_line(), Path(place)), options.repeat):
-                table.add(one)
-    table.finish(options.json)
-    return 0
+            for one in _installed(build_zip.build(own, build_zip.own_line(), Path(place)), bench.options.repeat):
+                bench.table.add(one)
+    return bench.finish()
 
 
 def _installed(path: Path, repeat: int) -> Iterator[Row]:

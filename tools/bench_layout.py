@@ -9,10 +9,7 @@ and not computed again; predictions always are.
 
 from __future__ import annotations
 
-import argparse
-import fnmatch
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -31,14 +28,12 @@ from flexmaps.engine.patches.flattening.triangles import corner_triangles, quad_
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT
-from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import regularise
-from rows import Row, Table, at_most, row
+from harness import EDGE, Bench, surfaces
+from rows import Row, at_most, row
 
-EDGE = 0.02  # metres, median quad edge of every mesh here
 # largest number of patches, by mesh
 PATCHES = {"cubesphere": 1, "three_holes": 11, "bunny": 10, "vault": 2, "spot": 25}
 SECONDS = {"bunny": 4.0, "spot": 8.0}  # largest time for tracing and merging; 2 s for other meshes
@@ -47,57 +42,24 @@ SYMMETRIC = {"vault", "torus", "cubesphere"}
 
 
 def main(arguments: list[str]) -> int:
-    """Measure every mesh, print the table, write the rows; return 0 whatever the figures."""
-    root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(prog="dev.py bench layout")
-    shared = root.parent / "shared" / "meshes"
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
-    )
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument(
-        "--match", type=Path, help="compare predicted matches with those of searches, kept in this file"
-    )
-    parser.add_argument("--only", default="*", help="patterns of names of surfaces, with commas, for --match")
-    parser.add_argument("--layouts", type=int, default=4, help="of every surface, for --match")
-    parser.add_argument("--patience", type=float, default=0.6, help="times the usual search, for --match")
-    options = parser.parse_args(arguments)
+    """Measure every mesh of a folder and the self-made ones, print the table and write the rows; return 0 whatever the figures."""
+    bench = Bench(
+        "layout", arguments, only="*", meshes=True,
+        match=(Path, "compare predicted matches with those of searches, kept in this file"),
+        layouts=(4, "of every surface, for --match"), patience=(0.6, "times the usual search, for --match"),
+    )  # fmt: skip
+    options = bench.options
+    asked = bench.cases(surfaces(options.meshes))
     if options.match is not None:
-        searched = {
-            name: polygons
-            for name, polygons in surfaces(options.meshes)
-            if any(fnmatch.fnmatch(name, pattern) for pattern in options.only.split(","))
-        }
-        layout_matches.compare(searched, options.match, options.layouts, options.patience)
+        layout_matches.compare(dict(asked), options.match, options.layouts, options.patience)
         return 0
-    bench(options.meshes, options.json)
-    return 0
-
-
-def bench(meshes_dir: Path | None, json_path: Path | None) -> list[Row]:
-    """Return the rows of every mesh of a folder and of the self-made ones."""
-    table = Table()
-    for name, polygons in surfaces(meshes_dir):
-        try:
-            table.add(*measure(name, polygons))
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:60], True))
-    for name, source, memory in (
-        ("made:demo", "shape:demo", None),
-        ("bunny", None if meshes_dir is None else str(meshes_dir / "bunny.obj"), 1500),
-    ):
-        if source is not None and (memory is None or Path(source).is_file()):
-            table.add(*whole_job(name, source, memory))
-    table.finish(json_path)
-    return table.rows
-
-
-def surfaces(meshes_dir: Path | None) -> list[tuple[str, PolygonMesh]]:
-    found = [(f"made:{name}", PolygonMesh.from_quads(shapes.make(name, EDGE))) for name in shapes.NAMES]
-    if meshes_dir is not None:
-        names = sorted(n for n in os.listdir(meshes_dir) if n.endswith((".obj", ".off", ".ply", ".stl")))
-        found += [(Path(n).stem, meshio.read(meshes_dir / n)) for n in names]
-    return found
+    for name, polygons in asked:
+        bench.measure(measure, name, polygons)
+    bunny = None if options.meshes is None else str(options.meshes / "bunny.obj")
+    for name, source, memory in (("made:demo", "shape:demo", None), ("bunny", bunny, 1500)):
+        if source is not None and bench.asked(name) and (memory is None or Path(source).is_file()):
+            bench.table.add(*whole_job(name, source, memory))
+    return bench.finish()
 
 
 def measure(name: str, polygons: PolygonMesh) -> list[Row]:
@@ -331,6 +293,3 @@ def blender(vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
     points = np.zeros((len(vertices), 2))
     points[corners.ravel()] = uv.reshape(-1, 2)
     return points
-
-
-__all__ = ["bench", "main"]

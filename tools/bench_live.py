@@ -1,6 +1,6 @@
 """Benchmark of live mode: how soon a piece follows a change, and whether it still does so after long work.
 
-python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes surfaces brush wishes foreign hand window]
+python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes,surfaces,brush,wishes,foreign,hand,window]
 
 ``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
 the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
@@ -31,9 +31,10 @@ from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
+from harness import Bench
 from live_cases import given_of, of_mesh, stroke
 from live_followed import Followed, distance
-from rows import Row, Table, at_most, row
+from rows import Row, at_most, row
 from zoo import SURFACES
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -52,18 +53,8 @@ AWAY = 0.01  # largest distance of the live shape from a simulation, millimetres
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench live")
-    parser.add_argument("--minutes", type=float, default=10.0, help="how long the hand works")
-    parser.add_argument("--surfaces", type=int, default=24, help="surfaces of the zoo at the most")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--only", nargs="*", choices=[*PARTS], default=[*PARTS])
-    options = parser.parse_args(arguments)
-    table = Table(44)
-    for name in options.only:
-        for one in PARTS[name](options):
-            table.add(one)
-    table.finish(options.json)
-    return 0
+    minutes, surfaces = (10.0, "how long the hand works"), (24, "surfaces of the zoo at the most")
+    return Bench("live", arguments, 44, only="*", minutes=minutes, surfaces=surfaces).run(PARTS)
 
 
 # -- how soon --------------------------------------------------------------------------------------------------------------

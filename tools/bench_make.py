@@ -14,10 +14,8 @@ with a wall behind, all with the scan's noise, and no surroundings.
 from __future__ import annotations
 
 import argparse
-import fnmatch
 import json
 import time
-from pathlib import Path
 
 import igl
 import numpy as np
@@ -28,7 +26,8 @@ from flexmaps.engine.extras.scanning.reading import Scan
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
-from rows import Row, Table, at_least, at_most, row
+from harness import Bench
+from rows import Row, at_least, at_most, row
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
@@ -45,21 +44,17 @@ MADE = (
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table, write the starts; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench make")
-    parser.add_argument("--starts", type=int, default=1000, help="starts over all surfaces")
-    parser.add_argument("--only", default="*", help="patterns of names, with commas")
-    parser.add_argument("--anywhere", action="store_true", help="turned by any angle")
-    parser.add_argument("--tables", action="store_true", help="whether tables and walls are told from the piece")
-    parser.add_argument("--json", type=Path, help="write the starts here too, and go on from those that are there")
-    options = parser.parse_args(arguments)
-    names = [name for name in MADE if any(fnmatch.fnmatch(name, one) for one in options.only.split(","))]
-    table = Table(26)
-    if options.tables:
+    bench = Bench(
+        "make", arguments, 26, only="*", starts=(1000, "starts over all surfaces"), anywhere=(False, "rotated by any angle"),
+        tables=(False, "whether tables and walls are told from the piece"),
+    )  # fmt: skip
+    names = [name for name in MADE if bench.asked(name)]
+    if bench.options.tables:
         for name in names:
-            table.add(*told_apart(name))
+            bench.table.add(*told_apart(name))
     else:
-        table.add(*laid_back(names, options))
-    table.finish(None)
+        bench.table.add(*laid_back(names, bench.options))
+    bench.table.finish(None)  # the file holds the starts
     return 0
 
 

@@ -1,6 +1,6 @@
 """Measures inverse design: one press of *Optimise*, and the publication's problem beside L-BFGS-B and the published table.
 
-python3 tools/dev.py bench optimise [--meshes DIR] [--only NAME] [--runs N] [--press] [--json FILE]
+python3 tools/dev.py bench optimise [--meshes DIR] [--only PATTERNS] [--runs N] [--press] [--json FILE]
 
 Seconds are processor seconds on one thread. Every mesh is scaled to quads of 20 mm and cut from a 2 mm sheet of 2600 MPa. Open surfaces
 stand on their lowest spirals, as the published shell does.
@@ -13,14 +13,10 @@ limit. With --press only the presses are measured.
 
 from __future__ import annotations
 
-import argparse
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from bench_layout import surfaces
-from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, target_pose
 from flexmaps.engine.mechanics.clearance.slots_in_space import SpaceSlots
@@ -39,8 +35,9 @@ from flexmaps.engine.simulation.simulate import Simulation, build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
+from harness import Bench, surfaces
 from lbfgs import lbfgs
-from rows import Row, Table, at_most, row
+from rows import Row, at_most, row
 
 EDGE = 0.02  # metres
 RUNS = 5  # presses of *Optimise* on every mesh
@@ -98,34 +95,20 @@ LARGE_SIDE = 100  # quads along either side of the largest vault
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    root = Path(__file__).resolve().parent.parent
-    parser = argparse.ArgumentParser(prog="dev.py bench optimise")
-    shared = root.parent / "shared" / "meshes"
-    parser.add_argument(
-        "--meshes", type=Path, default=shared if shared.is_dir() else None, help="folder of quad meshes"
-    )
-    parser.add_argument("--only", help="only this mesh")
-    parser.add_argument("--runs", type=int, default=RUNS, help="presses of every mesh")
-    parser.add_argument("--press", action="store_true", help="only the presses, not the published problem")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    table = Table(width=46)
+    runs, only_press = (RUNS, "presses of every mesh"), (False, "only the presses, not the published problem")
+    bench = Bench("optimise", arguments, 46, only="*", meshes=True, runs=runs, press=only_press)
+    options = bench.options
     for name, polygons in surfaces(options.meshes):
         kind = name.removeprefix("made:")
         wanted = kind in MEASURED or (options.meshes is None and kind in ("dome", "torus"))
-        if not wanted or (options.meshes and name != kind) or (options.only and options.only != kind):
-            continue
-        try:
-            found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
-            table.add(*press(kind, found, options.runs))
-            if not options.press:
-                table.add(*published_problem(kind, found))
-        except FlexMapsError as error:
-            table.add(row(name, "refused", "", str(error)[:80], False))
-    if options.only == "large" or not (options.only or options.press):
-        table.add(*large())
-    table.finish(options.json)
-    return 0
+        if wanted and (options.meshes is None or name == kind) and bench.asked(kind):
+            bench.measure(_rows, kind, polygons, options.runs, options.press)
+    return bench.finish(*(large() if bench.asked("large") and not options.press else ()))
+
+
+def _rows(name: str, polygons: PolygonMesh, runs: int, only_press: bool) -> list[Row]:
+    found = job.run(polygons, STANDING, edge=EDGE, stop_after="spirals")
+    return [*press(name, found, runs), *([] if only_press else published_problem(name, found))]
 
 
 def supports(mesh: QuadMesh) -> np.ndarray | None:

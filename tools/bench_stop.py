@@ -1,6 +1,6 @@
 """Benchmark of cancelling: the longest processor time between two checks for a cancel in every stage, on 2401 spirals.
 
-python3 tools/dev.py bench stop [--only trace merge ...] [--json FILE]
+python3 tools/dev.py bench stop [--only trace,merge,...] [--json FILE]
 
 A stage can only stop where it reports progress, so the longest time between two reports is the longest wait after pressing ESC.
 Beside it are the text shown meanwhile and the line of code that reported next.
@@ -8,7 +8,6 @@ Beside it are the text shown meanwhile and the line of code that reported next.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -17,7 +16,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from rows import Row, Table, at_most
+from harness import Bench
+from rows import Row, at_most
 
 ROOT = Path(__file__).resolve().parent.parent
 WANTED = 0.5  # seconds of the processor
@@ -26,15 +26,10 @@ STAGES = ("regularise", "trace", "merge", "flatten", "spirals", "simulate", "opt
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench stop")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    parser.add_argument("--only", nargs="*", choices=STAGES, default=[*STAGES])
-    options = parser.parse_args(arguments)
-    table = Table(44)
-    for one in stages(options.only):
-        table.add(one)
-    table.finish(options.json, keep=len(options.only) < len(STAGES))
-    return 0
+    bench = Bench("stop", arguments, 44, only="*")
+    for one in stages([name for name in STAGES if bench.asked(name)]):
+        bench.table.add(one)
+    return bench.finish(keep=bench.options.only != "*")
 
 
 def stages(wanted: list[str]) -> Iterator[Row]:

@@ -1,6 +1,6 @@
 """Benchmark of strain estimates: largest surface strains of arms against solids of whole designs, arm by arm, and their cost.
 
-python3 tools/dev.py bench strain [--only TEXT] [--solve] [--json FILE]
+python3 tools/dev.py bench strain [--only PATTERNS] [--solve] [--json FILE]
 
 What the solids say lies in ``database/validation/strain``; ``--solve`` solves those that are missing or whose design is cut otherwise
 today, a minute each. Arms count whose strain is above ``LARGE`` of the largest of their piece.
@@ -8,9 +8,7 @@ today, a minute each. Arms count whose strain is above ``LARGE`` of the largest 
 
 from __future__ import annotations
 
-import argparse
 import time
-from pathlib import Path
 
 import numpy as np
 from flexmaps.database import validation_strain
@@ -18,7 +16,8 @@ from flexmaps.database.validation_strain import ArmStrains
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.strain_changes import KINK_LIMIT, KINK_STRAIN_FACTOR, Strains
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
-from rows import Table, at_least, at_most, row
+from harness import Bench
+from rows import at_least, at_most, row
 from scipy.stats import spearmanr
 
 LARGE = 0.3  # arms count whose strain exceeds this share of their piece's largest strain
@@ -27,25 +26,18 @@ CLOSE, NEAR = 0.15, 0.2  # relative errors within which estimates count as close
 
 def main(arguments: list[str]) -> int:
     """Measure and print the table; return 0 whatever the figures."""
-    parser = argparse.ArgumentParser(prog="dev.py bench strain")
-    parser.add_argument("--only", help="cases with this text in their name")
-    parser.add_argument("--solve", action="store_true", help="solve the solids that are missing")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    if options.solve:
-        print("solved:", ", ".join(validation_strain.run(options.only)) or "none were missing")
-    cases = [c for c in validation_strain.strain_cases() if options.only is None or options.only in c.name]
-    known = [c for c in cases if validation_strain.is_done(c)]
-    table, found = Table(40), []
+    bench = Bench("strain", arguments, 40, only="*", solve=(False, "solve the solids that are missing"))
+    cases = [one for one in validation_strain.strain_cases() if bench.asked(one.name)]
+    if bench.options.solve:
+        print("solved:", ", ".join(validation_strain.run(cases)) or "none were missing")
+    known, found = [case for case in cases if validation_strain.is_done(case)], []
     for case in known:
         states = validation_strain.compare(case)
         found += states
-        table.add(*_of_piece(case.name, states))
+        bench.table.add(*_of_piece(case.name, states))
     if found:
-        table.add(*_of_all(found), *_of_joints(found))
-    table.add(row("designs", "solved", ">= 40", len(known), len(known) >= 40), *_cost())
-    table.finish(options.json)
-    return 0
+        bench.table.add(*_of_all(found), *_of_joints(found))
+    return bench.finish(row("designs", "solved", ">= 40", len(known), len(known) >= 40), *_cost())
 
 
 def _ratios(found: list[ArmStrains]) -> np.ndarray:

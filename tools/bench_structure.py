@@ -1,4 +1,4 @@
-"""Benchmark of load paths and critical loads, against closed forms, an independent computation, and solids.
+"""Benchmark of load paths and critical loads, against solids, and their seconds.
 
 python3 tools/dev.py bench structure [--plain] [--json FILE]
 
@@ -12,13 +12,12 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from equilibrium_cases import EDGE, MATERIAL, straight_row
+from equilibrium_cases import EDGE
 from equilibrium_cases import dome as dome_of
 from flexmaps.engine.extras.structure.actions import Action
 from flexmaps.engine.extras.structure.buckling import linear_buckling
 from flexmaps.engine.extras.structure.load_path import Path as LoadPath
 from flexmaps.engine.extras.structure.load_path import PathFollower, follow
-from flexmaps.engine.mechanics.arms.compliances import arm_compliances
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.equilibrium import solve
 from flexmaps.engine.mechanics.loads import Loads
@@ -28,8 +27,6 @@ from harness import Bench
 from rows import Table, at_most, row
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair
 
-HUBS = 31  # of the column
-THIN = 0.001  # metres, of its sheet
 # spirals a side, height, width and twist of a dome of arms hardly longer than wide, where the model itself is some percent too stiff
 SHORT = (6, 0.12, 2.0, 60.0)
 FALLS = (0.15, 0.4, 0.7, 0.9, 1.0, 1.15)  # of the fall at which a piece snaps, at which its solid is solved
@@ -41,107 +38,19 @@ SIZES = (150, 600, 1000)  # approximate numbers of spirals
 def main(arguments: list[str]) -> int:
     """Measure everything, print the table, write the rows; return 0 whatever the figures."""
     bench = Bench("structure", arguments, 52, plain=(False, "leave the solids out"))
-    table, plain = bench.table, bench.options.plain
-    column(table)
-    small_loads(table)
-    derivatives(table)
-    for piece in (arch(), dome(), dome(*SHORT)):
-        path = piece.path(100.0)
-        itself(table, piece, path)
-        if not plain:
-            solids(table, piece, path)
-    if not plain:
+    table = bench.table
+    if not bench.options.plain:
+        for piece in (arch(), dome(), dome(*SHORT)):
+            solids(table, piece, piece.path(100.0))
         finite_turns(table)
     pressures(table)
     seconds(table)
     return bench.finish()
 
 
-def column(table: Table) -> None:
-    """A straight strip of straight arms, clamped at one end and pushed at the other: Euler with the shear of Engesser (1889).
-
-    EI is the model's own: a joint's compliance in bending about the axis in the sheet, spread over one spiral. The sheet is thin, for in
-    its plane the arms give way sideways as they are pushed: a column that is bent from the start never branches.
-    """
-    found = straight_row(HUBS)
-    thin = replace(found.assembly, thickness=THIN)
-    compliance, length = arm_compliances(thin, MATERIAL).values[0].sum(axis=0), EDGE * (HUBS - 1)
-    euler = np.pi**2 * EDGE / compliance[4, 4] / (4.0 * length**2)
-    wanted = euler / (1.0 + euler * compliance[2, 2] / EDGE)
-    action = Action.none(HUBS)
-    action.force[-1, 0] = -wanted
-    one = _follower(
-        ArmModel.from_assembly(thin, MATERIAL), Loads.for_spirals(HUBS, supports=np.array([0])), action, found.pose
-    )
-    path = follow(one, found.pose, marks=(), most=2.0)
-    quick = linear_buckling(one, path.points[0])
-    assert path.critical is not None and quick is not None
-    table.add(at_most(f"column of {HUBS}", "critical load off Euler and Engesser", 0.01, abs(path.critical - 1.0)))
-    table.add(at_most(f"column of {HUBS}", "linear buckling off Euler and Engesser", 0.01, abs(quick - 1.0)))
-
-
 def _follower(model: ArmModel, loads: Loads, action: Action, pose: object) -> PathFollower:
     held = loads.held(model.pairs, pose.centres)  # type: ignore[attr-defined]
     return PathFollower(model, NewtonSystem(model.pairs, held), action, 1e-9)
-
-
-def small_loads(table: Table) -> None:
-    """The tip of a cantilever moves in proportion to small point loads."""
-    found = straight_row(HUBS)
-    action = Action.none(HUBS)
-    action.force[-1, 2] = 1e-6
-    one = _follower(found.arm, Loads.for_spirals(HUBS, supports=np.array([0])), action, found.pose)
-    path = follow(one, found.pose, marks=(1.0, 2.0, 5.0), most=5.0)
-    tips = np.array([path.marks[k].pose.centres[-1, 2] / k for k in (1.0, 2.0, 5.0)])
-    table.add(
-        at_most(f"row of {HUBS}", "tip over load, between 1 and 5 times a small one", 1e-3, np.ptp(tips) / tips[0])
-    )
-
-
-def derivatives(table: Table) -> None:
-    """Compare the derivatives of a pressure's forces by the hubs' turns, and of the residual by moving supports, with central differences."""
-    piece = arch()
-    pose = piece.rest.pose
-    count = len(pose.centres)
-    rng = np.random.default_rng(0)
-    action = Action(np.zeros((count, 3)), rng.normal(size=count), np.zeros((count, 3)))
-    action.shift[piece.loads.fixed[:, 0]] = [0.001, -0.002, 0.003]
-    one, model = replace(piece.follower, action=action), piece.model
-    way, step = rng.normal(size=(count, 6)) * ~one.system.held, 1e-4
-
-    def difference(found: object) -> np.ndarray:
-        near, far = (found(k * step) - found(-k * step) for k in (1, 2))  # type: ignore[operator]
-        return (8.0 * near - far) / (12.0 * step)
-
-    forces = difference(lambda s: -2.0 * action.at(pose.moved(s * way)))
-    told = one.system.full(one.follows(pose, 2.0) @ one.system.reduced(way))[:, :3]
-    free = ~one.system.held[:, 0]
-    error = np.abs(told - forces)[free].max() / np.abs(forces[free]).max()
-    table.add(at_most("arch 2 x 9", "pressure's tangent against differences", 1e-6, float(error)))
-
-    def residual(factor: float) -> np.ndarray:
-        moved = model.start(pose.moved(np.hstack([factor * action.shift, np.zeros((count, 3))])))
-        return one.residual(model.expand(moved), moved.pose, factor)
-
-    pull = one.pull(model.expand(model.start(pose)), pose)
-    error = np.abs(pull + difference(residual)).max() / np.abs(pull).max()
-    table.add(at_most("arch 2 x 9", "moved supports' pull against differences", 1e-6, float(error)))
-
-
-def itself(table: Table, piece: Pushed, path: LoadPath) -> None:
-    """The limit of the path against the most that the middle bears while its height, not its force, is held."""
-    assert path.critical is not None
-    fall = piece.fall(path.last.pose)
-    pose, most = piece.rest.pose, 0.0
-    for share in np.linspace(0.05, 1.1, 120):
-        pose = piece.at_fall(pose, float(share) * fall)
-        gradient = piece.model.expand(piece.model.start(pose)).gradient
-        most = max(most, -float(gradient[piece.middle, 2].sum()))
-    quick = linear_buckling(piece.follower, path.points[0])
-    peer = {"limit": f"{path.critical:.4g} N", "linear buckling": "-" if quick is None else f"{quick:.4g} N"}
-    table.add(
-        at_most(piece.name, "limit load off that with the fall held", 1e-3, abs(path.critical / most - 1.0), peer)
-    )
 
 
 def solids(table: Table, piece: Pushed, path: LoadPath) -> None:

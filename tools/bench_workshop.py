@@ -22,7 +22,6 @@ import ezdxf
 import numpy as np
 import shapely
 import shapely.affinity
-from bench_layout import EDGE, surfaces
 from flexmaps.database import coupons as solids
 from flexmaps.engine.extras.calibrating import bending
 from flexmaps.engine.extras.calibrating.calibrate import Readings, calibrate
@@ -37,7 +36,7 @@ from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench
+from harness import EDGE, Bench, surfaces
 from rows import Row, at_least, at_most, row
 
 NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from bench_layout import EDGE
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.arms.model import ArmModel
@@ -21,6 +20,7 @@ from flexmaps.engine.spirals.curves.spiral import same_width
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
+from harness import EDGE
 from scipy.spatial.transform import Rotation
 
 MATERIAL = material("vero")

@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 
 import numpy as np
-from bench_layout import EDGE
 from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.connectors import connect as connectors
@@ -18,6 +17,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.spirals import design, touching
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
+from harness import EDGE
 from rows import Row, at_most
 
 NAME = "growth"

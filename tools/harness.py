@@ -5,15 +5,28 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, row
 
 MESHES = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"  # larger meshes beside the checkout
+EDGE = 0.02  # metres, quads of the surfaces that the project makes
 Case = TypeVar("Case")
+
+
+def surfaces(folder: Path | None) -> list[tuple[str, PolygonMesh]]:
+    """Return the surfaces that the project makes, and the meshes of a folder."""
+    found = [(f"made:{name}", PolygonMesh.from_quads(shapes.make(name, EDGE))) for name in shapes.NAMES]
+    if folder is not None:
+        paths = [path for path in sorted(folder.iterdir()) if path.suffix in (".obj", ".off", ".ply", ".stl")]
+        found += [(path.stem, meshio.read(path)) for path in paths]
+    return found
 
 
 class Bench:
@@ -85,6 +98,13 @@ class Bench:
             self.table.add(row(name, "refused", "", str(error)[:80], None))
         if self.options.json is not None:
             self.options.json.write_text(json.dumps(self.table.rows, indent=1) + "\n")
+
+    def run(self, parts: Mapping[str, Callable[[argparse.Namespace], Iterable[Row]]]) -> int:
+        """Add the rows of the parts that are asked for, each as it comes; return the exit status."""
+        for _, part in self.cases(parts.items()):
+            for one in part(self.options):
+                self.table.add(one)
+        return self.finish(keep=self.options.only != "*")
 
     def finish(self, *summary: Row, keep: bool = False) -> int:
         """Add the rows over all cases, write all, and say what was missed; return the exit status."""

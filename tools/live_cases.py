@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from bench_layout import EDGE
 from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
@@ -16,6 +15,7 @@ from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import QuadMesh
+from harness import EDGE
 
 
 def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralDesign]:
