@@ -188,8 +188,8 @@ def _notes(described: Mapping[str, Any]) -> list[tuple[bool, str]]:
     notes += [(True, text) for text in described.get("layout", {}).get("remarks", ())]
     shape = described.get("equilibrium", {})
     if shape:
-        sound = shape["converged"] and shape["negative_eigenvalues"] == 0
-        notes.append((not sound, shape["status"]))
+        if not shape["converged"] or shape["negative_eigenvalues"]:
+            notes.append((True, shape["status"]))
         notes += [(True, f["message"]) for f in shape.get("findings", ()) if f["code"] != "no-equilibrium"]
         notes += [(False, shape["band"]["text"])] if "band" in shape else []
     better = described.get("optimise", {})
