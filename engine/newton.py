@@ -360,4 +360,6 @@ class Damped:
                 row.decrement, row.step = proposal.gain, 1.0
                 return trial, proposal.gain
             problem.rejected()
+            if proposal.gain < self.stop * here.energy:
+                break  # with more damping even less decrease would be predicted
         return None, 0.0

@@ -151,6 +151,7 @@ class _GaussNewtonProblem:
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
             return None
+        point.problem.work.note_proposal()
         if not np.abs(step).max() > NEGLIGIBLE:
             return _Proposal(step, np.zeros((point.problem.assembly.size, 6)), 0.0)
         moves = point.moves(step)

@@ -42,6 +42,7 @@ class Work:
     share : of the limit that the present stage may reach; done : work so far, seconds; began : processor time at the start, seconds
     rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
     steps : total work after its steps, and their decrease of the objective's logarithm
+    cheapest : least work from a step to the proposal of the next one, so far; the next takes at least about as much
     """
 
     limit: float | None = None
@@ -52,6 +53,7 @@ class Work:
     rated: bool = False
     factor: float = 1.0
     steps: list[tuple[float, float]] = field(default_factory=list)
+    cheapest: float = np.inf
 
     @classmethod
     def for_spirals(cls, size: int, patience: float) -> Work:
@@ -96,6 +98,17 @@ class Work:
         """Record a step that has lowered the logarithm of the objective."""
         self.steps.append((self.done, decrease))
 
+    def note_proposal(self) -> None:
+        """Record that the next step is known, but for its equilibrium."""
+        if self.steps:
+            self.cheapest = min(self.cheapest, self.done - self.steps[-1][0])
+
+    @property
+    def expected(self) -> float:
+        """Work when the next step is known: a stage that would end until then ends at once."""
+        known = self.steps and self.cheapest < np.inf
+        return max(self.done, self.steps[-1][0] + self.cheapest) if known else self.done
+
     def paced(self, progress: Progress) -> Progress:
         """Return a progress that follows the work done, as the number of steps is unknown.
 
@@ -118,7 +131,7 @@ class Work:
         if self.limit is None:
             return False
         late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit
-        return self.done > self.share * self.limit or late
+        return self.expected > self.share * self.limit or late
 
     @property
     def slow(self) -> bool:
@@ -126,7 +139,7 @@ class Work:
         if not self.rated or len(self.steps) <= RATED_STEPS:
             return False
         before, last = self.steps[-1 - RATED_STEPS][0], self.steps[-RATED_STEPS:]
-        return self.factor * sum(decrease for _, decrease in last) < self.rate * (self.done - before)
+        return self.factor * sum(decrease for _, decrease in last) < self.rate * (self.expected - before)
 
     @property
     def over(self) -> bool:

@@ -203,6 +203,17 @@ def test_damping_of_an_earlier_search_holds_where_it_is_less(share: float) -> No
     assert (again < first) if share < 1.0 else (again == first)
 
 
+@pytest.mark.parametrize(("stop", "refused"), [(0.0, newton.TRIALS), (1e-3, 1)])
+def test_a_refused_step_that_was_to_bring_next_to_nothing_is_the_last(stop: float, refused: int) -> None:
+    class Uphill(Residuals):
+        def proposed(self, here: Local, damping: float, following: float) -> Any:
+            return type("Step", (), {"step": here.gradient, "gain": 5e-4 * here.energy})
+
+    problem = Uphill()
+    run = minimise(problem, np.array([-1.2, 1.0]), Damped(300, stop, -np.inf))
+    assert run.ended == newton.CONVERGED and problem.refused == refused
+
+
 def test_damping_falls_faster_until_a_step_goes_too_far() -> None:
     noted: list[tuple[float, int]] = []
 

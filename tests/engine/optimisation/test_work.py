@@ -35,3 +35,25 @@ def test_a_search_ends_where_its_last_steps_bring_too_little_for_their_work(pati
     assert work.over
     work.factor = 20.0  # far from the target
     assert not work.over
+
+
+def test_a_search_does_not_begin_a_step_that_it_would_not_finish() -> None:
+    def after_steps(*, proposed: bool) -> Work:
+        work = Work.for_spirals(100, 1.0)
+        work.begin(1.0)
+        for _ in range(RATED_STEPS + 1):
+            work.add(1e-3, 100)
+            if proposed:
+                work.note_proposal()
+            work.note(0.105 * END_RATE)  # enough for this work, but not for that of another step
+        return work
+
+    assert not after_steps(proposed=False).over
+    work = after_steps(proposed=True)
+    assert work.over and work.slow
+    work.begin(1.0)
+    assert not work.over
+    work.note(0.0)
+    assert not work.late
+    work.share = (work.done + 0.05) / work.limit
+    assert work.late
