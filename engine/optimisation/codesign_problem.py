@@ -28,14 +28,13 @@ from .codesign_geometry import geometry_jacobian, joint_derivatives
 from .costs import Cost
 from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
+from .other_weights import with_problem
 from .terms import Rows
 from .work import GEOMETRY, VARIED
 
 # Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
 # next ones: a surface of 986 quads ended at 0.28 mm instead of 0.26
 BARRIER_WEIGHT = 0.5
-# Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
-WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,17 +238,11 @@ class FlatPoint(DesignPoint):
     def reweighted(self) -> FlatPoint:
         """Return this point with the weight of the barriers set from its mismatch."""
         flat = replace(self.problem.flat, weight=BARRIER_WEIGHT * self.mismatch.value)
-        return self._with_cached(replace(self, problem=replace(self.problem, flat=flat)))
+        return with_problem(self, replace(self.problem, flat=flat))
 
     def renewed(self) -> FlatPoint:
         """Return this point with the weight of the barriers set from its mismatch, and the multipliers from its strains."""
-        return self._with_cached(self.reweighted().pressed())
-
-    def _with_cached(self, point: FlatPoint) -> FlatPoint:
-        """Copy to ``point``, the same equilibrium with other weights, all cached values that do not depend on the weights."""
-        derived = self.__dict__.keys() - point.__dict__.keys() - WEIGHT_DEPENDENT
-        point.__dict__.update({name: self.__dict__[name] for name in derived})
-        return point
+        return self.reweighted().pressed()
 
     @property
     def own(self) -> int:

@@ -31,6 +31,7 @@ from .factors import Factors
 from .firmness import SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
+from .other_weights import with_problem
 from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
 from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
@@ -235,19 +236,18 @@ class DesignPoint:
         In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
-        return replace(self, problem=replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
+        return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
     def firmed(self, *, strong: bool) -> Self:
         """Return this point in a stage that starts here; strong : the stage keeps a greater distance from snapping."""
         firmness = StabilityRequirement.from_mismatch(self.mismatch.value, strong=strong)
-        return replace(self, problem=replace(self.problem, firmness=firmness))
+        return with_problem(self, replace(self.problem, firmness=firmness))
 
     def pressed(self) -> Self:
         """Return this point with the multipliers of the strain limits updated, see ``StrainLimit.pressed``."""
-        bearing = self.problem.bearing
-        if self.strains is None or bearing is None:
-            return self
-        return replace(self, problem=replace(self.problem, bearing=bearing.pressed(self.strains.values)))
+        strains, bearing = self.strains, self.problem.bearing
+        pressed = None if strains is None or bearing is None else bearing.pressed(strains.values)
+        return self if pressed is None else with_problem(self, replace(self.problem, bearing=pressed))
 
     @cached_property
     def distance(self) -> float:

@@ -33,6 +33,7 @@ from .inverse import DesignPoint, InverseProblem
 from .objective import Target
 from .open_slots import SlotRequirement
 from .optimisers import EXACT_MISMATCH, MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
+from .other_weights import with_problem
 from .remedies import WANTED_PERCENT
 from .terms import LENIENT, STRICT, StrainLimit
 from .wishes import Wishes
@@ -217,7 +218,7 @@ class StageResult:
         if problem.bearing is None or strains is None:
             return self
         bearing = problem.bearing.weighed(STRICT * self.point.mismatch.value * strains.values.size)
-        return replace(self, point=replace(self.point, problem=replace(problem, bearing=bearing)))
+        return replace(self, point=with_problem(self.point, replace(problem, bearing=bearing)))
 
     def firmed(self, *, strong: bool) -> StageResult:
         """Return this result at the start of a stage; strong : the stage keeps a greater distance from snapping."""

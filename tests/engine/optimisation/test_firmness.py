@@ -21,6 +21,7 @@ from flexmaps.engine.optimisation.firmness import (
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
+from flexmaps.engine.optimisation.other_weights import with_problem
 from flexmaps.engine.optimisation.terms import StrainLimit
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
@@ -76,6 +77,15 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
         x = np.concatenate([x, 0.5 + np.random.default_rng(5).uniform(-0.01, 0.01, 2 * len(flat.span))])
         return FlatProblem(**given, **more, flat=flat).at(x, target_pose(mesh, design.flat.corners))
     return InverseProblem(**given).at(x, target_pose(mesh, design.flat.corners))
+
+
+def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_anew() -> None:
+    here = start()
+    less = dataclasses.replace(here.problem, firmness=StabilityRequirement(weight=0.7, enough=BARRIER_POLE))
+    stable = with_problem(here, less)
+    assert stable.barrier is None and stable.value < here.value
+    found = with_problem(stable, here.problem)
+    assert found.barrier is not None and found.value == here.value
 
 
 @pytest.mark.parametrize(
