@@ -171,7 +171,8 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
+    rest = before and before.equilibrium.pose
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), rest)
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
@@ -283,9 +284,8 @@ def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
             design = resolve_contacts(held.design, progress.part(0.3, 0.7), free=held.point.problem.space.free)
         except FlexMapsError:
             continue
-        found.append(
-            SimulatedResult(search.task.simulated(design, pose, progress.part(0.7, 0.9)), held.point, search.farthest)
-        )
+        simulation = search.task.simulated(design, pose, progress.part(0.7, 0.9))
+        found.append(SimulatedResult(simulation, held.point, search.farthest))
         if found[-1].merit(strictness) <= (1.0 + RESULT_TOL) * held.merit(strictness):
             break
     best = min(found, key=lambda one: one.merit(strictness), default=None)
@@ -295,11 +295,8 @@ def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:
 def _best_unproved(search: Search) -> SimulatedResult | None:
     """Return the best design of the search without a proof; None if the best has no equilibrium near the target."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
-    return (
-        SimulatedResult(search.task.rested(best.design, best.point), best.point, search.farthest)
-        if best.sound
-        else None
-    )
+    rested = search.task.rested(best.design, best.point) if best.sound else None
+    return rested and SimulatedResult(rested, best.point, search.farthest)
 
 
 def _strictness(search: Search) -> float:
@@ -334,12 +331,21 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
 
 
 def find_starts(
-    problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
+    problem: InverseProblem,
+    design: SpiralDesign,
+    target: QuadMesh,
+    params: OptimiseParams,
+    progress: Progress,
+    rest: Pose | None = None,
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
+
+    Parameters
+    ----------
+    problem, design, target, params, progress : of the search; rest : pose in which the given design rests, if known
 
     Raises
     ------
@@ -354,7 +360,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose, within)
+        point = own.at(x, pose if rest is None or name != "given" else rest, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
