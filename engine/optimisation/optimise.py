@@ -171,7 +171,7 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    rest = before and before.equilibrium.pose
+    rest = None if before is None else before.equilibrium.pose
     points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), rest)
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
@@ -296,7 +296,7 @@ def _best_unproved(search: Search) -> SimulatedResult | None:
     """Return the best design of the search without a proof; None if the best has no equilibrium near the target."""
     best = min(search.held, key=lambda one: one.merit(_strictness(search)))
     rested = search.task.rested(best.design, best.point) if best.sound else None
-    return rested and SimulatedResult(rested, best.point, search.farthest)
+    return None if rested is None else SimulatedResult(rested, best.point, search.farthest)
 
 
 def _strictness(search: Search) -> float:
