@@ -171,8 +171,7 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    rest = None if before is None else before.equilibrium.pose
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), rest)
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), before)
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
@@ -336,7 +335,7 @@ def find_starts(
     target: QuadMesh,
     params: OptimiseParams,
     progress: Progress,
-    rest: Pose | None = None,
+    before: Simulation | None = None,
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 
@@ -345,7 +344,7 @@ def find_starts(
 
     Parameters
     ----------
-    problem, design, target, params, progress : of the search; rest : pose in which the given design rests, if known
+    problem, design, target, params, progress : of the search; before : the given design at rest, if known
 
     Raises
     ------
@@ -360,7 +359,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, pose if rest is None or name != "given" else rest, within)
+        point = own.at(x, before.equilibrium.pose if before is not None and name == "given" else pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():

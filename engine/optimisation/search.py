@@ -61,6 +61,9 @@ TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the
 # Share of the work before that steps of the spirals alone may add where arms are visibly overstrained, and the number of steps between
 # two updates of the strains' multipliers. With one, a surface of 986 quads comes from 1.13 of its limit to 1.00 in two steps, with four in four
 OVERTIME, RELIEF_STEPS = 0.25, 1
+# Share of the objective that a refused one of these steps must have been predicted to bring for a shorter one to be tried. More gives up
+# arms sooner that no spirals can relieve
+RELIEF_STOP = 0.25
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
 ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
@@ -322,14 +325,17 @@ class Search:
                 break
         return here
 
-    def polished(self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS) -> StageResult:
-        """Take a few more steps of the spirals alone."""
-        short = replace(self.task.params, iterations=min(steps, self.task.params.iterations))
+    def polished(
+        self, here: StageResult, progress: Progress, steps: int = POLISH_STEPS, stop: float = 0.0
+    ) -> StageResult:
+        """Take a few more steps of the spirals alone; ``stop`` : smallest share of the objective that these must bring."""
+        params = self.task.params
+        short = replace(params, iterations=min(steps, params.iterations), stop=params.stop and max(params.stop, stop))
         return self.improved(here, short, progress)
 
     def relieved(self, here: StageResult, progress: Progress) -> StageResult:
         """Take ``RELIEF_STEPS`` steps of the spirals alone, before which the multipliers of strains are updated."""
-        return self.polished(here, progress, RELIEF_STEPS)
+        return self.polished(here, progress, RELIEF_STEPS, RELIEF_STOP)
 
     def improved(self, here: StageResult, params: OptimiseParams, progress: Progress) -> StageResult:
         """Optimise the spirals alone."""
