@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from .inverse import DesignPoint, InverseProblem
-
-Point = TypeVar("Point", bound="DesignPoint")
+Point = TypeVar("Point")
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
 WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
 
 
-def with_problem(point: Point, problem: InverseProblem) -> Point:
+def with_problem(point: Point, problem: Any) -> Point:
     """Return a point in another problem, with all cached values that are equal there.
 
     Parameters
     ----------
-    point : of any problem
+    point : a ``DesignPoint``
     problem : the point's problem with other weights, multipliers, or another required stability
     """
-    found = replace(point, problem=problem)
-    changed = WEIGHT_DEPENDENT if problem.firmness is point.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
-    kept = point.__dict__.keys() - found.__dict__.keys() - changed
-    found.__dict__.update({name: point.__dict__[name] for name in kept})
+    given: Any = point
+    found: Point = replace(given, problem=problem)
+    changed = WEIGHT_DEPENDENT if problem.firmness is given.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
+    kept = given.__dict__.keys() - found.__dict__.keys() - changed
+    found.__dict__.update({name: given.__dict__[name] for name in kept})
     return found

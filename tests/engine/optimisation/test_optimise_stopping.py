@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
-from flexmaps.engine.optimisation import optimise
+from flexmaps.engine.optimisation import optimise, search
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.progress import Progress
+from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import simulate
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -102,3 +103,16 @@ def test_it_tells_and_listens_between_any_two_factorisations(monkeypatch: pytest
     optimise.optimise(design, mesh, VERO, params, SimulateParams(), progress=Progress(told, stopped))
     # a step of an equilibrium tries up to four: as it is, and its convex part with more and more of its diagonal
     assert 1 <= most["told"] <= 6 and 1 <= most["heard"] <= 6
+
+
+@pytest.mark.parametrize("stop", [1e-3, 0.4, 0.0])
+def test_steps_that_relieve_arms_must_bring_more_than_others(stop: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[OptimiseParams] = []
+    monkeypatch.setattr(search.Search, "improved", lambda _, here, params, progress: taken.append(params))
+    task = SimpleNamespace(params=OptimiseParams(stop=stop))
+    alone = search.Search(task, optimise.SearchRecord(), print, np.inf, None)
+    alone.polished(None, SILENT)
+    alone.relieved(None, SILENT)
+    assert [one.iterations for one in taken] == [search.POLISH_STEPS, search.RELIEF_STEPS]
+    assert taken[0].stop == stop
+    assert taken[1].stop > max(stop, 0.1) or taken[1].stop == stop in (0.4, 0.0)
