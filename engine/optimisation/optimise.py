@@ -171,7 +171,7 @@ def optimise(
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))
-    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1), before)
+    points = find_starts(problem, design, target, params, progress.part(0.0, 0.1))
     farthest = _distance_limit(points.get("given"), problem)
     names = _best_starts(points, farthest)
     first = [points[name].weighed(points[name].mismatch.value) for name in names]
@@ -330,21 +330,15 @@ def _best_so_far(search: Search, point: DesignPoint, design: SpiralDesign) -> Si
 
 
 def find_starts(
-    problem: InverseProblem,
-    design: SpiralDesign,
-    target: QuadMesh,
-    params: OptimiseParams,
-    progress: Progress,
-    before: Simulation | None = None,
+    problem: InverseProblem, design: SpiralDesign, target: QuadMesh, params: OptimiseParams, progress: Progress
 ) -> dict[str, DesignPoint]:
     """Return the starts that have an equilibrium, by name.
 
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
 
-    Parameters
-    ----------
-    problem, design, target, params, progress : of the search; before : the given design at rest, if known
+    All are sought from the target's pose. From the pose in which the given design was simulated, which came to another rest, a search on
+    a head of 472 quads ended 1.15 % from its target in place of 0.85.
 
     Raises
     ------
@@ -359,7 +353,7 @@ def find_starts(
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
         own, x = _make_fabricable(problem, design, x, within)
-        point = own.at(x, before.equilibrium.pose if before is not None and name == "given" else pose, within)
+        point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
     for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
