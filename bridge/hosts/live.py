@@ -59,7 +59,13 @@ def stop(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Note that Blender reports a change."""
+    """Note that Blender reports a change.
+
+    Parameters
+    ----------
+    scene : scene that was updated
+    depsgraph : dependency graph, with what was updated
+    """
     if _running and any(
         isinstance(update.id, bpy.types.Mesh | bpy.types.Object | bpy.types.Key | bpy.types.Scene)
         for update in depsgraph.updates

@@ -50,7 +50,13 @@ def _set_size(obj: bpy.types.Object, wanted: Sequence[float]) -> None:
 
 
 def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
-    """Return about the quad edge in metres: of the object's quads, or of those that Quad remesh will make."""
+    """Return about the quad edge in metres: of the object's quads, or of those that Quad remesh will make.
+
+    Parameters
+    ----------
+    obj : mesh object, of quads or of other polygons
+    scene : its scene
+    """
     mesh = obj.data
     if len(mesh.loops) == 4 * len(mesh.polygons):
         return objects.quad_edge(obj, scene)

@@ -16,6 +16,11 @@ from .objects import changed_by_modifiers
 def read(obj: bpy.types.Object, scene: bpy.types.Scene) -> LiveInput:
     """Return everything that the shape of a piece depends on.
 
+    Parameters
+    ----------
+    obj : the mesh object
+    scene : its scene
+
     Raises
     ------
     FlexMapsError where the object has no spirals, modifiers change its faces, or no vertex group has the supports' name.

@@ -28,7 +28,13 @@ def note(made: bpy.types.Object, source: bpy.types.Object) -> None:
 
 
 def source_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
-    """Return the source of the quads; the object itself where the source is gone or the user changed the quads."""
+    """Return the source of the quads; the object itself where the source is gone or the user changed the quads.
+
+    Parameters
+    ----------
+    obj : object with quads that Quad remesh may have made
+    scene : scene that must hold the source
+    """
     source = obj.get(SOURCE)
     if not isinstance(source, bpy.types.Object) or scene.objects.get(source.name) != source:
         return obj

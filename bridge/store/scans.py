@@ -51,7 +51,13 @@ def write(obj: bpy.types.Object, found: Comparison, points: bpy.types.Object) ->
 
 
 def current(obj: bpy.types.Object, scene: bpy.types.Scene) -> bool:
-    """Return whether a comparison exists and is up to date: the object still has the shape that was compared with the scan."""
+    """Return whether a comparison exists and is up to date: the object still has the shape that was compared with the scan.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    scene : its scene
+    """
     block = notes.read(obj.data).get(BLOCK)
     if block is None or states.is_old(obj, scene, BLOCK):
         return False

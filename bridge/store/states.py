@@ -89,7 +89,13 @@ class StageState:
 
 
 def settings_now(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, str]:
-    """Return checksums of the settings for ``stamp``; take them when a stage starts, because they may change until it ends."""
+    """Return checksums of the settings for ``stamp``; take them when a stage starts, because they may change until it ends.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    scene : its scene
+    """
     now = Checksums(obj, scene)
     return {part: now[part] for part in OF_SETTINGS}
 
@@ -134,7 +140,13 @@ def stamp_unnoted(
 
 
 def read_states(obj: bpy.types.Object, scene: bpy.types.Scene) -> dict[str, StageState]:
-    """Return the state of every stage; in edit mode, a mesh of more than ``MANY`` edges counts as edit mode found it."""
+    """Return the state of every stage; in edit mode, a mesh of more than ``MANY`` edges counts as edit mode found it.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    scene : its scene
+    """
     blocks, stamps, now = notes.read(obj.data), notes.made_from(obj.data), Checksums(obj, scene)
     states: dict[str, StageState] = {}
     for stage, parts in PARTS.items():

@@ -42,7 +42,13 @@ def loads(
 def loads_of(
     uid: int, params: LoadParams
 ) -> tuple[Int[np.ndarray, " supports"] | None, Float[np.ndarray, "quads 3"] | None]:
-    """Return the loads, as ``loads`` does, of an object that was read earlier."""
+    """Return the loads, as ``loads`` does, of an object that was read earlier.
+
+    Parameters
+    ----------
+    uid : ``session_uid`` of the object
+    params : settings of supports and loads
+    """
     obj = objects.find(uid)
     return loads(obj, mesh.read_surface(obj, bpy.context.scene), params)
 
@@ -77,13 +83,25 @@ def named(obj: bpy.types.Object, surface: ObjectSurface, used: Settings) -> dict
 
 
 def named_of(uid: int, used: Settings) -> dict[str, Int[np.ndarray, " some"]]:
-    """Return the quads by group, as ``named`` does, of an object that was read earlier."""
+    """Return the quads by group, as ``named`` does, of an object that was read earlier.
+
+    Parameters
+    ----------
+    uid : ``session_uid`` of the object
+    used : settings, whose load cases name vertex groups
+    """
     obj = objects.find(uid)
     return named(obj, mesh.read_surface(obj, bpy.context.scene), used)
 
 
 def is_group(uid: int, name: str) -> bool:
-    """Return whether an object that was read earlier has a vertex group of this name."""
+    """Return whether an object that was read earlier has a vertex group of this name.
+
+    Parameters
+    ----------
+    uid : ``session_uid`` of the object
+    name : name of a vertex group
+    """
     return objects.find(uid).vertex_groups.get(name) is not None
 
 

@@ -27,7 +27,13 @@ class BrushPath:
         self._place: np.ndarray | None = None  # the last dab's position, in the object's frame
 
     def hit(self, context: bpy.types.Context, x: float, y: float) -> tuple[Any, Any] | None:
-        """Return where a pixel's ray hits the object, and the normal, in the object's frame; None if it misses."""
+        """Return where a pixel's ray hits the object, and the normal, in the object's frame; None if it misses.
+
+        Parameters
+        ----------
+        context : context of a 3D view
+        x, y : pixel in the region, from its lower left corner
+        """
         region, view = context.region, context.region_data
         inverse = self._object.matrix_world.inverted_safe()
         start = inverse @ view3d_utils.region_2d_to_origin_3d(region, view, (x, y))
@@ -39,7 +45,13 @@ class BrushPath:
         return place, normal if normal.dot(way) < 0.0 else -normal
 
     def move(self, context: bpy.types.Context, event: bpy.types.Event) -> tuple[list[np.ndarray], np.ndarray] | None:
-        """Return the dabs' weights since the last event, and the displacement in world axes; None without dabs."""
+        """Return the dabs' weights since the last event, and the displacement in world axes; None without dabs.
+
+        Parameters
+        ----------
+        context : context of a 3D view
+        event : movement of the pointer or the pen, with its pressure
+        """
         brush = context.window_manager.flexmaps_brush
         pressure = event.pressure if event.is_tablet else 1.0
         size = brush.size * (pressure if brush.pressure_size else 1.0)

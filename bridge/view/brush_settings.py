@@ -20,7 +20,13 @@ FROM = (("stiffness", "Stiffness", "As stiff as the numbers say: 0 the softest, 
 
 
 def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
-    """List vertex groups, colours and other attributes of the active object, for the field *From*."""
+    """List vertex groups, colours and other attributes of the active object, for the field *From*.
+
+    Parameters
+    ----------
+    context : context with the active object
+    text : text in the field; Blender filters the names by it
+    """
     from ..store import fields
 
     return [] if unusable(context.object) is not None else fields.names(context.object)

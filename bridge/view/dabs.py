@@ -28,7 +28,13 @@ class Dabs:
         self._running: Future[None] | None = None
 
     def add(self, weights: list[Float[np.ndarray, " quads"]], way: Float[np.ndarray, " 3"]) -> None:
-        """Queue dabs in order, with the brush's displacement meanwhile in the surface's axes."""
+        """Queue dabs in order, with the brush's displacement meanwhile in the surface's axes.
+
+        Parameters
+        ----------
+        weights : (F,) weights of the quads, from 0 to 1, for every dab
+        way : (3,) displacement of the brush during all of them, in world axes; only its direction counts
+        """
         self._weights += weights
         self._way = self._way + way
         self.look()

@@ -312,7 +312,13 @@ class Easel:
 
 
 def easel_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Easel:
-    """Return the object's easel, set up anew if the object changed; raise ``FlexMapsError`` where it has no spirals."""
+    """Return the object's easel, set up anew if the object changed; raise ``FlexMapsError`` where it has no spirals.
+
+    Parameters
+    ----------
+    obj : object with spirals
+    scene : its scene
+    """
     if not (_easels and _easels[0].renewed(obj, scene)):
         forget()
         _easels[:] = [Easel(obj, scene)]

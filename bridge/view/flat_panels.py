@@ -145,7 +145,14 @@ class PanelDrawing:
 
     @classmethod
     def from_design(cls, design: SpiralDesign, settings: ObjectSettings, progress: Progress = SILENT) -> PanelDrawing:
-        """Draw with connectors, as on the sheets; with plain ends where the settings allow no connectors."""
+        """Draw with connectors, as on the sheets; with plain ends where the settings allow no connectors.
+
+        Parameters
+        ----------
+        design : spirals to draw
+        settings : settings of the object; those of connectors, sheets and the cutter count
+        progress : told how far the connectors are; may cancel
+        """
         from ...engine.display import solids
         from ...engine.fabrication.connectors import connect
 
@@ -158,7 +165,14 @@ class PanelDrawing:
 
     @classmethod
     def connected(cls, design: SpiralDesign, connections: Connections, settings: ObjectSettings) -> PanelDrawing:
-        """Draw with connectors that are already computed."""
+        """Draw with connectors that are already computed.
+
+        Parameters
+        ----------
+        design : spirals to draw
+        connections : connectors and outlines of the design's panels
+        settings : settings of the object
+        """
         from ...engine.display import arrange, solids
 
         centres = arrange.side_by_side(design.flat)
@@ -215,7 +229,14 @@ class PanelDrawing:
         return np.repeat(palette[row], self.solid.sizes, axis=0), palette[used], np.searchsorted(used, row)
 
     def stand(self, obj: bpy.types.Object, scene: bpy.types.Scene, mesh: bpy.types.Mesh) -> Float[np.ndarray, " 3"]:
-        """Put the panels' mesh beside the model, replacing what was there; return its place in metres."""
+        """Put the panels' mesh beside the model, replacing what was there; return its place in metres.
+
+        Parameters
+        ----------
+        obj : object that the panels belong to
+        scene : its scene
+        mesh : mesh of the panels
+        """
         collection.clear(obj)
         place = collection.origin(obj, scene, 3 * self.design.flat.layout.mesh.median_edge)
         made = collection.add(obj, scene, "panels", "panels", mesh, place)
@@ -233,6 +254,11 @@ class PanelDrawing:
 
     def show(self, obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[None]:
         """Put the panels beside the model step by step, so that the window stays alive between the steps.
+
+        Parameters
+        ----------
+        obj : object that the panels belong to
+        scene : its scene
 
         Raises
         ------

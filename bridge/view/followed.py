@@ -29,7 +29,13 @@ class Followed(LiveShape):
 
     @classmethod
     def from_shape(cls, shape: LiveEquilibrium, unit: float) -> Followed | None:
-        """Make the picture ready to be drawn in a scene of this unit; None where the shape has no vertices yet."""
+        """Make the picture ready to be drawn in a scene of this unit; None where the shape has no vertices yet.
+
+        Parameters
+        ----------
+        shape : equilibrium to draw
+        unit : metres in one unit of the scene
+        """
         if shape.vertices is None:
             return None
         made = cls(shape)

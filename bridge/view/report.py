@@ -70,7 +70,13 @@ def taken(obj: bpy.types.Object) -> Reported:
 
 
 def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
-    """Read what ``drawn`` needs besides the snapshot, on Blender's main thread, within milliseconds."""
+    """Read what ``drawn`` needs besides the snapshot, on Blender's main thread, within milliseconds.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    taken : snapshot of the object
+    """
     import bpy
 
     from ..store import attributes, equilibrium, guidance, pose, scans, states

@@ -57,7 +57,14 @@ def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
 
 
 def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
-    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres."""
+    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres.
+
+    Parameters
+    ----------
+    flat : flat patches
+    where : (n, 3) patch, and x and y in its frame in metres, of every place
+    count : number of quads for each place
+    """
     nearest = []
     for patch, x, y in where:
         quads = flat.layout.patches[int(patch)]
