@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import connector_gaps
+import drawn_rings
 import growth
 import numpy as np
 import shapely
@@ -260,25 +261,9 @@ def shape_rows(
 
 
 def svg_polygons(path: Path) -> list[shapely.Polygon]:
-    """Read the panels of an SVG file with svgelements, in mm, y up."""
-    import svgelements
-
-    document = svgelements.SVG.parse(str(path), ppi=25.4)
-    height = float(document.height)
-    rings: dict[str, list[np.ndarray]] = {kind: [] for kind in COLOURS.values()}
-    for element in document.elements():
-        if not isinstance(element, svgelements.Path):
-            continue
-        points: list[tuple[float, float]] = []
-        for segment in element:
-            if isinstance(segment, svgelements.Arc):
-                steps = 2 + int(abs(segment.sweep) / 0.05)
-                points += [(p.x, p.y) for p in (segment.point(t) for t in np.linspace(0, 1, steps)[1:])]
-            elif isinstance(segment, svgelements.Move | svgelements.Line):
-                points.append((segment.end.x, segment.end.y))
-        if element.stroke.hex in COLOURS:
-            rings[COLOURS[element.stroke.hex]].append(np.array(points) * [1, -1] + [0, height])
-    return _panels(rings["outer"], rings["inner"])
+    """Read the panels of an SVG file, in mm."""
+    rings = {COLOURS.get(colour): found for colour, found in drawn_rings.svg_rings(path).items()}
+    return _panels(rings["outer"], rings.get("inner", []))
 
 
 def idle_cuts(path: Path) -> int:
@@ -297,19 +282,8 @@ def idle_cuts(path: Path) -> int:
 
 
 def dxf_polygons(path: Path) -> list[shapely.Polygon]:
-    """Read the panels of a DXF file with ezdxf, in mm."""
-    import ezdxf
-    import ezdxf.path
-
-    document = ezdxf.readfile(path)
-    assert not document.audit().errors
-    rings: dict[str, list[np.ndarray]] = {"CUT_OUTER": [], "CUT_INNER": []}
-    for entity in document.modelspace():
-        if entity.dxf.layer in rings:
-            points = np.array([(v.x, v.y) for v in ezdxf.path.make_path(entity).flattening(2e-3)])
-            # rounding in ezdxf leaves the ends of a closed curve apart, which shapely takes for a crossing
-            same = np.abs(points[-1] - points[0]).max() < 1e-6
-            rings[entity.dxf.layer].append(points[:-1] if same else points)
+    """Read the panels of a DXF file, in mm."""
+    rings = drawn_rings.dxf_rings(path, 2e-3)
     return _panels(rings["CUT_OUTER"], rings["CUT_INNER"])
 
 

@@ -15,13 +15,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import ezdxf
 import numpy as np
 import rim_pictures
 import rim_solids
 import shapely
-import svgelements
 import zoo
+from drawn_rings import dxf_rings, svg_rings
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.writers import dxf, svg
 from flexmaps.engine.materials import MATERIALS
@@ -153,13 +152,13 @@ def _read_back(table: Table, name: str, made: Result) -> None:
     assert sheets is not None
     params = _settings("rim").spiral
     with tempfile.TemporaryDirectory() as folder:
-        for ending, write, reader in (("svg", svg.write, _svg), ("dxf", dxf.write, _dxf)):
+        for ending, write, reader in (("svg", svg.write, svg_rings), ("dxf", dxf.write, dxf_rings)):
             holes = clear = 0
             worst, wrong, overlaps = np.inf, 0.0, 0
             for number in range(sheets.count):
                 path = Path(folder) / f"sheet.{ending}"
                 write(sheets, number, path)
-                rings = [shapely.Polygon(points) for points in reader(path) if len(points) > 2]
+                rings = [shapely.Polygon(points) for found in reader(path).values() for points in found]
                 panels = [r for r in rings if r.area > 20.0 * np.pi * params.rim_hole**2 * 2.5e5]
                 edges = shapely.union_all([r.exterior for r in panels])
                 wanted = np.pi * (500.0 * params.rim_hole) ** 2
@@ -181,32 +180,3 @@ def _read_back(table: Table, name: str, made: Result) -> None:
 
 def _round(ring: Any) -> bool:
     return bool(ring.length**2 < 4.0 * np.pi * ring.area * 1.01)
-
-
-def _svg(path: Path) -> list[np.ndarray]:
-    """Closed curves in millimetres, as points."""
-    out = []
-    for item in svgelements.SVG.parse(str(path), ppi=25.4).elements():
-        if isinstance(item, svgelements.Path):
-            for part in item.as_subpaths():
-                curve = svgelements.Path(part)
-                if not any(isinstance(piece, svgelements.Close) for piece in curve):
-                    continue  # engraved
-                points = [curve.point(0.0)]
-                for piece in curve:
-                    if not isinstance(piece, svgelements.Move):
-                        steps = np.linspace(0.0, 1.0, 33)[1:] if isinstance(piece, svgelements.Arc) else [1.0]
-                        points += [piece.point(s) for s in steps]
-                out.append(np.array([[p.x, p.y] for p in points]))
-    return out
-
-
-def _dxf(path: Path) -> list[np.ndarray]:
-    """Closed curves in millimetres, as points."""
-    from ezdxf import path as paths
-
-    return [
-        np.array([[p.x, p.y] for p in paths.make_path(item).flattening(0.001)])
-        for item in ezdxf.readfile(path).modelspace().query("LWPOLYLINE CIRCLE")
-        if item.dxftype() == "CIRCLE" or getattr(item, "closed", False)
-    ]

@@ -19,13 +19,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import ezdxf
 import numpy as np
 import shapely
 import shapely.affinity
 import trimesh
 import zoo
-from ezdxf.path import make_path
+from drawn_rings import dxf_rings
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import dxf
@@ -270,7 +269,12 @@ def parts(sheets: CutSheets) -> tuple[dict[int, Any], list[Any]]:
         for index in range(sheets.count):
             path = Path(folder) / "sheet.dxf"
             dxf.write(sheets, index, path)
-            rings = _rings(path)
+            rings = [
+                shapely.Polygon(ring)
+                for layer, found in dxf_rings(path, FINE).items()
+                if "cut" in layer.lower()
+                for ring in found
+            ]
             for number in np.flatnonzero(sheets.packing.sheet == index).tolist():
                 panel = sheets.panels[number]
                 if panel.kind == "key":
@@ -293,16 +297,6 @@ def _back(points: np.ndarray, turn: float, shift: np.ndarray) -> np.ndarray:
     """Transform from a sheet into a part's own frame."""
     cos, sin = np.cos(turn), np.sin(turn)
     return (points - shift) @ np.array([[cos, -sin], [sin, cos]])
-
-
-def _rings(path: Path) -> list[Any]:
-    """The closed lines of the layers that are cut, as polygons, mm."""
-    found = []
-    for entity in ezdxf.readfile(path).modelspace():  # type: ignore[attr-defined]
-        if "cut" in entity.dxf.layer.lower():
-            points = [(p.x, p.y) for p in make_path(entity).flattening(FINE)]
-            found.append(shapely.Polygon(points))
-    return found
 
 
 def _extruded(shape: Any, height: float) -> Any:
