@@ -17,7 +17,8 @@ from flexmaps.engine.surface.mesh import QuadMesh
 
 sys.path.append(str(Path(__file__).parent))  # for what several tests share, in support/
 sys.modules["flexmaps_shapes"].watch("bridge/store", "bridge/view")
-shapes.BUILDERS["dome"] = partial(shapes.dome, 6)  # in fewer quads: several panels are enough here
+# in fewer quads: several panels are enough here
+shapes.BUILDERS["dome"], shapes.BUILDERS["strip"] = partial(shapes.dome, 6), partial(shapes.strip, 18)
 
 
 @pytest.fixture(scope="session")

@@ -13,23 +13,17 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import mesh, next_button, states
 from flexmaps.bridge.view import choices
-from flexmaps.engine import workers
-from flexmaps.engine.extras.choosing import choose as choosing
-from flexmaps.engine.extras.choosing import layout_search
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from support.bowl import bowl
 from support.buttons import press, report
 from support.drawing import draw
+from support.quick import few_layouts
 
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few layouts, all judged in this process, which is quicker."""
-    monkeypatch.setattr(workers, "cores", lambda: 1)
-    monkeypatch.setattr(layout_search, "MOST", 5)
-    monkeypatch.setattr(layout_search, "FEWEST", 5)
-    monkeypatch.setattr(choosing, "MOST_PARTS", 2)
+    few_layouts(monkeypatch)
 
 
 @pytest.fixture
@@ -37,7 +31,7 @@ def chosen(add: Any, once: Any, quick: None) -> Any:
     def make() -> None:
         obj = add(bowl(closed=True))
         obj.flexmaps.choose.match = 0.05
-        obj.flexmaps.optimise.patience = 0.2
+        obj.flexmaps.optimise.patience = 0.1
         press("merge")
         press("choose")
 
@@ -88,11 +82,11 @@ def test_what_was_made_fit_stays_where_no_layout_comes_nearer(
     add: Any, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With no other layout to compare, the present one keeps its spirals, its shape, and the match that it has reached."""
-    monkeypatch.setattr(layout_search, "MOST", 1)
-    monkeypatch.setattr(layout_search, "FEWEST", 1)
+    few_layouts(monkeypatch, 1)
     obj = add(bowl(closed=True))
     obj.flexmaps.choose.match = 0.001
     obj.flexmaps.optimise.iterations = 1  # stays farther than the match that is wanted
+    obj.flexmaps.optimise.restart, obj.flexmaps.optimise.codesign = False, False
     press("merge")
     press("fit")
     before, widths, cut = report(obj), widths_of(obj), seams(obj)

@@ -12,6 +12,7 @@ import bpy
 import pytest
 from flexmaps.command import arguments, sources
 from flexmaps.command import main as command
+from flexmaps.engine.extras.exploring import run as running
 from flexmaps.engine.extras.exploring.candidate import Candidate
 from flexmaps.engine.extras.exploring.folder import Folder
 from flexmaps.engine.params import ObjectSettings
@@ -122,6 +123,7 @@ def test_control_c_ends_an_exploration_with_what_it_found(
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Folder, "add", pressed)
+    monkeypatch.setitem(running.explore_piece.__kwdefaults__, "effort", 0.02)
     words = ("explore", "shape:strip", "--out", tmp_path, "--vary", "edge=10:30", "--cores", 1, *QUICK)
     assert run(*words) == 0
     said = capsys.readouterr()

@@ -13,8 +13,8 @@ from flexmaps import api
 from flexmaps.bridge.store import equilibrium, notes, scans
 from flexmaps.bridge.view import colouring
 from flexmaps.command import main as command
-from flexmaps.engine.extras.scanning import register
 from support.buttons import press
+from support.quick import few_poses
 
 
 def write_scan(path: Path, vertices: np.ndarray, quads: np.ndarray, factor: float = 1000.0) -> Path:
@@ -31,8 +31,7 @@ def write_scan(path: Path, vertices: np.ndarray, quads: np.ndarray, factor: floa
 @pytest.fixture
 def saddle(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A saddle with spirals as an object, and the engine's piece; its scan is sought from fewer poses, which is quicker."""
-    monkeypatch.setattr(register, "TILTS", register.TILTS[:2])
-    monkeypatch.setattr(register, "OFFSETS", (-0.125, 0.0, 0.125))
+    few_poses(monkeypatch)
     piece = api.spirals(api.load("shape:saddle", edge=20, settings={"layout.patch_min": 4}))
     return api.show(piece), piece
 

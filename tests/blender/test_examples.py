@@ -130,7 +130,7 @@ def test_short_ones(
 def test_for_artists(add: Any, capsys: pytest.CaptureFixture[str]) -> None:
     add(shapes.make("strip"), "arch")
     example(13)
-    assert "arch: 108 spirals on" in capsys.readouterr().out
+    assert "arch: 54 spirals on" in capsys.readouterr().out
     assert "FlexMaps equilibrium" in bpy.data.objects["arch"].data.shape_keys.key_blocks
 
 

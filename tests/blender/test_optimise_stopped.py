@@ -90,6 +90,7 @@ def test_who_stops_it_does_not_wait_for_the_true_panels(
     assert len(plain.data.vertices) == len(light.vertices)
     monkeypatch.setattr(raster, "FINE", 1)  # rough edges, which is quicker
     press("report")  # with what is known
+    piece.flexmaps.sheet.nesting = "FAST"
     piece.flexmaps.export.folder = str(tmp_path)
     press("export")
     (drawn,) = flat_panels.panels_of(piece)

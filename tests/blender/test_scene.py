@@ -25,7 +25,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 
 @pytest.fixture(scope="module")
 def result() -> job.Result:
-    return job.run(PolygonMesh.from_quads(shapes.make("strip")), Settings())
+    return job.run(PolygonMesh.from_quads(shapes.strip()), Settings(), edge=0.02)
 
 
 def test_a_finished_job_can_be_worked_on_in_blender(result: job.Result, tmp_path: Path) -> None:

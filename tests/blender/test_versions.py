@@ -60,6 +60,7 @@ def test_files_that_were_written_by_earlier_versions(path: Path, tmp_path: Path)
     damaged = [one.message for one in made.findings if "damaged" in one.message]
     assert damaged == []
     assert api.simulate(piece).result.simulation is not None
+    obj.flexmaps.sheet.nesting = "FAST"
     with pytest.warns(versions.OtherVersion):
         assert api.export(api.load(obj), tmp_path / "sheets", formats=("svg",))
     for stage in ("check", "flatten", "spirals", "simulate"):

@@ -15,6 +15,7 @@ import pytest
 from flexmaps import api
 from flexmaps.bridge.store import choices, explored, mesh, notes, scans
 from flexmaps.engine.extras.registry import REGISTRY
+from support.quick import few_layouts, few_poses
 from test_compare import write_scan
 
 FOLDERS = [extra.folder for extra in REGISTRY]
@@ -58,12 +59,16 @@ print("FOUND", json.dumps([buttons, sorted(kept), sorted(described), pressed]))
 def model(extension: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A .blend file with results of all extras that store some."""
     folder = tmp_path_factory.mktemp("model")
-    loaded = api.load("shape:saddle", edge=20, settings=FAST | {"layout.patch_min": 4}, supports="lowest")
-    piece = api.structure(api.choose(loaded, match=50.0))
-    made = piece.result.simulation
-    assert made is not None
-    scan = write_scan(folder / "scan.obj", made.vertices, piece.mesh.quads)
-    obj = api.show(api.compare(piece, scan, anywhere=False))
+    settings = FAST | {"layout.patch_min": 4, "optimise.codesign": False, "optimise.patience": 0.05}
+    loaded = api.load("shape:saddle", edge=20, settings=settings, supports="lowest")
+    with pytest.MonkeyPatch.context() as patch:
+        few_layouts(patch)
+        few_poses(patch)
+        piece = api.structure(api.choose(loaded, match=50.0))
+        made = piece.result.simulation
+        assert made is not None
+        scan = write_scan(folder / "scan.obj", made.vertices, piece.mesh.quads)
+        obj = api.show(api.compare(piece, scan, anywhere=False))
     row = {"values": {"edge": 30.0}, "measures": {"rms_percent": 1.0}}
     explored.write(obj, {"best": 0, "front": [0], "candidates": [row], "note": "Found."})
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "all.blend"))

@@ -98,7 +98,7 @@ def test_a_killed_worker_costs_nothing(processes):
     address, made = processes
     settings = ObjectSettings()
     result = job.run_stages(
-        job.begin(PolygonMesh.from_quads(shapes.make("strip")), edge=0.02), settings, ("trace", "merge")
+        job.begin(PolygonMesh.from_quads(shapes.strip(12)), edge=0.02), settings, ("trace", "merge")
     )
     base = ExplorationInput({0: StartSurface(result.mesh, result.flat.layout.cut)}, settings, effort=0.02)
     asked = make_space({"edge": "15:25", "spiral.thickness": "1:2"}, settings)

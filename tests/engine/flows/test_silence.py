@@ -84,6 +84,6 @@ def silences(quads: int, every: bool, folder: Path) -> dict[str, int]:
     "every", [pytest.param(False, marks=pytest.mark.thorough), True], ids=["a few panels", "a panel a quad"]
 )
 def test_silences_do_not_grow_with_the_piece(every: bool, tmp_path: Path) -> None:
-    small, large = (silences(quads, every, tmp_path) for quads in (12, 36))
+    small, large = (silences(quads, every, tmp_path) for quads in (8, 24))
     grown = {words: calls for words, calls in large.items() if calls > max(FEW, 2 * small.get(words, 0))}
     assert not grown

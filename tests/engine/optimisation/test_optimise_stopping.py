@@ -24,7 +24,7 @@ VERO = MATERIALS["vero"]
 
 @lru_cache(maxsize=1)
 def made() -> tuple[SpiralDesign, QuadMesh]:
-    found = job.run(PolygonMesh.from_quads(shapes.make("dome", 0.03)), Settings(), edge=0.02, stop_after="spirals")
+    found = job.run(PolygonMesh.from_quads(shapes.dome(6)), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh
 
