@@ -14,6 +14,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from ..arrays import Float
+from ..mechanics.arms.curving_changes import with_rest_change
 from ..mechanics.arms.model import ArmModel
 from ..mechanics.assembly import Assembly, Nodes, Pose
 from ..mechanics.rim_bodies import RimJoints
@@ -45,7 +46,8 @@ def joint_derivatives(
         for k in range(3):
             step = STEP * alone.assembly.radius[:, side] if k < 2 else np.full(len(alone.pairs), STEP)
             ahead, behind = (
-                measure(alone.varied(_perturb(alone.assembly, side, k, sign * step)), placed) for sign in (1.0, -1.0)
+                measure(alone.varied(with_rest_change(alone.assembly, side, k, sign * step)), placed)
+                for sign in (1.0, -1.0)
             )
             parts.append((ahead - behind) / (2.0 * step[:, None]))
     return np.stack(parts, axis=2).reshape(*parts[0].shape, 2, 3)
@@ -69,18 +71,6 @@ def _separate_joints(assembly: Assembly, pose: Pose) -> tuple[Assembly, Pose]:
         Pose(placed.centres[part], placed.rotations[part]) for part in (np.s_[: alone.spirals], np.s_[alone.spirals :])
     )
     return alone, replace(own, nodes=Nodes.from_poses(own, hubs, nodes))
-
-
-def _perturb(assembly: Assembly, side: int, k: int, step: np.ndarray) -> Assembly:
-    """Change x, y or the direction of the edge (k = 0, 1, 2) on one side of all joints by ``step`` (m,)."""
-    if k < 2:
-        lever = assembly.lever.copy()
-        lever[:, side, k] += step
-        return assembly.reshaped(lever, assembly.axes)
-    axes, (cosine, sine) = assembly.axes.copy(), (np.cos(step)[:, None], np.sin(step)[:, None])
-    x, y = axes[:, side, 0].copy(), axes[:, side, 1].copy()
-    axes[:, side, 0], axes[:, side, 1] = cosine * x - sine * y, sine * x + cosine * y
-    return assembly.reshaped(assembly.lever, axes)
 
 
 def geometry_jacobian(layout: PatchLayout, points: np.ndarray, rim: RimJoints | None = None) -> csr_array:

@@ -30,7 +30,7 @@ from .inverse import DesignPoint, InverseProblem
 from .open_slots import NarrowSlots, SlotRequirement
 from .other_weights import with_problem
 from .terms import Rows
-from .work import GEOMETRY, VARIED
+from .work import CURVED, GEOMETRY, VARIED
 
 # Weight of the barriers, as a share of the mismatch. With 0.05, quads reached their limits in the first steps and hardly moved in the
 # next ones: a surface of 986 quads ended at 0.28 mm instead of 0.26
@@ -260,7 +260,7 @@ class FlatPoint(DesignPoint):
         assert self.arms is not None and self._changes is not None
         self.progress(0.0)
         self.problem.work.add(GEOMETRY, self.assembly.size)
-        return RestChanges(self.arms, self._state, self._changes)
+        return RestChanges(self.arms, self._state, self._changes.constant_curving)
 
     @property
     def _opening(self) -> SlotRequirement | None:
@@ -296,6 +296,7 @@ class FlatPoint(DesignPoint):
     @cached_property
     def _forces(self) -> csr_array:
         pairs = self._joint_pairs
+        self.problem.work.add(CURVED, len(self._rest_changes.curving.joints))
         joints, values = np.arange(len(pairs)), np.swapaxes(self._rest_changes.gradient[: len(pairs)], 1, 2)
         row = (6 * pairs[:, :, None] + np.arange(6)).reshape(-1, 12, 1)
         column = 6 * joints[:, None, None] + np.arange(6)
@@ -329,8 +330,8 @@ class FlatPoint(DesignPoint):
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         assert self.strains is not None
-        e, found = arms // 2, self.strains.slopes(arms)
-        rows = self._rows_of_spirals(e, found)
+        found, rows = self._rows_of_spirals(arms)
+        e = arms // 2
         rims = e >= len(self._joint_pairs)  # strips
         e = np.where(rims, 0, e)
         by = matvec(self._rest_changes.loads[e, :, arms % 2], found.arms.by_loads)
@@ -350,5 +351,9 @@ class FlatPoint(DesignPoint):
         known = joint_derivatives(
             arms, self.equilibrium.pose, lambda model, there: modes.variations(model, there, pairs)
         )
-        by_flats = np.moveaxis(known, 1, 0).reshape(len(own), -1) @ self._by_flats
+        by_geometry = np.moveaxis(known, 1, 0)
+        curving = self._rest_changes.curving
+        if len(curving.joints):
+            by_geometry[:, curving.joints] += modes.by_curving(self.equilibrium.pose, curving)
+        by_flats = by_geometry.reshape(len(own), -1) @ self._by_flats
         return hubs, np.concatenate([own, by_flats], axis=1)

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..arrays import Bool, Float, Int
+from ..mechanics.arms.curving_changes import DesignChanges
 from ..mechanics.arms.model import ArmModel
-from ..mechanics.arms.sensitivity import JointDerivatives
 from ..mechanics.arms.strain_changes import Strains, StrainSlopes
 from ..mechanics.arms.with_arms import with_arms
 from ..mechanics.assembly import Assembly, Pose
@@ -28,15 +28,13 @@ from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, rest
 from .costs import Cost, Roughness, joint_differences
 from .design_space import DesignSpace
 from .factors import Factors
-from .firmness import SoftModes, StabilityBarrier, StabilityRequirement
+from .firmness import MIN_STABILITY, SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .other_weights import with_problem
 from .terms import WEIGHT, MismatchTerm, Rows, ScalarChange, StrainLimit, StrainTerm, Term, rows_in_runs, total, turning
-from .work import EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
+from .work import CURVED, EQUILIBRIUM, ITERATION, MODE, OPENING, PRODUCT, ROOMS, SOFTEST, Work
 
-# Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
-MIN_STABILITY = 0.01
 NEAR_GAP = 1e-3  # clearance, in smallest slots, below which gaps count when closed ones are opened; more take longer
 
 
@@ -278,7 +276,7 @@ class DesignPoint:
         """Strains of the arms; None where they do not count."""
         if self.problem.bearing is None or self._changes is None:
             return None
-        return Strains.from_changes(self.model.assembly, self._changes, self.problem.bearing.material)
+        return Strains.from_changes(self.model.assembly, self._changes.constant_curving, self.problem.bearing.material)
 
     @cached_property
     def _modes(self) -> SoftModes | None:
@@ -298,10 +296,10 @@ class DesignPoint:
 
     def _by_modes(self) -> tuple[Float[np.ndarray, "k spirals 6"], Float[np.ndarray, "k coordinates"]]:
         """Return the derivatives of the softest eigenvalues by the hubs, and by the coordinates at fixed hubs."""
-        modes, arms, pose = self._modes, self.arms, self.equilibrium.pose
-        assert modes is not None and arms is not None
+        modes, changes, pose = self._modes, self._changes, self.equilibrium.pose
+        assert modes is not None and changes is not None
         self.problem.work.add(MODE * len(modes.rises), self.problem.assembly.size)
-        return modes.by_hubs(arms, pose), modes.by_spirals(arms, pose, self._slopes)
+        return modes.by_hubs(changes.model, pose), modes.by_spirals(changes, pose, self._slopes)
 
     @cached_property
     def _closing(self) -> NarrowSlots | None:
@@ -324,8 +322,8 @@ class DesignPoint:
         return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
 
     @cached_property
-    def _changes(self) -> JointDerivatives | None:
-        return None if self.arms is None else self.arms.changes(self._state)
+    def _changes(self) -> DesignChanges | None:
+        return None if self.arms is None else DesignChanges(self.arms, self._state)
 
     @cached_property
     def _forces(self) -> csr_array:
@@ -335,7 +333,8 @@ class DesignPoint:
     def _forces_by_spirals(self) -> csr_array:
         """Return the derivatives (6 n, K n) of the hubs' forces by the spirals' coordinates, K a spiral."""
         known = self._changes
-        by_design = self.model.gradient_by_design(self._state) if known is None else known.gradient_by_design
+        self.problem.work.add(CURVED, 0 if known is None else len(known.curving.joints))
+        by_design = self.model.gradient_by_design(self._state) if known is None else known.complete.gradient_by_design
         blocks = np.swapaxes(by_design, 1, 2) @ self._slopes
         return self.problem.joint_sum(blocks.transpose(0, 2, 1, 3))
 
@@ -366,15 +365,16 @@ class DesignPoint:
 
     def _strain_rows(self, arms: Int[np.ndarray, " k"]) -> Rows:
         """Return the derivatives of the strains of some arms, numbered 2 e + side of the joint e."""
-        assert self.strains is not None
-        return self._rows_of_spirals(arms // 2, self.strains.slopes(arms))
+        return self._rows_of_spirals(arms)[1]
 
-    def _rows_of_spirals(self, e: Int[np.ndarray, " k"], found: StrainSlopes) -> Rows:
-        """Return the derivatives of strains at the joints e by the hubs and by the spirals' coordinates."""
+    def _rows_of_spirals(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Rows]:
+        """Return the derivatives of the strains of some arms, and those by the hubs and by the spirals' coordinates."""
+        assert self.strains is not None and self._changes is not None
+        found, e = replace(self.strains, changes=self._changes.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole
         hubs = rows_in_runs(found.by_pose.reshape(-1, 2, 6), 6 * whole.pairs[e], 6 * whole.size)
         own = (found.by_design[:, :, None] @ self._slopes[e])[:, :, 0]
-        return Rows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
+        return found, Rows(hubs, rows_in_runs(own, problem.space.each * whole.owners[e], problem.own))
 
     @cached_property
     def gradient(self) -> Float[np.ndarray, " coordinates"]:

@@ -88,7 +88,7 @@ class ArmModel:
         """
         whole = assembly.whole
         found = arm_compliances(whole, material, slopes)
-        return cls._assemble(whole, found, whole.bend[0], material, curving, progress)
+        return cls.assemble(whole, found, whole.bend[0], material, curving, progress)
 
     def varied(self, assembly: Assembly) -> ArmModel:
         """Return the model of the same spirals on a slightly different rest geometry; compliances follow to first
@@ -98,7 +98,7 @@ class ArmModel:
         """
         change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
         compliance = self.compliance.varied(change, self.cut_by_shapes) if change.any() else self.compliance
-        found = self._assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
+        found = self.assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
     def rebuilt(self, assembly: Assembly, material: Material) -> ArmModel:
@@ -131,14 +131,14 @@ class ArmModel:
 
     def with_own_curving(self) -> ArmModel:
         """Return the model with the second-order term of its own strains."""
-        return self._assemble(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
+        return self.assemble(self.assembly, self.compliance, self.assembly.bend[0], self.material, True)
 
     def with_curving(self, at_joint: np.ndarray | None) -> ArmModel:
         """Return the model with this second-order term of the joints' motion (m, 6, 6, 6)."""
         return replace(self, curving_at_joint=at_joint)
 
     @classmethod
-    def _assemble(
+    def assemble(
         cls,
         assembly: Assembly,
         compliance: ArmCompliances,
@@ -239,10 +239,10 @@ class ArmModel:
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint, in its
         half-way axes."""
-        e, slope = _add_second_order(self._motion_at_joint(state), self.curving_at_joint)
+        e, slope = _add_second_order(self.motion_at_joint(state), self.curving_at_joint)
         return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
-    def _motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
+    def motion_at_joint(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
         """(m, 6) motion of the joint on the second hub relative to the joint on the first, in the half-way axes."""
         motion = state.motion.vector
         motion[:, :3] += np.cross(self.offset, motion[:, 3:])
@@ -250,7 +250,7 @@ class ArmModel:
 
     def arm_loads(self, state: ArmState) -> Float[np.ndarray, "joints 2 15"]:
         """Loads of both arms of every joint in their own axes, see ``bar_loads``."""
-        linear = matvec(self.at_joint, self._motion_at_joint(state))
+        linear = matvec(self.at_joint, self.motion_at_joint(state))
         return arm_loads(self.assembly, self.wrenches(state), linear, state.motion.turn)
 
     def joint_gradients(self, state: ArmState) -> Float[np.ndarray, "joints 12"]:

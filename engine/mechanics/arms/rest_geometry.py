@@ -4,7 +4,7 @@ The rest geometry has three numbers on each side of a joint: x and y of the leve
 direction of the edge there. They determine radius and lean of the arms, which determine the compliances, and the points
 between which the joint's motion is measured. A turn of the edge about the sheet's normal equals a turn of the hub about its
 normal, after which the lever is turned back. So its derivatives are those by the hub's increments plus those by the lever.
-Twists and widths stay, and the strains' second-order term counts as constant.
+Twists and widths stay.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ...arrays import Float
 from ..assembly import Assembly
 from ..vectors import matvec, rotation_matrix
 from .bar_loads import LOADS
+from .curving_changes import CurvingChanges
 from .cut import SHAPE_GRAIN, SHAPE_LEAN, SHAPE_MATE_LEAN, SHAPE_RADIUS
 from .joint_motion import SpatialMotion, second_order, tan_quarter
 from .model import ArmModel, ArmState
@@ -149,11 +150,18 @@ class RestChanges:
         return out, gap
 
     @cached_property
+    def curving(self) -> CurvingChanges:
+        """Derivatives of the second-order strains, of no joints where these are left out."""
+        return CurvingChanges.by_rest_geometry(self.model, self.state)
+
+    @cached_property
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray]:
         """Changes (m, 2, 3, 6) of ``wrench`` and ``linear`` of ``JointDerivatives``."""
         known, strains = self.changes, self._strains[0]
         softened = self._softened.sum(axis=1)
         wrench = strains @ known.tangent[:, None] - softened[..., 0, :] @ np.swapaxes(known.across, 1, 2)[:, None]
+        if len(self.curving.joints):
+            wrench[self.curving.joints] += self.curving.wrenches(self.state)
         return wrench, (strains - softened[..., 1, :]) @ known.at_joint[:, None]
 
     @property

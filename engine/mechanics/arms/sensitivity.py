@@ -10,7 +10,7 @@ and beta is the vector from an arm's bend point to the joint in the joint's axes
 differentiating by the pose.
 
 With the strains' second-order term, y + y.D.y replaces y (see ``curving``) and the wrench is S'K (y + y.D.y) with S = 1
-+ 2 y.D. D counts as constant: its change with the design is left out.
++ 2 y.D. D counts as constant here; ``curving_changes`` adds its changes with the design.
 """
 
 from __future__ import annotations

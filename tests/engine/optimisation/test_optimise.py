@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import Cancelled, FlexMapsError
 from flexmaps.engine.materials import MATERIALS
-from flexmaps.engine.mechanics.arms.model import ArmModel
-from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, target_pose
-from flexmaps.engine.mechanics.elastic import ElasticModel
+from flexmaps.engine.mechanics.arms import curving_changes
+from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
 from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.optimisation import inverse, optimise, optimisers
 from flexmaps.engine.optimisation.design_space import DesignSpace
@@ -118,33 +117,21 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
 
 
-def _with_second_order(whole: InverseProblem, curving: np.ndarray | None) -> InverseProblem:
-    """The problem with this second order of the joints' motion (m, 6, 6, 6) for every design; None leaves it out."""
-
-    def build(assembly: Assembly, progress: Progress) -> ElasticModel:
-        model = build_model(assembly, VERO, "arm", quick=True)
-        assert isinstance(model, ArmModel)
-        return model.with_curving(curving)
-
-    return dataclasses.replace(whole, build=build)
-
-
-def test_gradient_with_the_second_order_of_the_strains_kept() -> None:
+def test_gradient_with_the_second_order_of_the_strains(monkeypatch: pytest.MonkeyPatch) -> None:
     design, mesh = made()
     task = Task(mesh, VERO, OptimiseParams(strain_share=0.3), EXACT, None, None, Work())
     whole = dataclasses.replace(task.problem(design), simulate=EXACT)
-    x = whole.space.coordinates(design.width, design.twist)
-    true = whole.at(x, target_pose(mesh, design.flat.corners))
-    assert isinstance(true.model, ArmModel)
-    kept = _with_second_order(whole, true.model.curving_at_joint)
-    here = kept.at(x, true.equilibrium.pose)
-    assert here.value == pytest.approx(true.value, rel=1e-9)
-    without = _with_second_order(whole, None).at(x, true.equilibrium.pose)
-    assert abs(without.value / true.value - 1.0) > 1e-3
-    here = kept.at(x, true.equilibrium.pose)
+    x = np.clip(whole.space.coordinates(design.width, design.twist), 0.05, 0.95)
+    pose = whole.at(x, target_pose(mesh, design.flat.corners)).equilibrium.pose
     direction, h = np.random.default_rng(5).normal(size=x.shape), 1e-5
-    ahead, behind = (kept.at(x + s * direction, here.equilibrium.pose).value for s in (h, -h))
-    assert (ahead - behind) / (2 * h) == pytest.approx(float((here.gradient * direction).sum()), rel=1e-5)
+    ahead, behind = (whole.at(x + s * direction, pose).value for s in (h, -h))
+    gradients = []
+    for share in (0.0, curving_changes.MIN_SHARE, np.inf):  # of all joints, of those that matter, of none
+        monkeypatch.setattr(curving_changes, "MIN_SHARE", share)
+        gradients.append(whole.at(x, pose).gradient)
+    every, some, none = gradients
+    assert (ahead - behind) / (2 * h) == pytest.approx(float(every @ direction), rel=1e-6)
+    assert np.linalg.norm(some - every) < np.linalg.norm(none - every)
 
 
 def test_points_keep_their_derivatives_whatever_came_after_them() -> None:

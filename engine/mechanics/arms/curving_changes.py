@@ -1,0 +1,196 @@
+"""Derivatives of the joints' second-order strains by design and rest geometry, at the joints where these strains matter.
+
+Where they are left out, the motion of a soft piece under a change of its design is wrong by more than half, and no step along the
+gradient of an objective lowers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ...arrays import Float, Int
+from ..assembly import Assembly
+from ..vectors import matvec
+from .curving import add_second_order
+from .cut import BESIDE, TWIST, WIDTH, rest_shapes
+from .model import ArmModel, ArmState
+from .sensitivity import PARAMETERS, JointDerivatives
+
+# Second-order energy of a joint, in mean energies of all joints, above which it is differentiated: a larger share leaves out more
+# joints, which is faster and less exact
+MIN_SHARE = 0.01
+STEP = 1e-7  # of forward differences: share of a width or a radius, and radians
+
+
+@dataclass(frozen=True, eq=False)
+class CurvingChanges:
+    """Derivatives of the second-order term D (see ``curving``) of some joints by three numbers of either side.
+
+    model : of all joints, with D; joints : (k,) those differentiated; by : (k, 2, 3, 6, 6, 6) derivatives
+    """
+
+    model: ArmModel
+    joints: Int[np.ndarray, " k"]
+    by: Float[np.ndarray, "k 2 3 6 6 6"]
+
+    @classmethod
+    def by_design(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
+        """Differentiate by the ``PARAMETERS`` of ``sensitivity``; ``state`` decides which joints matter."""
+        return cls._from_changes(model, state, with_design_change)
+
+    @classmethod
+    def by_rest_geometry(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
+        """Differentiate by the numbers of ``rest_geometry``; ``state`` decides which joints matter."""
+        return cls._from_changes(model, state, with_rest_change)
+
+    @classmethod
+    def _from_changes(
+        cls, model: ArmModel, state: ArmState, changed: Callable[[Assembly, int, int, np.ndarray], Assembly]
+    ) -> CurvingChanges:
+        joints, each = _joints_that_matter(model, state), 2 * PARAMETERS
+        shape = (len(joints), 2, PARAMETERS, 6, 6, 6)
+        if not len(joints):
+            return cls(model, joints, np.zeros(shape))
+        assert model.curving_at_joint is not None
+        # a copy of every joint for each number, as one large evaluation is faster than several small ones
+        every = np.repeat(joints, each)
+        there = alone = _with_own_spirals(model.assembly, every)
+        steps = np.zeros((each, len(every)))
+        for k, (side, number) in enumerate(np.ndindex(2, PARAMETERS)):
+            steps[k, k::each] = STEP * _size(alone, side, number, changed is with_design_change)[k::each]
+            there = changed(there, side, number, steps[k])
+        change = _curving_nearby(model, every, alone, there) - model.curving_at_joint[every]
+        return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
+
+    def wrenches(self, state: ArmState) -> Float[np.ndarray, "k 2 3 6"]:
+        """Changes of the joints' wrenches at a fixed pose, in the half-way axes."""
+        motion, half, inner, slope = self._at(state)
+        across = np.swapaxes(slope, 1, 2) @ self.model.at_joint[self.joints]
+        second = (half @ motion[:, None, None, :, None])[..., 0]
+        return second @ np.swapaxes(across, 1, 2)[:, None] + 2.0 * (inner[:, None, None, None] @ half)[..., 0, :]
+
+    def energies(self, state: ArmState) -> Float[np.ndarray, "k 2 3"]:
+        """Changes of the joints' energies at a fixed pose."""
+        motion, half, inner, _ = self._at(state)
+        return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
+
+    def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
+        """Changes of the joints' convex energies, see ``convex_by_design``, in a motion with these rates of all joints' motions."""
+        _, half, _, slope = self._at(state)
+        rate = rates[self.joints]
+        force = matvec(self.model.at_joint[self.joints], matvec(slope, rate))
+        return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
+
+    def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return the motions y, D'y, K (y + y.D.y) and S = 1 + 2 y.D, see ``sensitivity``."""
+        assert self.model.curving_at_joint is not None
+        motion = self.model.motion_at_joint(state)[self.joints]
+        strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])
+        half = (self.by.reshape(len(motion), 2 * PARAMETERS * 36, 6) @ motion[:, :, None]).reshape(self.by.shape[:-1])
+        return motion, half, matvec(self.model.at_joint[self.joints], strains), slope
+
+
+@dataclass(frozen=True, eq=False)
+class DesignChanges:
+    """Derivatives of the joints of a model by pose and design in one state."""
+
+    model: ArmModel
+    state: ArmState
+
+    @cached_property
+    def constant_curving(self) -> JointDerivatives:
+        """Derivatives with a constant D."""
+        return self.model.changes(self.state)
+
+    @cached_property
+    def curving(self) -> CurvingChanges:
+        """Derivatives of D, of no joints where it is left out."""
+        return CurvingChanges.by_design(self.model, self.state)
+
+    @cached_property
+    def complete(self) -> JointDerivatives:
+        """Derivatives with those of D."""
+        if not len(self.curving.joints):
+            return self.constant_curving
+        wrenches = self.constant_curving.wrench_by_design.copy()
+        wrenches[self.curving.joints] += self.curving.wrenches(self.state)
+        return replace(self.constant_curving, wrench_by_design=wrenches)
+
+
+def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
+    """Change one of the ``PARAMETERS`` on one side of all joints by ``step`` (m,); every joint has spirals of its own."""
+    width, twist = assembly.width.copy(), assembly.twist.copy()
+    spiral, arm = assembly.pairs[:, side], assembly.sides[:, side]
+    if number == TWIST:
+        twist[spiral] += step
+    for turn in {WIDTH: (0,), BESIDE: (1, -1)}.get(number, ()):
+        width[spiral, (arm + turn) % 4] += step
+    return assembly.redesigned(width, twist)
+
+
+def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
+    """Change x, y or the direction of the edge (0, 1, 2) on one side of all joints by ``step`` (m,)."""
+    if number < 2:
+        lever = assembly.lever.copy()
+        lever[:, side, number] += step
+        return assembly.reshaped(lever, assembly.axes)
+    axes, (cosine, sine) = assembly.axes.copy(), (np.cos(step)[:, None], np.sin(step)[:, None])
+    x, y = axes[:, side, 0].copy(), axes[:, side, 1].copy()
+    axes[:, side, 0], axes[:, side, 1] = cosine * x - sine * y, sine * x + cosine * y
+    return assembly.reshaped(assembly.lever, axes)
+
+
+def _size(assembly: Assembly, side: int, number: int, design: bool) -> Float[np.ndarray, " joints"]:
+    """Return the size (m,) of a number on one side of all joints, in proportion to which it is changed."""
+    if number == TWIST if design else number == 2:
+        return np.ones(len(assembly.pairs))
+    return (assembly.arm_width if design else assembly.radius)[:, side]
+
+
+def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
+    """Return the joints, except those of a rim, whose second-order energy is more than ``MIN_SHARE`` of the mean energy."""
+    if model.curving_at_joint is None:
+        return np.zeros(0, dtype=int)
+    motion = model.motion_at_joint(state)
+    linear = matvec(model.at_joint, motion)
+    second = add_second_order(motion, model.curving_at_joint)[0] - motion
+    energy = np.abs((linear * second).sum(axis=1))[: model.assembly.inner]
+    return np.flatnonzero(energy > MIN_SHARE * (linear * motion).sum(axis=1).mean())
+
+
+def _curving_nearby(
+    model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
+) -> Float[np.ndarray, "k 6 6 6"]:
+    """Return D of some joints, ``alone``, after a small change, ``there``; the arms' compliances follow to first order."""
+    compliance, values = model.compliance.part(joints), 0.0
+    if there.lever is alone.lever and there.axes is alone.axes:
+        numbers = _cut_numbers(there) - _cut_numbers(alone)
+        values = (numbers[..., None, None] * model.compliance_by[joints]).sum(axis=2)
+    else:
+        by = model.cut_by_shapes.reshape(len(model.pairs), 2, -1, 6, 6)[joints]
+        shapes = rest_shapes(there, model.material) - rest_shapes(alone, model.material)
+        compliance = compliance.varied(shapes, by.reshape(-1, *by.shape[2:]))
+    compliance = replace(compliance, values=compliance.values + values)
+    found = ArmModel.assemble(there, compliance, there.bend[0], model.material, True).curving_at_joint
+    assert found is not None
+    return found
+
+
+def _cut_numbers(assembly: Assembly) -> Float[np.ndarray, "joints 2 5"]:
+    """Return the parameters of ``cut`` of both arms of every joint, in the order of their indices there."""
+    width, twist = assembly.arm_width, assembly.twist[assembly.pairs]
+    beside = 0.5 * sum(assembly.width[assembly.pairs, (assembly.sides + turn) % 4] for turn in (1, -1))
+    return np.stack([width, twist, beside, width[:, ::-1], twist[:, ::-1]], axis=2)
+
+
+def _with_own_spirals(assembly: Assembly, joints: Int[np.ndarray, " k"]) -> Assembly:
+    """Return some joints, each between two copies of its spirals, so that a change of a spiral changes one joint only."""
+    parts = {name: getattr(assembly, name)[joints] for name in ("sides", "lever", "axes")}
+    spirals = assembly.pairs[joints].ravel()
+    width, twist = assembly.width[spirals], assembly.twist[spirals]
+    pairs = np.arange(len(spirals)).reshape(-1, 2)
+    return replace(assembly, pairs=pairs, **parts, width=width, twist=twist, rim=None, nodes=0)
