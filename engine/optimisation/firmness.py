@@ -28,10 +28,10 @@ from .terms import ScalarChange, Term
 
 # Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
 MIN_STABILITY = 0.01
-# Eigenvalue, relative to the convex part, from which on a shape is stable enough; the second where steps were refused as unstable. Larger
-# ones make short searches of stable pieces worse (two by 10 and 16 %), smaller ones leave shapes some hundredths of the size off the real piece's
-STABLE_EIGENVALUE, STRONG_ENOUGH = 0.1, 0.3
-MODE_COUNT, STRONG_MODES = 4, 8  # numbers of softest modes that count; with fewer, the set changes from step to step
+# Eigenvalue, relative to the convex part, from which on a shape is stable enough. Larger ones make short searches of stable pieces worse
+# (two by 10 and 16 %), and with 0.3 a saddle ends at 0.90 % in place of 0.63; smaller ones leave shapes some hundredths of the size off the real piece's
+STABLE_EIGENVALUE = 0.1
+MODE_COUNT = 4  # number of softest modes that count; with fewer, the set changes from step to step
 # Weight of the barrier, in mismatches of the start of each stage. With it a result with an eigenvalue of 0.01 counts as 1.8 times as far
 # from the target as one with 0.1: in finite elements of a saddle of 64 quads the latter was 1.25 times as near, though predicted 1.45 times
 # as far. With 0.03 a lattice ended at 0.024; larger weights make pieces stiffer and less like their target
@@ -57,9 +57,9 @@ class StabilityRequirement:
     modes: int = MODE_COUNT
 
     @classmethod
-    def from_mismatch(cls, mismatch: float, *, strong: bool = False) -> StabilityRequirement:
-        """Return the requirement for a stage that starts with this mismatch; strong : steps were refused as unstable before."""
-        return cls(BARRIER_WEIGHT * mismatch, STRONG_ENOUGH, STRONG_MODES) if strong else cls(BARRIER_WEIGHT * mismatch)
+    def from_mismatch(cls, mismatch: float) -> StabilityRequirement:
+        """Return the requirement for a stage that starts with this mismatch."""
+        return cls(BARRIER_WEIGHT * mismatch)
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
         """Return log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, with its tangent near m, and the derivatives by ``rises``."""

@@ -236,9 +236,9 @@ class DesignPoint:
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
         return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
-    def firmed(self, *, strong: bool) -> Self:
-        """Return this point in a stage that starts here; strong : the stage keeps a greater distance from snapping."""
-        firmness = StabilityRequirement.from_mismatch(self.mismatch.value, strong=strong)
+    def firmed(self) -> Self:
+        """Return this point in a stage that starts here and keeps away from snapping."""
+        firmness = StabilityRequirement.from_mismatch(self.mismatch.value)
         return with_problem(self, replace(self.problem, firmness=firmness))
 
     def pressed(self) -> Self:

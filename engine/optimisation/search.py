@@ -56,7 +56,6 @@ MAX_CYCLES, CYCLE_GAIN = 20, 0.05
 BACKTRACK_SHARES = 0.5, 0.2
 # steps of the spirals alone in a round, largest number of rounds at the end, and the share of the objective that a round must bring
 POLISH_STEPS, MAX_POLISHES, POLISH_GAIN = 4, 12, 0.01
-MAX_UNSTABLE = 3  # number of steps refused as unstable beyond which the stability barrier is stronger; not measured
 TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the first stage, and the cycles, must end
 # Share of the work before that steps of the spirals alone may add where arms are visibly overstrained, and the number of steps between
 # two updates of the strains' multipliers. With one, a surface of 986 quads comes from 1.13 of its limit to 1.00 in two steps, with four in four
@@ -223,9 +222,9 @@ class StageResult:
         bearing = problem.bearing.weighed(STRICT * self.point.mismatch.value * strains.values.size)
         return replace(self, point=with_problem(self.point, replace(problem, bearing=bearing)))
 
-    def firmed(self, *, strong: bool) -> StageResult:
-        """Return this result at the start of a stage; strong : the stage keeps a greater distance from snapping."""
-        return replace(self, point=self.point.firmed(strong=strong))
+    def firmed(self) -> StageResult:
+        """Return this result at the start of a stage that keeps away from snapping."""
+        return replace(self, point=self.point.firmed())
 
     @property
     def percent(self) -> float:
@@ -315,7 +314,7 @@ class Search:
             if self.task.work.over:
                 break
             self.task.work.factor = max(1.0, here.percent / WANTED_PERCENT)
-            start = here.pressed().firmed(strong=self.trace.unstable > MAX_UNSTABLE)
+            start = here.pressed().firmed()
             found = step(start, progress.part(k / most, (k + 1) / most))
             if not found.value < start.value:
                 break
