@@ -14,19 +14,27 @@ from . import pieces
 from . import smooth as sm
 
 
-def double_wall(sectors: int, rows: int, height: float, gap: float, flare: float = 0.0) -> QuadMesh:
+def double_wall(
+    sectors: int, rows: int, height: float, gap: float, flare: float = 0.0, fillet: float = 0.0
+) -> QuadMesh:
     """A vessel of two walls that meet in its lip; the inner one has a bottom, the outer one ends in a free border.
 
     rows : quads along either wall; gap : between the walls over the outer radius; flare : how much wider it is at its lip
+    fillet : radius between the inner wall and the bottom over the outer radius; 0 for a sharp fold
     """
-    inner = 1.0 - gap
-    bottom = sm.steps(0.0, inner, max(2, round(rows * inner / height)))[:-1]
-    up = sm.steps(gap, height, rows)
-    lip = np.linspace(0.0, np.pi, 4)[1:-1]
-    radius = np.concatenate(
-        [bottom, np.full(len(up), inner), inner + 0.5 * gap * (1.0 - np.cos(lip)), np.ones(rows + 1)]
-    )
-    z = np.concatenate([np.full(len(bottom), gap), up, height + 0.5 * gap * np.sin(lip), sm.steps(height, 0.0, rows)])
+    inner, each = 1.0 - gap, height / rows
+    bottom = sm.steps(0.0, inner - fillet, max(2, round((inner - fillet) / each)))[:-1]
+    corner = np.linspace(0.0, 0.5 * np.pi, 1 + round(0.5 * np.pi * fillet / each))[:-1]
+    up = sm.steps(gap + fillet, height, round((height - gap - fillet) / each) if fillet else rows)
+    lip = np.linspace(0.0, np.pi, 1 + max(3, round(0.5 * np.pi * gap / each)))[1:-1]
+    radius = np.concatenate([
+        bottom, inner - fillet * (1.0 - np.sin(corner)), np.full(len(up), inner),
+        inner + 0.5 * gap * (1.0 - np.cos(lip)), np.ones(rows + 1),
+    ])  # fmt: skip
+    z = np.concatenate([
+        np.full(len(bottom), gap), gap + fillet * (1.0 - np.cos(corner)), up,
+        height + 0.5 * gap * np.sin(lip), sm.steps(height, 0.0, rows),
+    ])  # fmt: skip
     wide = radius * (1.0 + flare * z / height)
 
     def place(k: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -65,9 +73,10 @@ def roof(side: int, rows: int, rise: float, wave: float, waves: int = 1) -> Quad
     )
 
 
-# by name; some 60 to 430 quads, so that a search takes seconds
+# by name; some 60 to 430 quads, so that a search takes seconds, but for the mug of 1,365
 SURFACES: dict[str, Callable[[], QuadMesh]] = {
-    "mug": partial(double_wall, 20, 8, 2.0, 0.2),
+    "mug": partial(double_wall, 42, 14, 2.0, 0.3, fillet=0.3),
+    "mug-folded": partial(double_wall, 20, 8, 2.0, 0.2),
     "bowl": partial(double_wall, 20, 5, 0.9, 0.3, 0.3),
     "beaker": partial(double_wall, 16, 10, 2.6, 0.25, 0.25),
     "lattice-dome": partial(lattice, 21, 4, 0.4),
