@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Complex, Float, Int
+from ...arrays import Columns, Complex, Float, Int
 from ..curves.blends import ANGLE, OWN_WIND, RADIUS
 from ..curves.lines import ArmCurves, blend_offset
 from ..curves.spiral import arm_widths
@@ -32,7 +32,7 @@ _BLEND_PLACES = np.array([0.0, 0.1, 0.17, 0.24, 0.31, 0.4, 0.8])
 
 
 @dataclass(frozen=True, eq=False)
-class NarrowGaps:
+class NarrowGaps(Columns):
     """Narrow gaps between pairs of arms.
 
     pair : index of the pair
@@ -46,10 +46,6 @@ class NarrowGaps:
     s: Float[np.ndarray, " k"]
     side: Float[np.ndarray, " k"]
     gap: Float[np.ndarray, " k"]
-
-    def subset(self, some: np.ndarray) -> NarrowGaps:
-        """Return a subset of the gaps."""
-        return NarrowGaps(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
     def both(self, pairs: Pairs) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Return (arms, t) of the first arms and (arms, s) of the second arms."""

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from ...arrays import Bool, Complex, Float, Int
+from ...arrays import Bool, Columns, Complex, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
 from ..curves.blends import lean_angles
@@ -32,7 +32,7 @@ _MARGIN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class Pairs(Columns):
     """Pairs of arms that can come near each other.
 
     one, two : numbers of both arms
@@ -47,10 +47,6 @@ class Pairs:
     turn: Complex[np.ndarray, " n"]
     shift: Complex[np.ndarray, " n"]
     laid: Bool[np.ndarray, " n"]
-
-    def subset(self, some: np.ndarray) -> Pairs:
-        """Return a subset of the pairs."""
-        return Pairs(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
     def moved(self, flat: FlatPatches) -> Pairs:
         """Return the pairs with turn and shift updated to moved flat points."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Float, Int
+from ...arrays import Columns, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
 from ...surface.mesh import QuadMesh
@@ -24,7 +24,7 @@ Floats = float | np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Arms:
+class Arms(Columns):
     """Shape parameters of the four arms of every quad, or of single arms (see ``one_by_one``).
 
     Functions that evaluate arms take t of shape (F, 4, N) in [0, 1] and return (F, 4, N, ...).
@@ -56,10 +56,6 @@ class Arms:
             blend_slope=np.zeros_like(self.blend_slope),
             joint_width=self.width,
         )
-
-    def subset(self, quads: np.ndarray) -> Arms:
-        """Return the arms of some quads only."""
-        return Arms(*(getattr(self, name)[quads] for name in self.__dataclass_fields__))
 
     def one_by_one(self, quad: Int[np.ndarray, " n"], side: Int[np.ndarray, " n"]) -> Arms:
         """Return N single arms as N "quads" of one arm each, so that any selection can be evaluated at once.
