@@ -39,12 +39,24 @@ class CurvingChanges:
 
     @classmethod
     def by_design(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate by the ``PARAMETERS`` of ``sensitivity``; ``state`` decides which joints matter."""
+        """Differentiate by the ``PARAMETERS`` of ``sensitivity``.
+
+        Parameters
+        ----------
+        model : of all joints
+        state : decides which joints matter
+        """
         return cls._from_changes(model, state, with_design_change)
 
     @classmethod
     def by_rest_geometry(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
-        """Differentiate by the numbers of ``rest_geometry``; ``state`` decides which joints matter."""
+        """Differentiate by the numbers of ``rest_geometry``.
+
+        Parameters
+        ----------
+        model : of all joints
+        state : decides which joints matter
+        """
         return cls._from_changes(model, state, with_rest_change)
 
     @classmethod
@@ -79,7 +91,13 @@ class CurvingChanges:
         return (inner[:, None, None, None] @ half @ motion[:, None, None, :, None])[..., 0, 0]
 
     def convex(self, state: ArmState, rates: Float[np.ndarray, "joints 6"]) -> Float[np.ndarray, "k 2 3"]:
-        """Changes of the joints' convex energies, see ``convex_by_design``, in a motion with these rates of all joints' motions."""
+        """Changes of the joints' convex energies, see ``convex_by_design``.
+
+        Parameters
+        ----------
+        state : at which the energies are expanded
+        rates : of all joints' motions
+        """
         _, half, _, slope = self._at(state)
         rate = rates[self.joints]
         force = matvec(self.model.at_joint[self.joints], matvec(slope, rate))
@@ -133,7 +151,15 @@ def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndar
 
 
 def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
-    """Change x, y or the direction of the edge (0, 1, 2) on one side of all joints by ``step`` (m,)."""
+    """Change one number of the rest geometry on one side of all joints.
+
+    Parameters
+    ----------
+    assembly : whose joints have spirals of their own
+    side : 0 or 1
+    number : 0 and 1 for x and y of the edge's middle, metres; 2 for the edge's direction, radians
+    step : (m,) changes
+    """
     if number < 2:
         lever = assembly.lever.copy()
         lever[:, side, number] += step

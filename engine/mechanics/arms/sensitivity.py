@@ -180,8 +180,13 @@ def convex_by_design(
 
 
 def spread_over_design(changes: np.ndarray, sides: Int[np.ndarray, "joints 2"]) -> np.ndarray:
-    """Convert derivatives (m, 2, 3, ...) by the joints' parameters to derivatives (m, 2, 5, ...) by the widths and the
-    twist of both spirals."""
+    """Convert derivatives by the joints' parameters to derivatives (m, 2, 5, ...) by the widths and the twist of both spirals.
+
+    Parameters
+    ----------
+    changes : (m, 2, 3, ...) derivatives by ``PARAMETERS``
+    sides : side of either spiral at every joint
+    """
     out = np.zeros((*changes.shape[:2], 5, *changes.shape[3:]))
     every = np.arange(len(sides))[:, None], [0, 1]
     out[(*every, sides)] = changes[:, :, WIDTH]
