@@ -1,4 +1,4 @@
-"""Array types with shapes, such as ``Float[np.ndarray, "quads 4 3"]``, from jaxtyping, and tables of arrays of equal length.
+"""Array types with shapes, such as ``Float[np.ndarray, "quads 4 3"]``, from jaxtyping, and a base of dataclasses of arrays.
 
 Type checkers and tests use the shapes. The program never evaluates annotations and doesn't need jaxtyping: at run time the names are ``Any``.
 """
@@ -20,7 +20,7 @@ __all__ = ["Bool", "Columns", "Complex", "Float", "Int", "Num", "Shaped"]
 
 
 class Columns:
-    """Base of dataclasses whose fields are arrays with one row for each of the same things."""
+    """Base of dataclasses whose fields are arrays with equally many rows, one for each item."""
 
     def subset(self, rows: np.ndarray) -> Self:
         """Return some rows of all fields; ``rows`` holds their numbers or a mask."""

@@ -297,7 +297,7 @@ class Damped:
     """Levenberg-Marquardt steps: damping grows when the model predicts badly and shrinks when it predicts well.
 
     iterations : largest number of iterations
-    stop : the search ends after two steps in a row with a smaller relative decrease
+    stop : the search ends after two steps in a row with a smaller relative decrease, or after a refused one that was predicted to bring less
     goal : energy at which the search ends
     damping : of the variables; an earlier search may hand over its last value, which the first step limits by the gradient's size
     following : damping of the dependent quantities

@@ -29,7 +29,7 @@ from .terms import ScalarChange, Term
 # Smallest stability margin (see ``Equilibrium.spare``): below it, changes of 0.01 mm let a piece snap; most surfaces end at 0.3 to 0.8
 MIN_STABILITY = 0.01
 # Eigenvalue, relative to the convex part, from which on a shape is stable enough. Larger ones make short searches of stable pieces worse
-# (two by 10 and 16 %), and with 0.3 a saddle ends at 0.90 % in place of 0.63; smaller ones leave shapes some hundredths of the size off the real piece's
+# (two by 10 and 16 %); smaller ones leave shapes some hundredths of the size off the real piece's
 STABLE_EIGENVALUE = 0.1
 MODE_COUNT = 4  # number of softest modes that count; with fewer, the set changes from step to step
 # Weight of the barrier, in mismatches of the start of each stage. With it a result with an eigenvalue of 0.01 counts as 1.8 times as far
@@ -40,8 +40,8 @@ BARRIER_POLE = (
     0.008  # eigenvalue m where the logarithm would be infinite: slightly below the one at which steps are refused
 )
 TANGENT_BELOW = 0.002  # distance above ``BARRIER_POLE`` below which the logarithm continues as its tangent
-# Size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances. With 1e-4 they are exact
-# to 0.05 %, with 3e-3 off by 2 to 40 % on a saddle of 100 quads, which yet ends nearer to its target: 0.150 to 0.156 for 0.173 to 0.179 %
+# Size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances. Smaller
+# ones are more exact, but follow eigenvalues worse over a whole step (docs/tuning.md)
 DIFFERENCE_TURN = 3e-3
 
 
@@ -136,7 +136,7 @@ class SoftModes:
     def by_curving(self, pose: Pose, changes: CurvingChanges) -> Float[np.ndarray, "k some 2 3"]:
         """Return the derivatives of the eigenvalues through the second-order strains of some joints, at fixed hubs.
 
-        The part of v . H v is a second difference of these joints' energies along v.
+        The change of v . H v is a second difference, along v, of the changes of these joints' energies.
         """
         model, out = changes.model, []
         for way, rise, size in zip(self.ways, self.rises, self.steps, strict=True):

@@ -368,7 +368,7 @@ class DesignPoint:
         return self._rows_of_spirals(arms)[1]
 
     def _rows_of_spirals(self, arms: Int[np.ndarray, " k"]) -> tuple[StrainSlopes, Rows]:
-        """Return the derivatives of the strains of some arms, and those by the hubs and by the spirals' coordinates."""
+        """Return the derivatives of the strains of some arms by the joints' numbers, and those by hubs and coordinates."""
         assert self.strains is not None and self._changes is not None
         found, e = replace(self.strains, changes=self._changes.complete).slopes(arms), arms // 2
         problem, whole = self.problem, self.problem.assembly.whole

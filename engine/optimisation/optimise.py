@@ -337,8 +337,8 @@ def find_starts(
     They are the given design and, if ``params.restart`` is set and nothing is painted, curvature-adjusted and uniform spirals.
     If none has an equilibrium, the first with one under loads that grow in parts, stiff and soft spirals included.
 
-    All are sought from the target's pose. From the pose in which the given design was simulated, which came to another rest, a search on
-    a head of 472 quads ended 1.15 % from its target in place of 0.85.
+    All are sought from the target's pose, because the pose in which the given design was simulated can lead to another equilibrium:
+    from there a search on a head of 472 quads ended 1.15 % from its target in place of 0.85.
 
     Raises
     ------

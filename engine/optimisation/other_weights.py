@@ -1,4 +1,4 @@
-"""A point of a search in a problem with other weights, which keeps all that was computed for it."""
+"""Other weights of a point's problem, which keep what was computed and does not depend on them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def with_problem(point: Point, problem: Any) -> Point:
     point : a ``DesignPoint``
     problem : the point's problem with other weights, multipliers, or another required stability
     """
-    given: Any = point
-    found: Point = replace(given, problem=problem)
-    changed = WEIGHT_DEPENDENT if problem.firmness is given.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
-    kept = given.__dict__.keys() - found.__dict__.keys() - changed
-    found.__dict__.update({name: given.__dict__[name] for name in kept})
-    return found
+    source: Any = point
+    copy: Point = replace(source, problem=problem)
+    changed = WEIGHT_DEPENDENT if problem.firmness is source.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
+    kept = source.__dict__.keys() - copy.__dict__.keys() - changed
+    copy.__dict__.update({name: source.__dict__[name] for name in kept})
+    return copy

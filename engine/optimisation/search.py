@@ -41,7 +41,9 @@ from .work import CURVING, SLOW, SPACE, Work
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
 GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-COARSE_TOLERANCE = 1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; not measured
+COARSE_TOLERANCE = (
+    1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
+)
 ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
 # converge first, and surfaces end farther from their target after the same work
@@ -61,8 +63,8 @@ TIME_ALONE, TIME_WITH_FLATS = 0.4, 0.85  # shares of the time limit at which the
 # two updates of the strains' multipliers. With one, a surface of 986 quads comes from 1.13 of its limit to 1.00 in two steps, with four in
 # four. With a share of 0.25 the arms of a head of 472 quads stayed at 1.05 of their limit
 OVERTIME, RELIEF_STEPS = 0.5, 1
-# Share of the objective that a refused one of these steps must have been predicted to bring for a shorter one to be tried. More gives up
-# arms sooner that no spirals can relieve
+# Share of the objective that a refused one of these steps must have been predicted to bring, else no shorter one is tried. With larger
+# ones a search gives up sooner
 RELIEF_STOP = 0.25
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's

@@ -17,7 +17,9 @@ from ..progress import Progress
 # Gauss-Newton product, and the derivatives by the flat geometry
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 1e-4
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4  # building the model, fitting a design that can be cut, a design space
-CURVED = 2.6e-4  # derivatives of a joint's second-order strains by the design, or by the flat shapes
+CURVED = (
+    2.6e-4  # seconds a joint, not a spiral: derivatives of second-order strains by the design, or by the flat shapes
+)
 SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
 VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
 OPENING = 4.5e-5  # the widths of the slots in space, with half of their derivatives
@@ -75,8 +77,8 @@ class Work:
 
         Parameters
         ----------
-        seconds : per spiral
-        size : number of spirals
+        seconds : per spiral, or per joint
+        size : number of spirals, or of joints
         """
         self.done += seconds * size
 
@@ -106,7 +108,7 @@ class Work:
 
     @property
     def expected(self) -> float:
-        """Work when the next step is known: a stage that would end until then ends at once."""
+        """Estimated total work at the next proposal: that after the last step plus the least so far, at least ``done``."""
         known = self.steps and self.cheapest < np.inf
         return max(self.done, self.steps[-1][0] + self.cheapest) if known else self.done
 
@@ -128,7 +130,7 @@ class Work:
 
     @property
     def late(self) -> bool:
-        """Whether the present share of the limit is used up, or the clock ends the search."""
+        """Whether the present share of the limit will be used up before the next proposal, or the clock ends the search."""
         if self.limit is None:
             return False
         late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit
@@ -136,7 +138,7 @@ class Work:
 
     @property
     def slow(self) -> bool:
-        """Whether the last ``RATED_STEPS`` steps of the present stage, and what was tried since, were slower than ``rate``."""
+        """Whether the last ``RATED_STEPS`` steps of the present stage, with the work until the next proposal, were slower than ``rate``."""
         if not self.rated or len(self.steps) <= RATED_STEPS:
             return False
         before, last = self.steps[-1 - RATED_STEPS][0], self.steps[-RATED_STEPS:]

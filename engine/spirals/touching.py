@@ -57,7 +57,7 @@ def _crossing(ring):  # type: ignore[no-untyped-def]  # shapely's geometries
 
 
 def nearest_quads(flat: FlatPatches, where: Float[np.ndarray, "n 3"], count: int = 4) -> Int[np.ndarray, " found"]:
-    """Return the ``count`` quads nearest to each place; ``where`` holds patch, x and y in metres.
+    """Return the ``count`` quads nearest to each place.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ def double_wall(
 ) -> QuadMesh:
     """A vessel of two walls that meet in its lip; the inner one has a bottom, the outer one ends in a free border.
 
-    rows : quads along either wall; gap : between the walls over the outer radius; flare : how much wider it is at its lip
+    rows : quads along the outer wall, and along the inner one without a fillet; gap : between the walls over the outer radius; flare : how much wider it is at its lip
     fillet : radius between the inner wall and the bottom over the outer radius; 0 for a sharp fold
     """
     inner, each = 1.0 - gap, height / rows
@@ -73,7 +73,7 @@ def roof(side: int, rows: int, rise: float, wave: float, waves: int = 1) -> Quad
     )
 
 
-# by name; some 60 to 430 quads, so that a search takes seconds, but for the mug of 1,365
+# by name; 60 to 430 quads each, so that a search takes seconds; the mug has 1,365
 SURFACES: dict[str, Callable[[], QuadMesh]] = {
     "mug": partial(double_wall, 42, 14, 2.0, 0.3, fillet=0.3),
     "mug-folded": partial(double_wall, 20, 8, 2.0, 0.2),

@@ -1,7 +1,6 @@
 """Derivatives of the joints' second-order strains by design and rest geometry, at the joints where these strains matter.
 
-Where they are left out, the motion of a soft piece under a change of its design is wrong by more than half, and no step along the
-gradient of an objective lowers it.
+Without them the predicted motion of a soft piece under a change of its design can be wrong by half or more (docs/tuning.md).
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from .cut import BESIDE, TWIST, WIDTH, rest_shapes
 from .model import ArmModel, ArmState
 from .sensitivity import PARAMETERS, JointDerivatives
 
-# Second-order energy of a joint, in mean energies of all joints, above which it is differentiated: a larger share leaves out more
-# joints, which is faster and less exact
+# Second-order energy of a joint, as a share of the mean of y . K y over all joints, above which it is differentiated: a larger share
+# leaves out more joints, which is faster and less exact
 MIN_SHARE = 0.01
 STEP = 1e-7  # of forward differences: share of a width or a radius, and radians
 
@@ -104,7 +103,7 @@ class CurvingChanges:
         return 4.0 * (force[:, None, None, None] @ half @ rate[:, None, None, :, None])[..., 0, 0]
 
     def _at(self, state: ArmState) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return the motions y, D'y, K (y + y.D.y) and S = 1 + 2 y.D, see ``sensitivity``."""
+        """Return y, dD y for every number, K (y + y.D.y) and S = 1 + 2 y.D, see ``sensitivity``."""
         assert self.model.curving_at_joint is not None
         motion = self.model.motion_at_joint(state)[self.joints]
         strains, slope = add_second_order(motion, self.model.curving_at_joint[self.joints])
@@ -126,7 +125,7 @@ class DesignChanges:
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of D, of no joints where it is left out."""
+        """Derivatives of D; empty if the model has none."""
         return CurvingChanges.by_design(self.model, self.state)
 
     @cached_property
@@ -155,7 +154,7 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
 
     Parameters
     ----------
-    assembly : whose joints have spirals of their own
+    assembly : of these joints
     side : 0 or 1
     number : 0 and 1 for x and y of the edge's middle, metres; 2 for the edge's direction, radians
     step : (m,) changes
@@ -171,14 +170,14 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
 
 
 def _size(assembly: Assembly, side: int, number: int, design: bool) -> Float[np.ndarray, " joints"]:
-    """Return the size (m,) of a number on one side of all joints, in proportion to which it is changed."""
+    """Return the scale (m,) of a number's steps on one side of all joints: a width or a radius in metres, 1 for angles."""
     if number == TWIST if design else number == 2:
         return np.ones(len(assembly.pairs))
     return (assembly.arm_width if design else assembly.radius)[:, side]
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
-    """Return the joints, except those of a rim, whose second-order energy is more than ``MIN_SHARE`` of the mean energy."""
+    """Return the joints, except those of a rim, whose second-order energy exceeds ``MIN_SHARE``."""
     if model.curving_at_joint is None:
         return np.zeros(0, dtype=int)
     motion = model.motion_at_joint(state)
@@ -191,7 +190,7 @@ def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k
 def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
-    """Return D of some joints, ``alone``, after a small change, ``there``; the arms' compliances follow to first order."""
+    """Return D of some joints after a small change of their assembly from ``alone`` to ``there``; compliances follow to first order."""
     compliance, values = model.compliance.part(joints), 0.0
     if there.lever is alone.lever and there.axes is alone.axes:
         numbers = _cut_numbers(there) - _cut_numbers(alone)

@@ -151,7 +151,7 @@ class RestChanges:
 
     @cached_property
     def curving(self) -> CurvingChanges:
-        """Derivatives of the second-order strains, of no joints where these are left out."""
+        """Derivatives of the second-order strains; empty if the model has none."""
         return CurvingChanges.by_rest_geometry(self.model, self.state)
 
     @cached_property
