@@ -41,9 +41,8 @@ from .work import CURVING, SLOW, SPACE, Work
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
 GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-COARSE_TOLERANCE = (
-    1e-6  # smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
-)
+# Smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
+COARSE_TOLERANCE = 1e-6
 ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
 # converge first, and surfaces end farther from their target after the same work

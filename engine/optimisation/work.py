@@ -17,9 +17,8 @@ from ..progress import Progress
 # Gauss-Newton product, and the derivatives by the flat geometry
 EQUILIBRIUM, ITERATION, PRODUCT, GEOMETRY = 1e-5, 1.6e-5, 2e-6, 1e-4
 CURVING, FIT, SPACE = 1.35e-4, 1.4e-4, 3.2e-4  # building the model, fitting a design that can be cut, a design space
-CURVED = (
-    2.6e-4  # seconds a joint, not a spiral: derivatives of second-order strains by the design, or by the flat shapes
-)
+# Seconds a joint, not a spiral: derivatives of the second-order strains by the design, or by the flat shapes
+CURVED = 2.6e-4
 SOFTEST, MODE = 1.2e-4, 8.5e-5  # the softest modes, and the derivatives of each
 VARIED = 2e-4  # derivatives of the softest modes by the flat shapes, beside ``GEOMETRY``
 OPENING = 4.5e-5  # the widths of the slots in space, with half of their derivatives
