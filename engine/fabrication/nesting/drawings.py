@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -15,7 +16,6 @@ from xml.etree import ElementTree
 import numpy as np
 
 from ...errors import FlexMapsError
-from .svg_tree import SvgTree
 
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
@@ -39,6 +39,10 @@ DXF_UNITS = {
     11: 1e-7,
 }
 DXF_UNITS |= {12: 1e-6, 13: 1e-3, 14: 1e2, 15: 1e4, 16: 1e5, 21: 304.800609601, 22: 25.4000508001, 23: 914.401828804}
+PIXEL = 25.4 / 96  # mm per pixel of CSS
+_LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # a number and its unit
+# style sheets whose rules are for all elements, types, classes or names, which svgelements reads
+_SIMPLE_RULES = re.compile(r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL)
 FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill an area
 
 
@@ -198,17 +202,17 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
         document = ElementTree.parse(path).getroot()
         if document.tag not in ("svg", "{http://www.w3.org/2000/svg}svg"):
             raise ValueError("no SVG")
-        tree = SvgTree(document, unit)
-        made = LineDrawing(unitless=tree.unitless, outside=tree.outside)
-        source = io.BytesIO(ElementTree.tostring(tree.root))
-        for shape in SVG.parse(source, width=1.0, height=1.0, reify=False, on_error="raise").elements():
+        made = LineDrawing(unitless=_set_size(document), outside=_without_unread(document))
+        scale = unit if made.unitless else PIXEL
+        source = io.BytesIO(ElementTree.tostring(document))
+        for shape in SVG.parse(source, ppi=25.4 / scale, reify=False, on_error="raise").elements():
             shown = isinstance(shape, Shape) and shape.values.get("visibility", "visible") == "visible"
             if shown and float(shape.values.get("opacity", 1.0)) > 0.0:
                 m = shape.transform  # applied to points, because svgelements distorts sheared arcs
-                moves = tree.unit * np.array([[m.a, -m.b], [m.c, -m.d]])
+                moves = scale * np.array([[m.a, -m.b], [m.c, -m.d]])
                 distance = FLAT / max(float(np.linalg.norm(moves, 2)), 1e-12)
                 for part in Curve(shape.d(transformed=False)).as_subpaths():
-                    points = _chords(Curve(part), distance) @ moves + tree.unit * np.array([m.e, -m.f])
+                    points = _chords(Curve(part), distance) @ moves + scale * np.array([m.e, -m.f])
                     if len(points) >= 2:
                         made.lines.append((points, any(isinstance(s, Close) for s in part)))
     except (
@@ -222,6 +226,36 @@ def read_svg(path: Path, unit: float) -> LineDrawing:
     ):
         raise FlexMapsError(f"{path.name} is no SVG drawing that can be read; save it again, as plain SVG") from None
     return made
+
+
+def _set_size(document: ElementTree.Element) -> bool:
+    """Set the size of an SVG document as attributes, a missing side by the viewBox; return whether it names no unit."""
+    style = dict(part.split(":", 1) for part in document.get("style", "").split(";") if ":" in part)
+    box = [float(x) for x in document.get("viewBox", "").replace(",", " ").split()]
+    size = {name: (style.get(name) or document.get(name, "")).strip().lower() for name in ("width", "height")}
+    lengths = {name: _LENGTH.fullmatch(text) for name, text in size.items()}
+    for name, other, aspect in (("width", "height", (2, 3)), ("height", "width", (3, 2))):
+        known = lengths[other]
+        if not size[name] and known is not None and len(box) == 4:
+            size[name] = f"{float(known[1]) * box[aspect[0]] / box[aspect[1]]}{known[2]}"
+    document.attrib.update({name: text for name, text in size.items() if text})
+    return not any(found and found[2] for found in lengths.values())
+
+
+def _without_unread(document: ElementTree.Element) -> set[str]:
+    """Remove the elements of an SVG document that are not drawn where they stand; return the names of what is not read."""
+    outside: set[str] = set()
+    for parent in list(document.iter()):
+        for child in list(parent):
+            tag = str(child.tag).rpartition("}")[2]
+            outside |= {tag} & {"text", "image", "foreignObject", "symbol"}
+            if tag in ("marker", "mask", "symbol"):
+                parent.remove(child)
+            if tag == "style" and not _SIMPLE_RULES.fullmatch("".join(child.itertext())):
+                outside.add("style")
+        own = f"{' '.join(parent.attrib)} {parent.get('style', '')}"
+        outside |= {name for name in ("clip-path", "mask", "transform-origin") if re.search(rf"(?<![\w-]){name}\b", own)}
+    return outside
 
 
 def _chords(curve: Any, distance: float) -> np.ndarray:
