@@ -42,7 +42,9 @@ DXF_UNITS |= {12: 1e-6, 13: 1e-3, 14: 1e2, 15: 1e4, 16: 1e5, 21: 304.800609601, 
 PIXEL = 25.4 / 96  # mm per pixel of CSS
 _LENGTH = re.compile(r"([-+\d.e]+?)\s*(mm|cm|in|pt|pc|px|)")  # a number and its unit
 # style sheets whose rules are for all elements, types, classes or names, which svgelements reads
-_SIMPLE_RULES = re.compile(r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL)
+_SIMPLE_RULES = re.compile(
+    r"(?:\s|/\*.*?\*/|{0}(?:\s*,\s*{0})*\s*\{{[^{{}}!]*\}})*".format(r"(?:\*|[\w-]*[.#]?[\w-]+)"), re.DOTALL
+)
 FILLED = {"HATCH", "MPOLYGON", "SOLID", "TRACE", "3DFACE"}  # entities that fill an area
 
 
@@ -232,7 +234,7 @@ def _set_size(document: ElementTree.Element) -> bool:
     """Set the size of an SVG document as attributes, a missing side by the viewBox; return whether it names no unit."""
     style = dict(part.split(":", 1) for part in document.get("style", "").split(";") if ":" in part)
     box = [float(x) for x in document.get("viewBox", "").replace(",", " ").split()]
-    size = {name: (style.get(name) or document.get(name, "")).strip().lower() for name in ("width", "height")}
+    size = {name: str(style.get(name) or document.get(name, "")).strip().lower() for name in ("width", "height")}
     lengths = {name: _LENGTH.fullmatch(text) for name, text in size.items()}
     for name, other, aspect in (("width", "height", (2, 3)), ("height", "width", (3, 2))):
         known = lengths[other]
@@ -254,7 +256,9 @@ def _without_unread(document: ElementTree.Element) -> set[str]:
             if tag == "style" and not _SIMPLE_RULES.fullmatch("".join(child.itertext())):
                 outside.add("style")
         own = f"{' '.join(parent.attrib)} {parent.get('style', '')}"
-        outside |= {name for name in ("clip-path", "mask", "transform-origin") if re.search(rf"(?<![\w-]){name}\b", own)}
+        outside |= {
+            name for name in ("clip-path", "mask", "transform-origin") if re.search(rf"(?<![\w-]){name}\b", own)
+        }
     return outside
 
 
