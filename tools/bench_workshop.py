@@ -30,12 +30,13 @@ from flexmaps.engine.extras.calibrating.sizes import coupons
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import remnants as odd
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, used_length
-from flexmaps.engine.fabrication.nesting.process import PackedStrip
-from flexmaps.engine.fabrication.nesting.sheet_search import NestingSearch
+from flexmaps.engine.fabrication.nesting.sheet_search import SheetSearch
+from flexmaps.engine.fabrication.nesting.strip import PackedStrip
 from flexmaps.engine.params import Settings, SheetParams, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
+from flexmaps.engine.workers import Workers
 from harness import EDGE, Bench, surfaces
 from rows import Row, at_least, at_most, row
 
@@ -152,7 +153,7 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
     area = sum(p.outline.area for p in made.panels)
     quads = float(shapely.area(shapely.polygons(flat.corners)).sum())
     found = shortest_strip(shapes, params)
-    long = np.inf if found is None else (found.width + 2.0 * params.margin) * params.sheet_height
+    long = np.inf if found is None else (found.length + 2.0 * params.margin) * params.sheet_height
     ends = fill_but_offcuts(packing, shapes, area, params.margin)
     joints = np.count_nonzero(flat.layout.cut)
     used = [used_length(packing, shapes, k) + params.margin for k in range(len(packing.sizes))]
@@ -171,11 +172,9 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
 
 def shortest_strip(shapes: list[np.ndarray], params: SheetParams) -> PackedStrip | None:
     """Return the shortest strip found with all shapes, as high as a sheet without its margins; None if one is too large."""
-    search = NestingSearch(shapes, params, SILENT)
-    try:
-        return None if search.large else search.strips.shortest(frozenset(range(len(shapes))), STRIP_SECONDS)
-    finally:
-        search.finish()
+    with Workers() as workers:
+        search = SheetSearch(shapes, params, workers, SILENT)
+        return search.shortest(frozenset(range(len(shapes))), STRIP_SECONDS) if all(search.turns) else None
 
 
 def fill_but_offcuts(packing: Packing, shapes: list[np.ndarray], area: float, margin: float) -> float:

@@ -1,4 +1,4 @@
-"""Simplify outlines for nesting: few points, and no bays into which no panel fits."""
+"""Simplify outlines for nesting: no bays into which no panel fits, and few points; spyrrow simplifies them further."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Float
-from .covering import covering
 
 # Share of a bay's width closed in a first round, and tolerance in metres between the rounds: 21 panels of 180 quads
 # with 12,500 points each take 0.9 s instead of 9.7 s, and areas differ by 3 in 10,000
 SLOT, COARSE = 0.125, 8e-5
 ARC = 4  # sides per quarter circle
-STRAY = 5e-5  # metres by which an outline may grow when it is simplified, before the number of corners is reduced
+STRAY = 5e-5  # metres by which an outline may grow when it is simplified
 
 # Share of a sheet (without its margin) covered by the convex hulls of panels that just fit on it: mean and standard
 # deviation of 105 random sets of 2 to 8 panels of three pieces, each packed for 2 s. Hulls predict better than areas,
@@ -22,10 +21,8 @@ STRAY = 5e-5  # metres by which an outline may grow when it is simplified, befor
 HULLS, SPREAD = 0.82, 0.035
 
 
-def grown(
-    shape: Float[np.ndarray, "points 2"], distance: float, bay: float, corners: int
-) -> Float[np.ndarray, "simple 2"]:
-    """Return a polygon with about ``corners`` corners around all points within ``distance`` metres of a shape.
+def grown(shape: Float[np.ndarray, "points 2"], distance: float, bay: float) -> Float[np.ndarray, "simple 2"]:
+    """Return a counter-clockwise polygon around all points within ``distance`` metres of a shape.
 
     Bays narrower than twice ``bay`` metres are closed.
     """
@@ -42,7 +39,8 @@ def grown(
     # inside it
     far = (1.02 * distance + STRAY) / math.cos(0.25 * math.pi / ARC)
     around = largest.simplify(0.1 * STRAY).buffer(far + 0.1 * STRAY, quad_segs=ARC).simplify(STRAY)
-    return covering(np.asarray(_largest(around).exterior.coords)[:-1], corners)
+    ring = shapely.geometry.polygon.orient(_largest(around)).exterior
+    return np.asarray(ring.coords)[:-1]
 
 
 def hull_area(points: Float[np.ndarray, "points 2"]) -> float:

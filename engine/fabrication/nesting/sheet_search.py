@@ -1,7 +1,7 @@
-"""Search for full sheets: sets of panels about as large as a sheet can hold, each tried by spyrrow (see ``strips``).
+"""Search for full sheets: sets of panels about as large as a sheet can hold, each tried by spyrrow (see ``strip``).
 
 Sheets are filled in turn: the first panel is the largest that is left, and among the sets with this panel those that
-cover most are tried first, as many at once as there are cores.
+probably fit and cover most are tried first, as many at once as there are cores.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
-from itertools import combinations
+from contextlib import suppress
 
 import numpy as np
 
@@ -19,325 +17,284 @@ from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
 from ...surface.checking.finding import counted
-from .outlines import HULLS, SPREAD, hull_area
-from .packing import Packing, pack
-from .process import PackedStrip
-from .strips import TURN, Strips
+from ...workers import WorkerDied, Workers, as_done
+from .outlines import HULLS, SPREAD, grown, hull_area
+from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_length
+from .strip import PackedStrip, StripTask, pack_strip
 
+STEP = 5.0  # degrees between the orientations tried for a panel
+BAY = 0.012  # metres; bays narrower than twice this, or than half of the narrowest panel, are closed
+ROUNDING = 2e-5  # metres added to the spacing because spyrrow calculates in single precision
+TURN = 1  # seconds for one set of panels at first
 LAST = 0.25  # minimum share of the time limit for compacting the emptiest sheet
+STARTS = (
+    4  # starts per core for the shortest strip of a set: starts differ by 4 %, and three seconds gain 0.3 % over one
+)
+SHORTER = 0.999  # a further start continues the search if its strip is at most this many times as long
 RANDOM_SETS = 400  # random sets generated per sheet, of which a few are tried; 10 ms
-HULL_STEP = 0.985  # after a set that did not fit, hulls of the next set cover at most this share of its hulls
-TRIES = 8  # maximum number of successive sets that do not fit
-EQUAL_LENGTH = 1e-3  # strips whose lengths differ by a smaller share are assumed to be limited by the same panels
-# Minimum chance of an exchange that is tried, and maximum number of successive failures; from sets with more than FEW
-# panels a single panel may come back, from others two
-MIN_CHANCE, EXCHANGES, FEW = 0.1, 30, 12
+HULL_STEP = 0.985  # hulls of the next set to try cover at most this share of the last one's
+TRIES = 8  # maximum number of sets tried for one sheet
+# Successive orders without an improvement before the time per set is doubled, and minimum number of sets in the time limit
+PATIENCE, FEWEST = 4, 12
+
+Places = dict[int, tuple[float, np.ndarray]]  # angle (radians) and shift (2,), metres, by panel
 
 
-@dataclass(frozen=True, eq=False)
-class _Set:
-    """Panels that lie together on one sheet.
+class SheetSearch:
+    """The sets of panels tried so far, and the remaining time.
 
-    places : angle (radians) and shift (2,), metres, by panel
-    area : m2 covered, by simplified outlines
+    outlines : simplified shapes grown by half of the separation, so that they may touch
+    turns : for each shape the angles in degrees in which it fits on a sheet, the narrowest first; none if it is too large
+    tried : places of the panels on a sheet by set, None for sets that did not fit
     """
 
-    places: dict[int, tuple[float, np.ndarray]]
-    area: float
-
-
-class NestingSearch:
-    """Results for the sets of panels tried so far, and the remaining time."""
-
-    def __init__(self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: Progress):
+    def __init__(
+        self, shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, workers: Workers, progress: Progress
+    ):
         import shapely
 
-        self.shapes, self.params, self.progress = shapes, params, progress
+        self.shapes, self.params, self.workers, self.progress = shapes, params, workers, progress
         self.begin = time.monotonic()
-        end = self.begin + params.nesting_seconds
-        self.strips = Strips(shapes, params, end, partial(progress, 0.0, "simplifying the panels"), self.tell)
-        self.free = self.strips.free
+        self.free = np.array([params.sheet_width, params.sheet_height]) - 2.0 * params.margin
+        self.separation = params.spacing + ROUNDING
+        bay = max(min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes)), 0.5 * params.spacing)
+        each = progress.part(0.0, 0.0).each(shapes, "simplifying the panels")
+        self.outlines = [grown(shape, 0.5 * self.separation, bay) for shape in each]
+        self.turns = [self._turns(outline) for outline in self.outlines]
         self.hull = np.array([hull_area(s) for s in shapes])
-        self.area = np.array([shapely.Polygon(s).area for s in self.strips.simple.values()])
-        self.large = [i for i, turns in enumerate(self.strips.turns) if not turns]
-        self.known: dict[frozenset[int], _Set | None] = {}
-        self.long_sets: dict[frozenset[int], float] = {}  # length in metres of the strips of sets that did not fit
-        # minimum length in metres of a strip with each panel
-        self.long = np.array(
-            [self.strips.alone(i)[1] if turns else self.free[0] for i, turns in enumerate(self.strips.turns)]
-        )
+        self.area = np.array([shapely.Polygon(outline).area for outline in self.outlines])
+        self.tried: dict[frozenset[int], Places | None] = {}
+        self.turn = TURN
 
-    def finish(self) -> None:
-        """Stop all running work."""
-        self.strips.finish()
-
-    def tell(self, panels: int) -> None:
-        """Report progress; raises ``Cancelled`` when the user cancels."""
-        self.progress(min(self.spent(), 1.0), f"nesting {counted(panels, 'panel', 'panels')}")
-
-    def spent(self) -> float:
-        """The share of the time limit that has elapsed."""
-        return (time.monotonic() - self.begin) / max(self.params.nesting_seconds, 1e-9)
+    def best(self, rough: Packing) -> Packing:
+        """Return the best packing found in time, or the rough one."""
+        best, idle, rng = rough, 0, np.random.default_rng(self.params.seed)
+        while len(best.sizes) > 1 and self._going:
+            made = self._filled(rng, rough)
+            idle += 1
+            if self._rank(made) < self._rank(best) and self._keeps_distances(made):
+                best, idle = made, 0
+            elif idle == PATIENCE:  # give sets that did not fit more time
+                idle, self.turn = 0, 2 * self.turn
+                self.tried = {members: places for members, places in self.tried.items() if places}
+                if self.turn * FEWEST > self._seconds:
+                    break
+        made = self._shortened(best)
+        return made if self._keeps_distances(made) else best
 
     @property
-    def going(self) -> bool:
-        """Whether time is left to try more sets.
+    def _seconds(self) -> float:
+        """The time limit."""
+        return max(self.params.nesting_seconds, 1e-9)
 
-        Part of the time limit is reserved for compacting the last sheet: the share ``LAST``, or ``TURN`` seconds if
-        more, but at most half.
-        """
-        seconds = max(self.params.nesting_seconds, 1e-9)
-        return self.spent() < 1.0 - max(LAST, min(TURN / seconds, 0.5))
+    @property
+    def spent(self) -> float:
+        """The share of the time limit that has elapsed."""
+        return (time.monotonic() - self.begin) / self._seconds
 
-    def needed(self, packing: Packing) -> float:
-        """Return the number of sheets of a packing; the emptiest is counted by its expected length after compacting."""
-        long = self.hull / (HULLS * self.free[1])
-        least = [
-            max(float(long[packing.sheet == k].sum()), float(self.long[packing.sheet == k].max(initial=0.0)))
-            for k in range(len(packing.sizes))
-        ]
-        return len(least) - 1 + min(min(least) / float(self.free[0]), 1.0)
+    @property
+    def _going(self) -> bool:
+        """Whether time is left to try more sets."""
+        return self.spent < 1.0 - max(LAST, 0.5 * TURN / self._seconds)
+
+    def _rank(self, packing: Packing) -> tuple[int, float]:
+        """Return the number of sheets, and the area in m2 of the hulls on the emptiest, which decides its length."""
+        return len(packing.sizes), float(np.bincount(packing.sheet, self.hull, len(packing.sizes)).min())
+
+    def _turns(self, shape: np.ndarray) -> list[float]:
+        """Return the angles in degrees in which a grown shape fits on a sheet."""
+        room = self.free + self.separation
+        base = np.degrees(lying_box(shape, self.params.rotation)[0])
+        step = {"FREE": STEP, "QUARTER": 90.0, "GRAIN": 180.0}[self.params.rotation]
+        angles = base + np.arange(0.0, 360.0, step)
+        turn = turn_that_fits(shape, (float(room[0]), float(room[1])), 0.0, self.params.rotation)
+        if turn is not None:
+            angles = np.concatenate([angles, np.degrees(turn) + np.array([0.0, 180.0])])
+        cos, sin = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+        wide = np.ptp(shape[:, :1] * cos - shape[:, 1:] * sin, axis=0)
+        high = np.ptp(shape[:, :1] * sin + shape[:, 1:] * cos, axis=0)
+        order = np.argsort(wide, kind="stable")
+        return angles[order][(wide <= room[0])[order] & (high <= room[1])[order]].tolist()
+
+    def _keeps_distances(self, packing: Packing) -> bool:
+        """Return whether the true shapes keep the required distances exactly."""
+        import shapely
+        from shapely import affinity
+
+        placed = []
+        for i, shape in enumerate(self.shapes):
+            turned = affinity.rotate(shapely.Polygon(shape), packing.rotation[i], origin=(0, 0), use_radians=True)
+            placed.append(affinity.translate(turned, *packing.shift[i]))
+            x0, y0, x1, y1 = placed[-1].bounds
+            width, height = packing.sizes[packing.sheet[i]]
+            if min(x0, y0, width - x1, height - y1) < self.params.margin - 1e-9:
+                return False
+        tree = shapely.STRtree(placed)
+        one, two = tree.query(placed, predicate="dwithin", distance=max(self.params.spacing - 1e-9, 0.0))
+        together = (one < two) & (packing.sheet[one] == packing.sheet[two])
+        return not bool(together.any())
 
     # -- filling sheets ------------------------------------------------------------------------------------------------
 
-    def fill(self, rng: np.random.Generator, rough: Packing) -> Packing:
+    def _filled(self, rng: np.random.Generator, rough: Packing) -> Packing:
         """Fill sheets one by one, large panels first, in a slightly shuffled order once sets have been tried.
 
-        Only sets that cover more of a sheet than the rough packing are tried. Panels left when the time has elapsed are
-        packed the quick way.
+        Panels left when the time has elapsed, and those larger than a sheet, are packed the quick way.
         """
-        quick = {i: one.places for one in self._sets(rough) for i in one.places}
-        order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.known))
-        rest = [i for i in np.argsort(-order, kind="stable").tolist() if i not in self.large]
-        sets: list[_Set] = []
-        while rest and self.going:
-            least = float(self.area[[i for i in quick[rest[0]] if i in rest]].sum())
-            sets.append(self._fullest(rest, least, rng))
-            rest = [i for i in rest if i not in sets[-1].places]
-        return self._packing(sets + self._quick(rest))
+        order = self.area * np.exp(0.25 * rng.standard_normal(len(self.area)) * bool(self.tried))
+        rest = [i for i in np.argsort(-order, kind="stable").tolist() if self.turns[i]]
+        sheets: list[Places] = []
+        while rest and self._going:
+            beside = np.flatnonzero(rough.sheet == rough.sheet[rest[0]]).tolist()
+            least = float(self.area[[i for i in beside if i in rest]].sum())
+            sheets.append(self._fullest(rest, least, rng))
+            rest = [i for i in rest if i not in sheets[-1]]
+        sizes = [(self.params.sheet_width, self.params.sheet_height)] * len(sheets)
+        if left := [*rest, *(i for i, turns in enumerate(self.turns) if not turns)]:
+            last = self._pack(left)
+            sheets += _places(last, left)
+            sizes += [(width, height) for width, height in last.sizes.tolist()]
+        sheet, rotation, shift = np.zeros(len(order), dtype=np.int64), np.zeros(len(order)), np.zeros((len(order), 2))
+        for k, places in enumerate(sheets):
+            for i, (turn, move) in places.items():
+                sheet[i], rotation[i], shift[i] = k, turn, move
+        return Packing(sheet, rotation, shift, np.array(sizes))
 
-    def harder(self) -> bool:
-        """Double the time per set and forget the sets that failed; return whether there are any and that is worthwhile."""
-        fitting: dict[frozenset[int], _Set | None] = {one: found for one, found in self.known.items() if found}
-        again = self.strips.harder() and len(fitting) < len(self.known)
-        self.known, self.long_sets = fitting, {}
-        return again
-
-    def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> _Set:
+    def _fullest(self, rest: list[int], least: float, rng: np.random.Generator) -> Places:
         """Return the fullest sheet found with the first of some panels that covers more than ``least`` m2.
 
         If none is found, return the sheet of the quick packing that has the first panel.
         """
-        best, together = self._best(rest, least), max(self.strips.count, 2)
-        limit, failed = np.inf, len(self.known)
-        for _ in range(max(1, TRIES // together)):
-            tries: list[frozenset[int]] = []
-            for members in self._random_sets(rest, least if best is None else best.area, rng):
+        at_once, limit = max(self.workers.count, 2), np.inf
+        for _ in range(max(TRIES // at_once, 1)):
+            sets = list[frozenset[int]]()
+            for members in self._random_sets(rest, least, rng) if self._going else ():
                 hulls = float(self.hull[list(members)].sum())
-                # Do not try sets with the same two largest panels together: if those two do not fit side by side, all
-                # these sets fail
-                pair = frozenset(sorted(members, key=lambda i: -self.hull[i])[:2])
-                if hulls <= limit and len(tries) < together and not any(pair <= one for one in tries):
-                    tries.append(members)
+                if hulls <= limit and len(sets) < at_once:
+                    sets.append(members)
                     limit = HULL_STEP * hulls
-            if not tries or self._first(tries) is not None:
+            self._try(sets)
+            if not sets or any(self.tried[members] for members in sets):
                 break
-            if len(self.known) > failed + len(tries):  # a subset is known not to fit
-                limit = np.inf
-            failed = len(self.known)
-        return self._best(rest, least) or next(one for one in self._quick(rest) if rest[0] in one.places)
-
-    def _best(self, rest: list[int], least: float) -> _Set | None:
-        """Return the fullest known set with the first of some panels, if it covers more than ``least`` m2."""
         left = frozenset(rest)
-        known = (one for members, one in self.known.items() if one is not None and rest[0] in members <= left)
-        return max((one for one in known if one.area > least), key=lambda one: one.area, default=None)
+        fit = [m for m, places in self.tried.items() if places and rest[0] in m <= left and self._cover(m) > least]
+        if fit:
+            places = self.tried[max(fit, key=self._cover)]
+            assert places is not None
+            return places
+        return next(places for places in _places(self._pack(rest), rest) if rest[0] in places)
 
-    def _first(self, tries: Sequence[frozenset[int]]) -> int | None:
-        """Return the index of the first set found to fit on a sheet, as far as time allows."""
-        for k, members in enumerate(tries):
-            if members not in self.known:
-                if not self.going:
-                    return None
-                self._try([one for one in tries[k:] if one not in self.known])
-            if self.known.get(members) is not None:
-                return k
-        return None
-
-    def _try(self, sets: Sequence[frozenset[int]]) -> None:
-        """Determine whether the first of some sets, and following ones up to the number of cores, fit on a sheet."""
-        fresh: list[frozenset[int]] = []
-        for members in sets:
-            if self._fails(members):
-                self.known[members] = None
-            elif len(fresh) < self.strips.count and members not in fresh:
-                fresh.append(members)
-        for members, found in self.strips.on_a_sheet(fresh).items():
-            self.known[members] = self._set(found)
-            if found is not None and self.known[members] is None:
-                self._record_common(members, found.width)
-
-    def _fails(self, members: frozenset[int]) -> bool:
-        """Return whether a subset of these panels is known not to fit."""
-        return any(found is None and fewer <= members for fewer, found in self.known.items())
-
-    def _record_common(self, members: frozenset[int], length: float) -> None:
-        """Record that the panels common to two sets with strips of equal length do not fit."""
-        for other, known in self.long_sets.items():
-            common = members & other
-            fit = any(found is not None and common <= one for one, found in self.known.items())
-            if abs(known - length) < EQUAL_LENGTH * length and len(common) > 1 and not fit:
-                self.known.setdefault(common, None)
-        self.long_sets[members] = length
+    def _cover(self, members: frozenset[int]) -> float:
+        """Return the area in m2 that panels cover."""
+        return float(self.area[list(members)].sum())
 
     def _random_sets(self, rest: list[int], least: float, rng: np.random.Generator) -> list[frozenset[int]]:
-        """Return random sets with the first of some panels that cover more than ``least`` m2, most promising first."""
-        first, others = rest[0], np.array(rest[1:], dtype=np.int64)
+        """Return new random sets with the first of some panels that cover more than ``least`` m2, most promising first.
+
+        The probability that a set fits is a logistic distribution with the mean and standard deviation of ``HULLS``.
+        """
+        first, others, sheet = rest[0], np.array(rest[1:], dtype=np.int64), float(self.free.prod())
+        failed = [members for members, places in self.tried.items() if places is None]
         found: dict[frozenset[int], float] = {}
         for _ in range(RANDOM_SETS if len(others) else 0):
-            members, left = {first}, (HULLS + rng.uniform(-2.0, 1.5) * SPREAD) * self.free.prod() - self.hull[first]
+            some, left = {first}, (HULLS + rng.uniform(-2.0, 1.5) * SPREAD) * sheet - self.hull[first]
             for i in rng.permutation(others).tolist():
                 if self.hull[i] <= left:
-                    members.add(i)
+                    some.add(i)
                     left -= self.hull[i]
-            some = list(members)
-            gain = float(self.area[some].sum()) - least
-            if gain > 0.0 and not self._fails(frozenset(members)):
-                found[frozenset(members)] = gain * self._chance(float(self.hull[some].sum()))
+            members = frozenset(some)
+            gain = self._cover(members) - least
+            if gain > 0.0 and members not in self.tried and not any(fewer <= members for fewer in failed):
+                beyond = float(self.hull[list(members)].sum()) / sheet - HULLS
+                found[members] = gain / (1.0 + math.exp(beyond * math.pi / (math.sqrt(3.0) * SPREAD)))
         return sorted(found, key=lambda members: -found[members])
 
-    def _chance(self, hulls: float) -> float:
-        """Return the probability that panels with this area of convex hulls (m2) fit on a sheet.
+    def _try(self, sets: Sequence[frozenset[int]]) -> None:
+        """Determine whether sets of panels fit on a sheet each."""
+        found = self._strips([self._task(members, self.turn, 0, float(self.free[0])) for members in sets])
+        for members, strip in zip(sets, found, strict=True):
+            self.tried[members] = self._on_sheet(strip)
 
-        Logistic distribution with the mean and standard deviation of ``HULLS``.
-        """
-        return 1.0 / (1.0 + math.exp((hulls / float(self.free.prod()) - HULLS) * math.pi / (math.sqrt(3.0) * SPREAD)))
-
-    def emptied(self, packing: Packing) -> Packing:
-        """Move panels of the emptiest sheet to others, or exchange them for smaller ones, as long as time allows."""
-        sets = self._sets(packing)
-        while len(sets) > 1 and self.going:
-            sets.sort(key=lambda one: one.area)
-            moved = self._move_one(sets)
-            if moved is None:
-                break
-            sets = moved
-        return self._packing(sets)
-
-    def _move_one(self, sets: list[_Set]) -> list[_Set] | None:
-        """Return the sets after moving one panel of the first set to another set; None without such a move.
-
-        Up to two smaller panels may come back in exchange.
-        """
-        left = self._exchanges(sets)[:EXCHANGES]
-        fuller = [(frozenset(sets[k].places) | {i}) - back for _, i, k, back in left]
-        while (number := self._first(fuller)) is not None:
-            (_, i, k, back), more = left[number], self.known[fuller[number]]
-            assert more is not None
-            others = [*sets[1:k], more, *sets[k + 1 :]]
-            if len(sets[0].places) == 1 and not back:
-                return others
-            emptier = self._fit_together((frozenset(sets[0].places) - {i}) | back)
-            if emptier is not None:
-                return [emptier, *others]
-            left, fuller = left[number + 1 :], fuller[number + 1 :]
-        return None
-
-    def _exchanges(self, sets: list[_Set]) -> list[tuple[float, int, int, frozenset[int]]]:
-        """Return exchanges between the first set and others, best expected gain first.
-
-        Each is the expected gain (m2), the panel that moves, the index of the other set and the panels that come back.
-        """
-        found = []
-        for k, other in enumerate(sets[1:], 1):
-            hulls = float(self.hull[list(other.places)].sum())
-            most = 2 if len(other.places) <= FEW else 1
-            for back in (frozenset(b) for n in range(most + 1) for b in combinations(other.places, n)):
-                for i in sets[0].places:
-                    gain = float(self.area[i] - self.area[list(back)].sum())
-                    if gain > 0.0:
-                        chance = self._chance(hulls + float(self.hull[i] - self.hull[list(back)].sum()))
-                        if chance > MIN_CHANCE:
-                            found.append((gain * chance, i, k, back))
-        return sorted(found, key=lambda one: -one[0])
-
-    def _sets(self, packing: Packing) -> list[_Set]:
-        """Return the sets of panels on the sheets of a packing."""
-        sets = []
-        for k in range(len(packing.sizes)):
-            on = [i for i in np.flatnonzero(packing.sheet == k).tolist() if i not in self.large]
-            if on:
-                places = {i: (float(packing.rotation[i]), packing.shift[i]) for i in on}
-                sets.append(_Set(places, float(self.area[on].sum())))
-        return sets
-
-    def _fit_together(self, members: frozenset[int]) -> _Set | None:
-        """Return these panels on one sheet, or None if no such placement is found."""
-        if members not in self.known:
-            self._try([members])
-        return self.known[members]
-
-    def _alone(self, i: int) -> _Set:
-        """Return a panel by itself, turned to take the least of its sheet's width."""
-        turn = float(np.radians(self.strips.alone(i)[0]))
-        cos, sin = np.cos(turn), np.sin(turn)
-        least = (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0)
-        return _Set({i: (turn, self.params.margin - least)}, float(self.area[i]))
-
-    def _quick(self, rest: list[int]) -> list[_Set]:
-        """Return panels on sheets of their own by the quick packing."""
-        if not rest:
-            return []
+    def _pack(self, some: list[int]) -> Packing:
+        """Return the quick packing of some panels."""
         p = self.params
-        found = pack([self.shapes[i] for i in rest], self._size(), p.margin, p.spacing, rotation=p.rotation)
-        sheets: list[dict[int, tuple[float, np.ndarray]]] = [{} for _ in found.sizes]
-        for k, i in enumerate(rest):
-            sheets[found.sheet[k]][i] = float(found.rotation[k]), found.shift[k]
-        return [_Set(places, float(self.area[list(places)].sum())) for places in sheets]
+        size = p.sheet_width, p.sheet_height
+        return pack([self.shapes[i] for i in some], size, p.margin, p.spacing, rotation=p.rotation)
 
-    def _packing(self, sets: list[_Set]) -> Packing:
-        """Return the packing of some sets, fullest first, with panels larger than a sheet after them."""
-        count = len(self.shapes)
-        sheet, rotation, shift = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 2))
-        sizes = [np.array([self.params.sheet_width, self.params.sheet_height])] * len(sets)
-        for k, group in enumerate(sorted(sets, key=lambda s: -s.area)):
-            for i, (turn, move) in group.places.items():
-                sheet[i], rotation[i], shift[i] = k, turn, move
-        for i in self.large:
-            alone = pack([self.shapes[i]], tuple(sizes[0]) if sizes else self._size(), self.params.margin,
-                         self.params.spacing, rotation=self.params.rotation)  # fmt: skip
-            sheet[i], rotation[i], shift[i] = len(sizes), alone.rotation[0], alone.shift[0]
-            sizes.append(alone.sizes[0])
-        return Packing(sheet, rotation, shift, np.array(sizes).reshape(-1, 2))
+    # -- strips --------------------------------------------------------------------------------------------------------
 
-    def _size(self) -> tuple[float, float]:
-        """Return the width and height of a sheet in metres."""
-        return self.params.sheet_width, self.params.sheet_height
+    def shortest(self, members: frozenset[int], seconds: float) -> PackedStrip | None:
+        """Return the shortest strip of some panels that all cores find in some seconds, in metres.
 
-    def shortened(self, packing: Packing, share: float, fine: bool = False) -> Packing:
-        """Compact the panels of the emptiest sheet, so that a larger offcut is left.
-
-        ``share`` is the part of the time limit to use; ``fine`` selects the fine outlines.
+        Every core starts repeatedly, because starts differ by more than a longer search gains.
         """
+        end, turn, start = time.monotonic() + seconds, max(TURN, int(seconds / STARTS)), 0
+        best: PackedStrip | None = None
+        while best is None or time.monotonic() + turn <= end:
+            tasks = [self._task(members, turn, start + k) for k in range(self.workers.count)]
+            found = min((s for s in self._strips(tasks) if s is not None), key=lambda s: s.length, default=None)
+            if found is None or (best is not None and found.length > SHORTER * best.length):
+                break
+            best, start = found, start + len(tasks)
+        return best
+
+    def _shortened(self, packing: Packing) -> Packing:
+        """Compact the panels of the emptiest sheet, so that a larger offcut is left."""
         k = int(np.argmin(np.bincount(packing.sheet, self.hull, len(packing.sizes))))
         members = frozenset(np.flatnonzero(packing.sheet == k).tolist())
-        if not members or members & set(self.large):
+        if not all(self.turns[i] for i in members):
             return packing
-        if len(members) == 1:
-            found: _Set | None = self._alone(next(iter(members)))
-        else:
-            seconds = max(TURN, int(share * self.params.nesting_seconds))
-            found = self._set(self.strips.shortest(members, seconds, fine))
-        if found is None:
+        places = self._alone(*members) if len(members) == 1 else None
+        places = places or self._on_sheet(self.shortest(members, (1.0 - self.spent) * self._seconds))
+        if places is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
-        for i, (turn, move) in found.places.items():
+        for i, (turn, move) in places.items():
             rotation[i], shift[i] = turn, move
-        return Packing(packing.sheet, rotation, shift, packing.sizes)
+        made = Packing(packing.sheet, rotation, shift, packing.sizes)
+        return min(packing, made, key=lambda one: used_length(one, self.shapes, k))
 
-    def _set(self, found: PackedStrip | None) -> _Set | None:
-        """Place the panels of a strip on a sheet; None if the strip is longer."""
-        if found is None or found.width > self.free[0]:
+    def _alone(self, i: int) -> Places:
+        """Return a panel by itself, turned to take the least of its sheet's length."""
+        turn = math.radians(self.turns[i][0])
+        cos, sin = math.cos(turn), math.sin(turn)
+        return {i: (turn, self.params.margin - (self.shapes[i] @ np.array([[cos, sin], [-sin, cos]])).min(axis=0))}
+
+    def _task(self, members: frozenset[int], seconds: int, start: int, enough: float = 0.0) -> StripTask:
+        """Return the task of packing panels into a strip as high as a sheet; ``enough`` metres are short enough."""
+        items = [(i, [(x, y) for x, y in (1e3 * self.outlines[i]).tolist()], self.turns[i]) for i in sorted(members)]
+        high = 1e3 * float(self.free[1] + self.separation)
+        return StripTask(
+            items, high, seconds, self.params.seed + start, 1e3 * (enough + self.separation) if enough else 0.0
+        )
+
+    def _strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
+        """Return the strips of some tasks, packed at once, in metres within the margins of a sheet."""
+        most = max((len(task.items) for task in tasks), default=0)
+        progress = self.progress.at(min(self.spent, 1.0), f"nesting {counted(most, 'panel', 'panels')}")
+        found: list[PackedStrip | None] = [None] * len(tasks)
+        for number, future in as_done(self.workers, pack_strip, tasks, progress):
+            with suppress(WorkerDied):  # there may be too little memory
+                found[number] = future.result()
+        return [strip and self._in_metres(strip) for strip in found]
+
+    def _in_metres(self, strip: PackedStrip) -> PackedStrip:
+        """Convert a strip of grown shapes in millimetres to one of shapes in metres."""
+        half = 0.5 * self.separation
+        places = {i: (turn, (1e-3 * x - half, 1e-3 * y - half)) for i, (turn, (x, y)) in strip.places.items()}
+        return PackedStrip(1e-3 * strip.length - self.separation, places)
+
+    def _on_sheet(self, strip: PackedStrip | None) -> Places | None:
+        """Return the places of a strip's panels on a sheet; None if the strip is longer."""
+        if strip is None or strip.length > self.free[0]:
             return None
-        places = {i: (turn, shift + self.params.margin) for i, (turn, shift) in found.places.items()}
-        return _Set(places, float(self.area[list(places)].sum()))
+        margin = self.params.margin
+        return {i: (math.radians(turn), np.array(move) + margin) for i, (turn, move) in strip.places.items()}
+
+
+def _places(packing: Packing, some: Sequence[int]) -> list[Places]:
+    """Return the places of panels ``some`` in their packing, by sheet."""
+    sheets: list[Places] = [{} for _ in packing.sizes]
+    for k, i in enumerate(some):
+        sheets[packing.sheet[k]][i] = float(packing.rotation[k]), packing.shift[k]
+    return sheets
