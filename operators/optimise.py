@@ -82,7 +82,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         panels, made, report, block, layout = result
         simulation = made.needed(OptimisationRecord).optimisation.after
         panels.write(obj, surface, block, layout)
-        equilibrium.write(obj, context.scene, surface, simulation, made.limits)
+        equilibrium.write(obj, surface, simulation, made.limits)
         shape = simulation.report()
         limits = {} if made.limits is None else {"reach": made.limits.report()}  # not known after a stop
         notes.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})

@@ -58,7 +58,7 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
             notes.write_checks(obj.data, findings)
             states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
             return translate("Nothing was moved: the quads cannot become squarer without taking room from a spiral")
-        mesh.write_vertices(obj, context.scene, surface, after)
+        mesh.write_vertices(obj, surface, after)
         replacing.begin_anew(obj, findings)
         states.stamp_unnoted(obj, context.scene, "regularise", self._made_from)
         moved = np.linalg.norm(after.vertices - before.vertices, axis=1).max()

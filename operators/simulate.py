@@ -35,7 +35,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
         from ..engine.runs.outputs import SimulatedShape
 
         shape = result.needed(SimulatedShape)
-        equilibrium.write(obj, context.scene, surface, shape.simulation, shape.limits)
+        equilibrium.write(obj, surface, shape.simulation, shape.limits)
         blocks = report.blocks(result, ("equilibrium", "reach"))
         notes.write_all(obj.data, blocks)
         text, warning = equilibrium.sentences(blocks["equilibrium"])

@@ -22,7 +22,7 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.figures import format_figure
 from ...engine.materials import OVERSTRAIN_SHARE
-from . import attributes, notes, pose, scans, seen, states
+from . import attributes, notes, pose, scans, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
 from .keys import foreign_keys as foreign_keys
@@ -74,7 +74,6 @@ def _remove(obj: bpy.types.Object, keys: list[bpy.types.ShapeKey]) -> None:
 
 def write(
     obj: bpy.types.Object,
-    scene: bpy.types.Scene,
     surface: ObjectSurface,
     simulation: Simulation,
     limits: MatchLimits | None,
@@ -84,7 +83,6 @@ def write(
     Parameters
     ----------
     obj : the mesh object
-    scene : its scene
     surface : the surface that was simulated
     simulation : the result
     limits : what limits the match with the target, or None if unknown
@@ -98,7 +96,7 @@ def write(
     others = [move_vertices(simulation.design, other.pose, simulation.target) for other in simulation.others]
     names = [KEY, *(f"{OTHER} {k + 1}" for k in range(len(others)))]
     for name, vertices in zip(names, [simulation.vertices, *others], strict=True):
-        _put_key(obj, scene, surface, name, vertices)
+        _put_key(obj, surface, name, vertices)
     for key in keys_of(obj.data):
         key.value = float(key.name == KEY)
     for name in [key.name for key in keys_of(obj.data) if key.name not in names]:
@@ -124,7 +122,6 @@ def write(
 
 def _put_key(
     obj: bpy.types.Object,
-    scene: bpy.types.Scene,
     surface: ObjectSurface,
     name: str,
     vertices: Float[np.ndarray, "used 3"],
@@ -134,20 +131,11 @@ def _put_key(
     positions = surface.positions.astype(float).copy()
     used = np.unique(surface.polygons.corners)  # the engine knows only vertices of faces
     there = vertices @ inverse[:3, :3].T + inverse[:3, 3]
-    positions[used] += there - surface.seen[used]  # the user's keys and modifiers still apply on top
+    positions[used] += there - surface.seen[used]  # the user's keys still apply on top
     key = obj.data.shape_keys.key_blocks.get(name) or obj.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.mute = 0.0, 1.0, False
 
-    def put(points: Float[np.ndarray, "vertices 3"]) -> None:
-        key.data.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
-
-    if seen.deforming(obj):
-        wanted = surface.seen.astype(float)
-        wanted[used] = there
-        for one in keys_of(obj.data):
-            one.value = float(one == key)
-        positions = seen.points_before_bending(obj, scene, put, positions, wanted)
-    put(positions)
+    key.data.foreach_set("co", np.ascontiguousarray(positions, dtype=np.float32).ravel())
 
 
 # -- findings and validity -----------------------------------------------------------------------------------------------

@@ -143,12 +143,12 @@ def _surface(
     return ObjectSurface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
 
 
-def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurface, mesh: QuadMesh) -> None:
+def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh) -> None:
     """Move the object's vertices to those of the engine's mesh; vertices without a quad stay.
 
     Parameters
     ----------
-    obj, scene : the mesh object and its scene
+    obj : the mesh object
     surface : the surface as it was read
     mesh : the same quads with new vertices, metres
 
@@ -165,12 +165,6 @@ def write_vertices(obj: bpy.types.Object, scene: bpy.types.Scene, surface: Objec
     there = mesh.vertices[mesh.quads.ravel()] @ inverse[:3, :3].T + inverse[:3, 3]
     positions, corners = surface.positions.astype(float).copy(), surface.polygons.corners
     positions[corners] += there - surface.seen[corners]
-    if seeing.deforming(obj):
-        wanted = surface.seen.astype(float)
-        wanted[corners] = there
-        positions = seeing.points_before_bending(
-            obj, scene, lambda points: attributes.put_positions(obj, points), positions, wanted
-        )
     attributes.put_positions(obj, positions)
 
 

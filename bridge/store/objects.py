@@ -24,28 +24,6 @@ HARMLESS = {
 SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
 
-# modifiers that move points without changing the faces
-DEFORMING = {
-    "ARMATURE",
-    "CAST",
-    "CORRECTIVE_SMOOTH",
-    "CURVE",
-    "DISPLACE",
-    "HOOK",
-    "LAPLACIANDEFORM",
-    "LAPLACIANSMOOTH",
-    "LATTICE",
-    "MESH_CACHE",
-    "MESH_DEFORM",
-    "MESH_SEQUENCE_CACHE",
-    "SHRINKWRAP",
-    "SIMPLE_DEFORM",
-    "SMOOTH",
-    "SURFACE_DEFORM",
-    "WARP",
-    "WAVE",
-}
-
 
 def unusable(obj: bpy.types.Object | None) -> str | None:
     """Return why FlexMaps cannot work on this object, as a sentence; None if it can. Quick enough for a panel."""
@@ -66,15 +44,19 @@ def linked(obj: bpy.types.Object) -> bool:
 
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
-    """Return which modifier changes the faces, as a sentence; None if no modifier does."""
+    """Return which modifier or parent changes the mesh, as a sentence; None if nothing does."""
     for name in changing(obj):
         return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", name)
+    if obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}:
+        return translate(
+            "'{}' bends the mesh as its parent: clear the parent first, or make it a modifier", obj.parent.name
+        )
     return None
 
 
 def changing(obj: bpy.types.Object) -> list[str]:
-    """Return the names of the modifiers that change the faces."""
-    return [m.name for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS | DEFORMING]
+    """Return the names of the modifiers that change the mesh."""
+    return [m.name for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS]
 
 
 def shared(obj: bpy.types.Object) -> str:

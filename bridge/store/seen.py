@@ -1,14 +1,13 @@
 """The surface that a stage works on: an object as the user sees it, hidden or not, without the shapes that FlexMaps shows.
 
-If the seen surface has the mesh's own faces (shape keys, armatures, lattices and the like), stages work on the seen points.
-If it has other faces (Subdivision, Mirror, Boolean), ``objects.changed_by_modifiers`` reports it, and no stage starts.
+With shape keys of the user's, stages work on the seen points. If modifiers or a parent change the mesh,
+``objects.changed_by_modifiers`` reports it, and no stage starts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import bpy
 import numpy as np
@@ -16,19 +15,6 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import keys
-from .objects import DEFORMING
-
-_STEPS = 12  # Newton steps at most; armatures need one, lattices and curves three
-_SHARES = (1.0, 0.5, 0.25, 0.125, 0.0625)  # step lengths tried; short ones help where modifiers follow the bounding box
-_CLOSE = 1e-6  # tolerance in the object's size: Blender stores single precision
-_SLOPE = 1e-3  # step of difference quotients in the object's size: balances rounding and curvature
-_SINGULAR = 1e-3  # relative cut-off of the pseudo-inverse: ignores directions in which modifiers hardly move points
-
-
-def deforming(obj: bpy.types.Object) -> bool:
-    """Return whether modifiers, or an armature or lattice as parent, move the object's points."""
-    bent = obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}
-    return bent or any(modifier.show_viewport and modifier.type in DEFORMING for modifier in obj.modifiers)
 
 
 def keyed(obj: bpy.types.Object) -> bool:
@@ -41,20 +27,17 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
 
     Raises
     ------
-    FlexMapsError in edit mode, or where modifiers make other faces.
+    FlexMapsError in edit mode.
     """
-    bent = deforming(obj)
-    if not bent and not keyed(obj):
+    if not keyed(obj):
         return None
     if obj.data.is_editmode:
-        raise FlexMapsError("Leave Edit Mode first (Tab): shape keys or modifiers move what is seen there")
-    if not bent and obj.data.shape_keys.use_relative:
+        raise FlexMapsError("Leave Edit Mode first (Tab): shape keys move what is seen there")
+    if obj.data.shape_keys.use_relative:
         return _mix_keys(obj)
     with keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
         mesh = there.to_mesh()
         try:
-            if len(mesh.vertices) != len(obj.data.vertices):
-                raise FlexMapsError(f"Modifiers give '{obj.name}' other faces than its mesh; apply them first")
             return _positions(mesh.vertices, len(mesh.vertices))
         finally:
             there.to_mesh_clear()
@@ -77,61 +60,6 @@ def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     return mixed
 
 
-def points_before_bending(
-    obj: bpy.types.Object,
-    scene: bpy.types.Scene,
-    put: Callable[[Float[np.ndarray, "vertices 3"]], None],
-    start: Float[np.ndarray, "vertices 3"],
-    wanted: Float[np.ndarray, "vertices 3"],
-) -> Float[np.ndarray, "vertices 3"]:
-    """Return the points of the mesh that modifiers move to the wanted places, by Newton's method at every vertex.
-
-    Points that no modifier can move there, such as behind a Shrinkwrap, stay where the last step took them.
-
-    Parameters
-    ----------
-    obj, scene : the mesh object and its scene
-    put : stores points in the mesh, or in the shape key that is shown
-    start, wanted : in the object's own frame
-    """
-    points, size = start.astype(float), float(np.ptp(start, axis=0).max())
-    missing = wanted - _seen_with(obj, scene, put, points)
-    for _ in range(_STEPS):
-        if np.abs(missing).max() <= _CLOSE * size:
-            break
-        slope = np.empty((len(points), 3, 3))
-        for axis in range(3):
-            offset = _SLOPE * size * np.eye(3)[axis]
-            ahead, behind = (_seen_with(obj, scene, put, points + way * offset) for way in (1.0, -1.0))
-            slope[:, :, axis] = (ahead - behind) / (2.0 * _SLOPE * size)
-        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=_SINGULAR), missing)
-        for share in _SHARES:
-            trial = points + share * step
-            left = wanted - _seen_with(obj, scene, put, trial)
-            if np.linalg.norm(left) < np.linalg.norm(missing):
-                points, missing = trial, left
-                break
-        else:
-            break
-    return points
-
-
-def _seen_with(
-    obj: bpy.types.Object,
-    scene: bpy.types.Scene,
-    put: Callable[[Float[np.ndarray, "vertices 3"]], None],
-    points: Float[np.ndarray, "vertices 3"],
-) -> Float[np.ndarray, "vertices 3"]:
-    put(points)
-    obj.data.update()
-    with evaluated(obj, scene) as there:
-        mesh = there.to_mesh()
-        try:
-            return _positions(mesh.vertices, len(points)).astype(float)
-        finally:
-            there.to_mesh_clear()
-
-
 def _positions(items: bpy.types.bpy_prop_collection, count: int) -> Float[np.ndarray, "vertices 3"]:
     coordinates = np.empty(3 * count, np.float32)
     items.foreach_get("co", coordinates)
@@ -150,50 +78,20 @@ def _weights(obj: bpy.types.Object, group: int) -> Float[np.ndarray, " vertices"
 def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the points as the 3D view shows them, FlexMaps' shapes included, in the object's own frame."""
     mesh = obj.data
-    if mesh.is_editmode or not (deforming(obj) or keyed(obj)):
+    if mesh.is_editmode or not keyed(obj):
         return keys.shown_positions(mesh)
-    if not deforming(obj) and mesh.shape_keys.use_relative:
+    if mesh.shape_keys.use_relative:
         own = keys.shown_positions(mesh) - _positions(mesh.vertices, len(mesh.vertices))
         return _mix_keys(obj) + own
     there = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    if len(there.vertices) != len(mesh.vertices):
-        return keys.shown_positions(mesh)
     return _positions(there.vertices, len(mesh.vertices))
 
 
 def state(obj: bpy.types.Object) -> bytes:
     """Return all that moves the seen points away from the mesh, as bytes; quick enough for a redraw."""
-    data = b""
-    if keyed(obj) and not obj.data.is_editmode and obj.data.shape_keys.use_relative:
-        data += _mix_keys(obj).tobytes()
-    if deforming(obj):
-        for modifier in obj.modifiers:
-            if modifier.show_viewport and modifier.type in DEFORMING:
-                data += _describe(modifier).encode()
-        data += b"" if obj.parent is None else _placement(obj.parent)
-    return data
-
-
-def _describe(modifier: bpy.types.Modifier) -> str:
-    """Return the values of a modifier's properties as text, with the places of the objects that it follows."""
-    texts = [modifier.type]
-    for prop in modifier.bl_rna.properties:
-        value: Any = getattr(modifier, prop.identifier, None)
-        if prop.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"} and not prop.identifier.startswith("show_"):
-            texts.append(str(list(value) if getattr(prop, "is_array", False) else value))
-        elif isinstance(value, bpy.types.Object):
-            texts.append(_placement(value).hex())
-    return " ".join(texts)
-
-
-def _placement(obj: bpy.types.Object) -> bytes:
-    """Return an object's matrix as bytes, with those of its bones or the points of its lattice."""
-    data = np.round(np.array(obj.matrix_world), 6).tobytes()
-    if obj.pose is not None:
-        data += b"".join(np.round(np.array(bone.matrix), 6).tobytes() for bone in obj.pose.bones)
-    if obj.type == "LATTICE":
-        data += b"".join(np.round(np.array(point.co_deform), 6).tobytes() for point in obj.data.points)
-    return data
+    if not keyed(obj) or obj.data.is_editmode or not obj.data.shape_keys.use_relative:
+        return b""
+    return _mix_keys(obj).tobytes()
 
 
 def is_evaluated(obj: bpy.types.Object) -> bool:

@@ -61,7 +61,7 @@ def write(
     else:
         mesh.write_design(obj, surface, made.panels.design)
     shape = made.after.needed(SimulatedShape)
-    equilibrium.write(obj, scene, surface, shape.simulation, shape.limits)
+    equilibrium.write(obj, surface, shape.simulation, shape.limits)
     brought = advice.compared(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.BROUGHT: brought}
     notes.write_all(obj.data, blocks)

@@ -143,7 +143,7 @@ def put(
         supports.put(obj, surface, result.supports, result.force)
     moved = surface.polygons.vertices[corners] - quads.vertices[quads.quads.ravel()]
     if np.abs(moved).max() > 1e-5 * quads.median_edge:
-        mesh.write_vertices(obj, scene, surface, quads)
+        mesh.write_vertices(obj, surface, quads)
         surface = mesh.read_surface(obj, scene)
     offsets = np.zeros((len(quads.quads), 3)) if result.wishes is None else result.wishes.offsets(quads)
     handles.from_metres(obj, surface.to_metres, offsets)
@@ -157,7 +157,7 @@ def put(
         choices.keep(obj, choices.pictures(layouts))
     progress(0.9, "notes in the Blender file")
     if result.simulation is not None and result.limits is not None:
-        equilibrium.write(obj, scene, surface, result.simulation, result.limits)
+        equilibrium.write(obj, surface, result.simulation, result.limits)
     scan = cast("Comparison | None", result.value("scan"))
     if scan is not None:
         scans.write(obj, scan, scan_points.show(obj, scene, scan))
