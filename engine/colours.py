@@ -79,6 +79,12 @@ def seam_colours(count: int) -> np.ndarray:
     return oklch(np.full(count, 0.58), np.full(count, 0.16), 0.4 + 2.399963 * i)
 
 
+def on_scale(share: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return sRGB colours (N, 3) at shares (N,) from 0 to 1 of a scale, colours (n, 3) at equal distances."""
+    anchors = np.linspace(0.0, 1.0, len(scale))
+    return np.stack([np.interp(share, anchors, scale[:, k]) for k in range(3)], axis=-1)
+
+
 def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> np.ndarray:
     """Map values to colours.
 
@@ -94,5 +100,4 @@ def map_to_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray)
     """
     span = high - low
     t = np.clip((values - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
-    anchors = np.linspace(0.0, 1.0, len(scale))
-    return linear(np.stack([np.interp(t, anchors, scale[:, k]) for k in range(3)], axis=1))
+    return linear(on_scale(t, scale))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
-from ...engine.arrays import Float
+from ...engine.arrays import Float, Int
 
 if TYPE_CHECKING:
     from ...engine.spirals.curves.arcs import Curve
@@ -36,6 +36,15 @@ def lines(name: str, polylines: list[Float[np.ndarray, "_ 3"]], radius: float, s
         spline.points.foreach_set("co", np.c_[points, np.ones(len(points))].astype(np.float32).ravel())
         spline.use_cyclic_u = closed
     return curve
+
+
+def chains(pairs: Int[np.ndarray, "edges 2"]) -> list[Int[np.ndarray, " _"]]:
+    """Join edges, vertex pairs, into chains of vertices that end where more or fewer than two edges meet."""
+    import shapely
+
+    ends = np.stack([pairs, np.zeros_like(pairs)], axis=-1)  # the number of a vertex stands for its place
+    merged = shapely.line_merge(shapely.multilinestrings(shapely.linestrings(ends)))
+    return [shapely.get_coordinates(line)[:, 0].astype(int) for line in shapely.get_parts(merged)]
 
 
 def drawing(name: str, curves: Sequence[Curve]) -> bpy.types.Curve:

@@ -47,8 +47,7 @@ class Designing(LiveShape):
     def colours(self) -> np.ndarray:
         # scale over all that the settings allow, so that a colour means the same in every step
         share = np.clip(self._twist / max(self._highest, 1e-9), 0.0, 1.0)
-        anchors = np.linspace(0.0, 1.0, len(PALE))
-        return np.stack([np.interp(share, anchors, PALE[:, k]) for k in range(3)], axis=1)
+        return colours.on_scale(share, PALE)
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:
         """Return points (N, 3) and triangles (T, 3) of the arms."""

@@ -57,8 +57,7 @@ class Painting(LiveShape):
     @property
     def colours(self) -> np.ndarray:
         share = stiffness_share(self._stiffness, *self._range)
-        anchors = np.linspace(0.0, 1.0, len(PALE))
-        rgb = np.stack([np.interp(share, anchors, PALE[:, k]) for k in range(3)], axis=1)
+        rgb = colours.on_scale(share, PALE)
         return np.where(self._protected[:, None], PROTECTED, rgb)
 
     def bands(self, unit: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,14 +11,14 @@ import bpy
 import numpy as np
 
 from ...engine import colours
-from ...engine.arrays import Bool, Float, Int
+from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import ConnectorParams, ObjectSettings
 from ...engine.progress import SILENT, Progress
 from ..store import notes
 from ..store.objects import find
 from . import collection
-from .curves import drawing, lines
+from .curves import chains, drawing, lines
 from .materials import material, wear
 from .meshes import paint, polygons, quads
 
@@ -61,8 +61,10 @@ def show_flat(
     collection.add(obj, scene, "panels", "panels", _filled_mesh(f"{obj.name} panels", flat, points), place)
 
     sides = flat.layout.outline_sides
-    ids, starts, ends = _outline(flat, sides)
-    runs = [(points[np.append(starts[run], ends[run][-1:])], int(ids[run[0]])) for run in _runs(ids, starts, ends)]
+    quad, side = np.nonzero(sides)
+    seams = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]  # -1 at the border
+    pairs = flat.layout.flat_corners[quad[:, None], np.stack([side, (side + 1) % 4], axis=1)]
+    runs = [(points[run], seam) for seam in np.unique(seams).tolist() for run in chains(pairs[seams == seam])]
     curve = lines(f"{obj.name} seams", [r[0] for r in runs], LINE * edge)
     palette = colours.seam_colours(len(flat.layout.seams))  # same colours as on the assembly sheet
     for k, colour in enumerate(palette):
@@ -90,37 +92,6 @@ def _filled_mesh(
     paint(mesh, np.repeat(rgb, 4, axis=0))
     wear(mesh, rgb)
     return mesh
-
-
-def _outline(
-    flat: FlatPatches, sides: Bool[np.ndarray, "quads 4"]
-) -> tuple[Int[np.ndarray, " outline"], Int[np.ndarray, " outline"], Int[np.ndarray, " outline"]]:
-    """Return seam (-1 at the border), first and last flat vertex of every side of a quad that lies on an outline."""
-    quad, side = np.nonzero(sides)
-    corners = flat.layout.flat_corners
-    seam = flat.layout.seam_of[flat.layout.mesh.quad_edges[quad, side]]
-    return seam, corners[quad, side], corners[quad, (side + 1) % 4]
-
-
-def _runs(
-    ids: Int[np.ndarray, " sides"], starts: Int[np.ndarray, " sides"], ends: Int[np.ndarray, " sides"]
-) -> list[Int[np.ndarray, " _"]]:
-    """Join the sides of the outlines into the longest runs of one seam each, as index arrays."""
-    at = {int(s): i for i, s in enumerate(starts)}
-    following = np.array([at.get(int(e), -1) for e in ends], int)  # -1 where a closed body has no cut
-    same = (following >= 0) & (ids[following] == ids)
-    has_before = np.zeros(len(ids), bool)
-    has_before[following[same]] = True
-    result, seen = [], np.zeros(len(ids), bool)
-    for first in np.concatenate([np.flatnonzero(~has_before), np.flatnonzero(has_before)]):
-        run, i = [], int(first)
-        while i >= 0 and not seen[i]:
-            seen[i] = True
-            run.append(i)
-            i = int(following[i]) if same[i] else -1
-        if run:
-            result.append(np.array(run))
-    return result
 
 
 def look_of(settings: ObjectSettings) -> str:

@@ -44,5 +44,4 @@ class Followed(LiveShape):
 
     @property
     def colours(self) -> np.ndarray:
-        anchors = np.linspace(0.0, 1.0, len(PALE))
-        return np.stack([np.interp(self._share, anchors, PALE[:, k]) for k in range(3)], axis=1)
+        return colours.on_scale(self._share, PALE)

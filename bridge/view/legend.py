@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...engine import colours
 from ...engine.arrays import Float
 
 ROW = 18  # height of a line of the legend, pixels at an interface scale of 1
@@ -63,8 +64,8 @@ def _bar(x: float, y: float, width: float, height: float, scale: Float[np.ndarra
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    steps, anchors = np.linspace(0.0, 1.0, 25), np.linspace(0.0, 1.0, len(scale))
-    rgb = np.stack([np.interp(steps, anchors, scale[:, k]) for k in range(3)], axis=1)
+    steps = np.linspace(0.0, 1.0, 25)
+    rgb = colours.on_scale(steps, scale)
     points = np.zeros((2 * len(steps), 3), np.float32)
     points[:, 0], points[:, 1] = np.repeat(x + width * steps, 2), np.tile([y, y + height], len(steps))
     rgba = np.repeat(np.c_[rgb, np.ones(len(rgb))], 2, axis=0).astype(np.float32)

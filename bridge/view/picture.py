@@ -318,7 +318,7 @@ def _add_lines(
     edge = float(np.median(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)))
     thick = max(0.05 * edge, 0.0022 * float(np.linalg.norm(np.ptp(points, axis=0))))
     for name, chosen, radius, grey in (("quad", ~bold, 0.014 * edge, 0.32), ("seam", bold, thick, 0.1)):
-        curve = curves.lines(f"FlexMaps {name} lines", [points[p] for p in _chains(pairs[chosen])], radius)
+        curve = curves.lines(f"FlexMaps {name} lines", [points[p] for p in curves.chains(pairs[chosen])], radius)
         colour = colours.linear(np.array([grey, grey, 1.25 * grey]))
         curve.materials.append(materials.material(f"FlexMaps {name} line", colour))
         yield place.put(curve, framed=False)
@@ -359,35 +359,3 @@ def _add_legend(studio: Studio, legend: Legend) -> None:
         meshes.paint(bar, np.repeat(colours.map_to_scale(steps[:-1] + 0.0125, 0.0, 1.0, legend.scale), 4, axis=0))
         bar.materials.append(materials.glowing("FlexMaps scale", None))
         place(bar, left, top - 2.4)
-
-
-def _chains(pairs: Int[np.ndarray, "edges 2"]) -> list[list[int]]:
-    """Join edges into chains of vertices that end where more or fewer than two edges meet."""
-    at: dict[int, list[int]] = {}
-    for k, (a, b) in enumerate(pairs.tolist()):
-        at.setdefault(a, []).append(k)
-        at.setdefault(b, []).append(k)
-    used = [False] * len(pairs)
-    chains = []
-
-    def walk(start: int, k: int) -> None:
-        chain = [start]
-        while not used[k]:
-            used[k] = True
-            a, b = pairs[k].tolist()
-            chain.append(b if chain[-1] == a else a)
-            onward = [e for e in at[chain[-1]] if not used[e]]
-            if len(at[chain[-1]]) != 2 or not onward:
-                break
-            k = onward[0]
-        chains.append(chain)
-
-    for vertex, edges in at.items():
-        if len(edges) != 2:
-            for k in edges:
-                if not used[k]:
-                    walk(vertex, k)
-    for k in range(len(pairs)):
-        if not used[k]:
-            walk(int(pairs[k, 0]), k)
-    return chains

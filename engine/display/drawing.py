@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .. import MARK
+from .. import MARK, colours
 from ..arrays import Float
 
 INK, GREY, GRID, PAPER = "#262b33", "#6b7280", "#e4e7eb", "#ffffff"
@@ -179,8 +179,7 @@ def on_scale(values: np.ndarray, low: float, high: float, scale: np.ndarray) -> 
     span = high - low
     share = np.clip((np.asarray(values, dtype=float) - low) / span, 0.0, 1.0) if span > 0 else np.zeros(len(values))
     share = np.round(share * (SHADES - 1)) / (SHADES - 1)
-    anchors = np.linspace(0.0, 1.0, len(scale))
-    return np.stack([np.interp(share, anchors, scale[:, k]) for k in range(3)], axis=-1)
+    return colours.on_scale(share, scale)
 
 
 def ticks(low: float, high: float, count: int = 5) -> list[float]:
