@@ -7,6 +7,7 @@ import numpy as np
 
 from ..bridge.hosts import background
 from ..bridge.store import decided
+from ..bridge.store.columns import column
 from ..bridge.store.i18n import translate
 from ..engine.errors import FlexMapsError
 from .stage import AnyMesh, AtOnce, redraw
@@ -36,8 +37,7 @@ class HoldSelection(AtOnce, AnyMesh, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> str:
         obj = context.object
         obj.update_from_editmode()
-        chosen = np.empty(len(obj.data.vertices), bool)
-        obj.data.vertices.foreach_get("select", chosen)
+        chosen = column(obj.data.vertices, "select")
         if not chosen.any():
             raise FlexMapsError(translate("Select in Edit Mode where the piece is held"))
         decided.hold(obj, np.flatnonzero(chosen).tolist())

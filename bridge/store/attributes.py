@@ -16,6 +16,7 @@ import numpy as np
 
 from ...engine.arrays import Bool, Float, Int, Shaped
 from ...engine.errors import FlexMapsError
+from .columns import column
 
 PREFIX = "flexmaps_"
 LARGEST = 1e30  # clip limit; single precision ends at 3e38, and a folded quad's distance from a square has no bound
@@ -122,9 +123,7 @@ def _on_corners(mesh: bpy.types.Mesh, name: str, values: np.ndarray | None) -> n
     attribute = mesh.attributes.get(name)
     if values is None or attribute is None or not _older(name, attribute):
         return values
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    return np.repeat(values, sizes)
+    return np.repeat(values, column(mesh.polygons, "loop_total"))
 
 
 def _older(name: str, attribute: bpy.types.Attribute) -> bool:
@@ -327,17 +326,12 @@ def select(obj: bpy.types.Object, faces: Int[np.ndarray, " faces"], edges: Int[n
         return
     faces_on, edges_on, points_on = (np.zeros(len(s), bool) for s in (mesh.polygons, mesh.edges, mesh.vertices))
     faces_on[faces], edges_on[edges] = True, True
-    corners, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
-    mesh.edges.foreach_get("vertices", pairs)
-    starts, loop_edges = np.empty(len(mesh.polygons), np.int32), np.empty(len(mesh.loops), np.int32)
-    mesh.polygons.foreach_get("loop_start", starts)
-    mesh.loops.foreach_get("edge_index", loop_edges)
+    corners, starts = column(mesh.loops, "vertex_index"), column(mesh.polygons, "loop_start")
     face_of = np.searchsorted(starts, np.arange(len(corners)), side="right") - 1
     chosen = faces_on[face_of]
-    edges_on[loop_edges[chosen]] = True
+    edges_on[column(mesh.loops, "edge_index")[chosen]] = True
     points_on[corners[chosen]] = True
-    points_on[pairs.reshape(-1, 2)[edges_on]] = True
+    points_on[column(mesh.edges, "vertices")[edges_on]] = True
     mesh.polygons.foreach_set("select", faces_on)
     mesh.edges.foreach_set("select", edges_on)
     mesh.vertices.foreach_set("select", points_on)

@@ -15,6 +15,7 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.runs.stage import section_of
 from . import attributes, handles, pose, seen, settings
+from .columns import column
 
 MANY = 20_000  # edges up to which a mesh in edit mode is read edge by edge at a redraw; larger slows redraws (some ms here)
 
@@ -50,9 +51,7 @@ class Checksums:
             corners = np.fromiter((loop.vert.index for face in bm.faces for loop in face.loops), np.int32)
             faces = len(bm.faces)
         else:
-            positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
-            mesh.vertices.foreach_get("co", positions)
-            mesh.loops.foreach_get("vertex_index", corners)
+            positions, corners = column(mesh.vertices, "co"), column(mesh.loops, "vertex_index")
             faces = len(mesh.polygons)
         mirrored = bool(np.linalg.det(self._frame) < 0)
         rest = f"{_as_text(self._frame.T @ self._frame)} {mirrored} {faces}"
@@ -74,9 +73,7 @@ class Checksums:
         bm = self._bmesh()
         if bm is not None:
             return np.fromiter((edge.seam for edge in bm.edges), bool, len(bm.edges)).tobytes()
-        seams = np.empty(len(mesh.edges), bool)
-        mesh.edges.foreach_get("use_seam", seams)
-        return seams.tobytes()
+        return column(mesh.edges, "use_seam").tobytes()
 
     def _values(self, *names: str) -> bytes:
         """Return the named attributes of faces and corners as bytes, as they are stored."""

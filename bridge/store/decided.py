@@ -11,6 +11,7 @@ from bpy.props import EnumProperty, FloatVectorProperty
 
 from ...engine.params import SpiralParams
 from . import objects
+from .columns import column
 from .i18n import CONTEXT
 
 if TYPE_CHECKING:
@@ -30,9 +31,7 @@ def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
     """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
     unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, obj.dimensions
     if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points)
-        lengths = np.ptp(points.reshape(-1, 3), axis=0) * np.abs(obj.scale)
+        lengths = np.ptp(column(mesh.vertices, "co"), axis=0) * np.abs(obj.scale)
     return tuple(unit * float(length) for length in lengths)
 
 
@@ -60,8 +59,7 @@ def edge_of_quads(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     mesh = obj.data
     if len(mesh.loops) == 4 * len(mesh.polygons):
         return objects.quad_edge(obj, scene)
-    areas = np.empty(len(mesh.polygons), np.float32)
-    mesh.polygons.foreach_get("area", areas)
+    areas = column(mesh.polygons, "area")
     stretch = abs(obj.matrix_world.determinant()) ** (2 / 3) * scene.unit_settings.scale_length**2
     return sqrt(float(areas.sum()) * stretch / obj.flexmaps.remesh.quads)
 
@@ -116,10 +114,8 @@ def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
     """Return the lowest or highest vertices in world coordinates."""
     if not len(obj.data.vertices):
         return []
-    points = np.empty(3 * len(obj.data.vertices), np.float32)
-    obj.data.vertices.foreach_get("co", points)
     turn = np.array(obj.matrix_world)
-    heights = (points.reshape(-1, 3) @ turn[2, :3]) * (-1 if highest else 1)
+    heights = (column(obj.data.vertices, "co") @ turn[2, :3]) * (-1 if highest else 1)
     near = LEVEL * edge_of_quads(obj, bpy.context.scene) / bpy.context.scene.unit_settings.scale_length
     return np.flatnonzero(heights <= heights.min() + near).tolist()
 
@@ -127,11 +123,8 @@ def _level(obj: bpy.types.Object, *, highest: bool) -> list[int]:
 def border(obj: bpy.types.Object) -> list[int]:
     """Return the vertices on edges of one face."""
     mesh = obj.data
-    edges, pairs = np.empty(len(mesh.loops), np.int32), np.empty(2 * len(mesh.edges), np.int32)
-    mesh.loops.foreach_get("edge_index", edges)
-    mesh.edges.foreach_get("vertices", pairs)
-    uses = np.bincount(edges, minlength=len(mesh.edges))
-    return np.unique(pairs.reshape(-1, 2)[uses == 1]).tolist()
+    uses = np.bincount(column(mesh.loops, "edge_index"), minlength=len(mesh.edges))
+    return np.unique(column(mesh.edges, "vertices")[uses == 1]).tolist()
 
 
 def hold(obj: bpy.types.Object, vertices: list[int]) -> None:

@@ -11,6 +11,7 @@ from mathutils.bvhtree import BVHTree
 
 from ...engine.arrays import Float, Int
 from . import attributes, handles, notes
+from .columns import column
 
 LEAST = 0.5  # weight from which a new vertex belongs to a group; larger shrinks groups
 
@@ -42,7 +43,7 @@ def _group(old: bpy.types.Object, made: bpy.types.Object, group: bpy.types.Verte
     got = np.array([_weight(old.data, vertex.co, weights, tree) for vertex in made.data.vertices])
     inside = np.flatnonzero(got >= LEAST)
     if len(inside) < 2 and weights.any():  # the group is smaller than a quad: take the nearest quad
-        middle = Vector(_positions(old.data)[weights > 0].mean(axis=0))
+        middle = Vector(column(old.data.vertices, "co")[weights > 0].astype(float).mean(axis=0))
         centres = [(face.center - middle).length for face in made.data.polygons]
         inside = np.array(made.data.polygons[int(np.argmin(centres))].vertices)
     new.add(inside.tolist(), 1.0, "REPLACE")
@@ -76,7 +77,7 @@ def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
     from scipy.sparse.csgraph import dijkstra
     from scipy.spatial import cKDTree
 
-    points, before = _positions(made.data), _positions(old.data)
+    points, before = (column(mesh.vertices, "co").astype(float) for mesh in (made.data, old.data))
     pairs = np.array([tuple(edge.vertices) for edge in made.data.edges])
     lengths = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1)
     near, step = cKDTree(points), float(np.median(lengths))
@@ -93,9 +94,3 @@ def _seams(old: bpy.types.Object, made: bpy.types.Object) -> None:
             while end != start and previous[end] >= 0:
                 made.data.edges[number[min(end, previous[end]), max(end, previous[end])]].use_seam = True
                 end = previous[end]
-
-
-def _positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
-    positions = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    return positions.reshape(-1, 3).astype(float)

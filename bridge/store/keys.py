@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from .columns import column
 
 KEY, OTHER = "FlexMaps equilibrium", "FlexMaps other shape"
 
@@ -33,14 +34,12 @@ def foreign_keys(mesh: bpy.types.Mesh) -> bool:
 
 def shown_positions(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices moved by FlexMaps' shape keys alone, in the object's own frame."""
-    basis = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", basis)
-    positions, moved = basis.copy(), np.empty_like(basis)
+    basis = column(mesh.vertices, "co")
+    positions = basis.copy()
     for key in keys_of(mesh):
         if not key.mute and key.value and len(key.data) == len(mesh.vertices):
-            key.data.foreach_get("co", moved)
-            positions += np.float32(key.value) * (moved - basis)
-    return positions.reshape(-1, 3)
+            positions += np.float32(key.value) * (column(key.data, "co") - basis)
+    return positions
 
 
 @contextmanager

@@ -43,6 +43,7 @@ from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, notes
 from . import seen as seeing
+from .columns import column
 from .objects import changed_by_modifiers, unusable
 from .surface import ObjectSurface
 
@@ -113,17 +114,9 @@ def _surface(
 ) -> ObjectSurface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
-    positions = np.empty(3 * len(mesh.vertices), np.float32)
-    pairs = np.empty(2 * len(mesh.edges), np.int32)
-    seams = np.empty(len(mesh.edges), bool)
-    corners = np.empty(len(mesh.loops), np.int32)
-    sizes = np.empty(len(mesh.polygons), np.int32)
-    mesh.vertices.foreach_get("co", positions)
-    mesh.edges.foreach_get("vertices", pairs)
-    mesh.edges.foreach_get("use_seam", seams)
-    mesh.loops.foreach_get("vertex_index", corners)
-    mesh.polygons.foreach_get("loop_total", sizes)
-    positions = positions.reshape(-1, 3)
+    positions, pairs = column(mesh.vertices, "co"), column(mesh.edges, "vertices")
+    seams, corners = column(mesh.edges, "use_seam"), column(mesh.loops, "vertex_index")
+    sizes = column(mesh.polygons, "loop_total")
     loops = np.arange(len(corners))
     if np.linalg.det(matrix[:3, :3]) < 0:  # a mirrored object shows the other side: reverse the corners
         starts = np.repeat(np.cumsum(sizes) - sizes, sizes)
@@ -140,7 +133,7 @@ def _surface(
     none = np.zeros(0, dtype=np.int64)
     face_of = np.repeat(np.arange(len(sizes)), sizes)
     spoilt = np.union1d(face_of[unsound.get("width", none)], unsound.get("twist", none))
-    return ObjectSurface(uid, polygons, positions, pairs.reshape(-1, 2), seams, loops, matrix, values, spoilt, seen)
+    return ObjectSurface(uid, polygons, positions, pairs, seams, loops, matrix, values, spoilt, seen)
 
 
 def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh) -> None:

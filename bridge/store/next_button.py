@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
-import numpy as np
 
 from . import failures, notes, notices, objects
+from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
@@ -145,8 +145,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     mesh, unit = obj.data, scene.unit_settings.scale_length
     if any(obj.lock_scale):
         return 0.0
-    areas = np.empty(len(mesh.polygons), np.float32)
-    mesh.polygons.foreach_get("area", areas)
+    areas = column(mesh.polygons, "area")
     scale = abs(obj.matrix_world.to_3x3().determinant()) ** (1 / 3) * unit
     edge, wanted = scale * (float(areas.sum()) / obj.flexmaps.remesh.quads) ** 0.5, obj.flexmaps.remesh.edge * 1e-3
     if SIZES[0] * wanted <= edge <= SIZES[1] * wanted or edge <= 0:

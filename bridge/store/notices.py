@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...engine.extras import registry
 from ...engine.figures import format_figure
@@ -18,6 +17,7 @@ from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import VISIBLE_RMS_SHARE
 from . import cures, equilibrium, failures, flat_target, objects, origin, states
+from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
 from .i18n import interface, quads, translate
@@ -232,9 +232,7 @@ def _seams(obj: bpy.types.Object, layout: str) -> list[Notice]:
 
 def has_seams(mesh: bpy.types.Mesh) -> bool:
     """Return whether any edge is a seam."""
-    seams = np.empty(len(mesh.edges), bool)
-    mesh.edges.foreach_get("use_seam", seams)
-    return bool(seams.any())
+    return bool(column(mesh.edges, "use_seam").any())
 
 
 def _flat(obj: bpy.types.Object) -> list[Notice]:

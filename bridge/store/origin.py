@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float
+from .columns import column
 
 SOURCE = "flexmaps_source"  # on an object of quads: the object that they were made from
 MADE = "flexmaps_made"  # on its mesh: a checksum of the quads as they were made
@@ -55,7 +56,5 @@ def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Sc
 
 
 def _checksum(mesh: bpy.types.Mesh) -> str:
-    positions, corners = np.empty(3 * len(mesh.vertices), np.float32), np.empty(len(mesh.loops), np.int32)
-    mesh.vertices.foreach_get("co", positions)
-    mesh.loops.foreach_get("vertex_index", corners)
+    positions, corners = column(mesh.vertices, "co"), column(mesh.loops, "vertex_index")
     return f"{zlib.crc32(positions.tobytes() + corners.tobytes()):08x}"

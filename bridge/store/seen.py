@@ -15,6 +15,7 @@ import numpy as np
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
 from . import keys
+from .columns import column
 
 
 def keyed(obj: bpy.types.Object) -> bool:
@@ -38,32 +39,26 @@ def points(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "
     with keys.shown_at(obj, 0.0), evaluated(obj, scene) as there:
         mesh = there.to_mesh()
         try:
-            return _positions(mesh.vertices, len(mesh.vertices))
+            return column(mesh.vertices, "co")
         finally:
             there.to_mesh_clear()
 
 
 def _mix_keys(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Mix relative shape keys as Blender does, without FlexMaps' own keys."""
-    blocks, count = obj.data.shape_keys.key_blocks, len(obj.data.vertices)
+    blocks = obj.data.shape_keys.key_blocks
     ours = {key.name for key in keys.keys_of(obj.data)}
     pinned = obj.active_shape_key
     if obj.show_only_shape_key and pinned is not None and pinned.name not in ours:
-        return _positions(pinned.data, count)
-    mixed = _positions(obj.data.shape_keys.reference_key.data, count)
+        return column(pinned.data, "co")
+    mixed = column(obj.data.shape_keys.reference_key.data, "co")
     for key in blocks:
         if key.mute or not key.value or key.name in ours or key == obj.data.shape_keys.reference_key:
             continue
-        step = key.value * (_positions(key.data, count) - _positions(key.relative_key.data, count))
+        step = key.value * (column(key.data, "co") - column(key.relative_key.data, "co"))
         group = obj.vertex_groups.get(key.vertex_group) if key.vertex_group else None
         mixed += step if group is None else step * _weights(obj, group.index)[:, None]
     return mixed
-
-
-def _positions(items: bpy.types.bpy_prop_collection, count: int) -> Float[np.ndarray, "vertices 3"]:
-    coordinates = np.empty(3 * count, np.float32)
-    items.foreach_get("co", coordinates)
-    return coordinates.reshape(-1, 3)
 
 
 def _weights(obj: bpy.types.Object, group: int) -> Float[np.ndarray, " vertices"]:
@@ -81,10 +76,10 @@ def shown(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     if mesh.is_editmode or not keyed(obj):
         return keys.shown_positions(mesh)
     if mesh.shape_keys.use_relative:
-        own = keys.shown_positions(mesh) - _positions(mesh.vertices, len(mesh.vertices))
+        own = keys.shown_positions(mesh) - column(mesh.vertices, "co")
         return _mix_keys(obj) + own
     there = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    return _positions(there.vertices, len(mesh.vertices))
+    return column(there.vertices, "co")
 
 
 def state(obj: bpy.types.Object) -> bytes:

@@ -13,6 +13,7 @@ from ...engine.arrays import Float, Int, Shaped
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
 from ..store import attributes, equilibrium, fields, scans, settings
+from ..store.columns import column
 from .legend import Legend
 
 
@@ -187,8 +188,7 @@ def store(obj: bpy.types.Object, kind: str, *, afresh: bool = False) -> bool:
         _measure_stiffness(obj)
     with attributes.readable(obj) as mesh:
         values = attributes.get(mesh, KINDS[kind].attribute)
-        sizes = np.empty(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("loop_total", sizes)
+        sizes = column(mesh.polygons, "loop_total")
     if values is None or (sizes != 4).any():
         return False
     values = per_quad(kind, values)

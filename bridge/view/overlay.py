@@ -16,6 +16,7 @@ from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
 from ..store import attributes
 from ..store import seen as seeing
+from ..store.columns import column
 from . import colouring, legend
 from .legend import Legend
 from .live_shape import LIGHT, LiveShape
@@ -277,14 +278,10 @@ def _quads(obj: bpy.types.Object, kind: str) -> _Quads | None:
     values = attributes.get(mesh, name)
     if values is None or len(mesh.loops) != 4 * len(mesh.polygons):
         return None
-    index = np.empty(len(mesh.loops), np.int32)
-    edges, seams = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.edges), bool)
-    mesh.loops.foreach_get("vertex_index", index)
-    mesh.loops.foreach_get("edge_index", edges)
-    mesh.edges.foreach_get("use_seam", seams)
+    index, edges = column(mesh.loops, "vertex_index"), column(mesh.loops, "edge_index")
     number = attributes.get(mesh, SEAMS)
     numbers = np.full(len(mesh.edges), -1) if number is None else number
-    sides = np.where(seams, numbers, NO_SEAM)[edges].reshape(-1, 4)
+    sides = np.where(column(mesh.edges, "use_seam"), numbers, NO_SEAM)[edges].reshape(-1, 4)
     seen = seeing.shown(obj).astype(float)
     return _Quads(seen, index.reshape(-1, 4), colouring.per_quad(kind, values), sides, _widths(kind, values))
 

@@ -10,6 +10,7 @@ import numpy as np
 from ...engine.arrays import Float, Int
 from ..store import attributes, equilibrium
 from ..store import seen as seeing
+from ..store.columns import column
 
 if TYPE_CHECKING:
     from mathutils import Vector
@@ -36,8 +37,7 @@ def seen(
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
         points = equilibrium.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
-        corners = np.empty(len(mesh.loops), np.int32)
-        mesh.loops.foreach_get("vertex_index", corners)
+        corners = column(mesh.loops, "vertex_index")
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)
 
@@ -45,9 +45,7 @@ def seen(
 def target(obj: bpy.types.Object) -> Float[np.ndarray, "vertices 3"]:
     """Return the target's vertices in the scene's units and world axes."""
     with attributes.readable(obj) as mesh:
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points)
-    return _to_world(obj, points.reshape(-1, 3))
+        return _to_world(obj, column(mesh.vertices, "co"))
 
 
 def _to_world(obj: bpy.types.Object, points: Float[np.ndarray, "vertices 3"]) -> Float[np.ndarray, "vertices 3"]:
@@ -75,7 +73,6 @@ def quad_at(
 def edge_of(obj: bpy.types.Object) -> float:
     """Return the target's median edge in the scene's units: the length of a force arrow of one newton."""
     with attributes.readable(obj) as mesh:
-        pairs = np.empty(2 * len(mesh.edges), np.int32)
-        mesh.edges.foreach_get("vertices", pairs)
-    points = target(obj)[pairs.reshape(-1, 2)]
+        pairs = column(mesh.edges, "vertices")
+    points = target(obj)[pairs]
     return max(float(np.median(np.linalg.norm(points[:, 1] - points[:, 0], axis=1))), 1e-12)

@@ -80,6 +80,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     import bpy
 
     from ..store import attributes, equilibrium, guidance, pose, scans, states
+    from ..store.columns import column
 
     if obj.data.is_editmode:
         obj.update_from_editmode()
@@ -93,10 +94,7 @@ def read(obj: bpy.types.Object, taken: Snapshot) -> Reported:
     if "equilibrium" not in blocks:
         return content
     key = equilibrium.key_of(obj.data)
-    shape = taken.surface.positions
-    if key is not None:
-        shape = np.empty_like(shape)
-        key.data.foreach_get("co", shape.ravel())
+    shape = taken.surface.positions if key is None else column(key.data, "co")
     if not np.isfinite(shape).all():
         return replace(content, blocks={name: block for name, block in blocks.items() if name not in SIMULATED})
     names = {"distance": "distance", "strain": "strain", "slot": "slot", "kind": "reach"}

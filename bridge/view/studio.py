@@ -16,6 +16,7 @@ import numpy as np
 from ...engine import colours
 from ...engine.arrays import Float
 from ...engine.errors import FlexMapsError
+from ..store.columns import column
 from . import collection, meshes, one_scene
 
 MARGIN = 1.06  # size of the picture over the size of its content
@@ -264,9 +265,7 @@ def points_of(obj: bpy.types.Object) -> Float[np.ndarray, "points 3"]:
 
 def vertices_of(mesh: bpy.types.Mesh) -> Float[np.ndarray, "vertices 3"]:
     """Return the vertices in the mesh's own frame."""
-    positions = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    return positions.reshape(-1, 3).astype(float)
+    return column(mesh.vertices, "co").astype(float)
 
 
 def _settings(scene: bpy.types.Scene, size: tuple[int, int], samples: int, engine: str) -> None:

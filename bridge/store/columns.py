@@ -1,0 +1,33 @@
+"""Properties of the elements of Blender's meshes and shape keys as arrays."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+# property of an element -> numpy type, numbers per element
+PROPERTIES: dict[str, tuple[type, int]] = {
+    "co": (np.float32, 3),
+    "vertex_index": (np.int32, 1),
+    "edge_index": (np.int32, 1),
+    "vertices": (np.int32, 2),
+    "use_seam": (np.bool_, 1),
+    "select": (np.bool_, 1),
+    "loop_start": (np.int32, 1),
+    "loop_total": (np.int32, 1),
+    "area": (np.float32, 1),
+}
+
+
+def column(items: bpy.types.bpy_prop_collection, name: str) -> np.ndarray:
+    """Return a property of all elements, (N,) or (N, 2 or 3).
+
+    Parameters
+    ----------
+    items : vertices, edges, loops or polygons of a mesh, or the points of a shape key
+    name : a key of ``PROPERTIES``; "vertices" is of edges
+    """
+    kind, width = PROPERTIES[name]
+    values: np.ndarray = np.empty(len(items) * width, kind)
+    items.foreach_get(name, values)
+    return values if width == 1 else values.reshape(-1, width)
