@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.panel_solids import places
+from ..fabrication.writers.panel_solids import triangulate
 from ..mechanics.arms.bent import BentArms, hub_edge_of_design
 from ..mechanics.assembly import Pose
 from ..mechanics.vectors import matvec
@@ -312,12 +312,8 @@ class Heads:
         starts = np.concatenate([[0], np.cumsum(count)])
         triangles, of = [np.empty((0, 3), dtype=int)], [np.empty(0, dtype=int)]
         for k, (ring, tip) in enumerate(progress.each(list(zip(rings, tips, strict=True)), DRAWING)):
-            parts = shapely.constrained_delaunay_triangles(tip.polygon)
             number = np.concatenate([[-1], starts[k] + np.arange(count[k]), [-2]])
-            found = places(ring, shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
-            a, b, c = ring[found].transpose(1, 0, 2)
-            clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-            found[clockwise] = found[clockwise, ::-1]
+            found = triangulate([tip.polygon], ring)
             triangles.append(number[found])
             of.append(np.full(len(found), k))
         arm = np.repeat(ends, count)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Complex, Float, Int
-from ..fabrication.writers.panel_solids import places
+from ..fabrication.writers.panel_solids import triangulate
 from ..mechanics.arms.bent import BentArms
 from ..mechanics.rim_bodies import BACKWARDS, FORWARDS, NECK
 from ..mechanics.vectors import matvec
@@ -123,11 +123,7 @@ def _plate(rim: Rim, node: int, half: float) -> tuple[np.ndarray, np.ndarray, np
     shape = shape.difference(shapely.union_all(holes)).segmentize(FINEST)
     rings = [shape.exterior, *shape.interiors]
     points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings])
-    found = shapely.constrained_delaunay_triangles(shape)
-    triangles = places(points, shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
-    a, b, c = points[triangles].transpose(1, 0, 2)
-    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-    triangles[clockwise] = triangles[clockwise, ::-1]
+    triangles = triangulate([shape], points)
     # walls are at edges of one triangle only
     edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
     known = {(a, b) for a, b in edges.tolist()}

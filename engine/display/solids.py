@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.panel_solids import places
+from ..fabrication.writers.panel_solids import triangulate
 from ..spirals.caps import Cap
 from ..spirals.contours import SlotRoots
 from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points, opposite_sides
@@ -211,17 +211,13 @@ class _Heads:
 
         points, triangles, walls = [np.empty((0, 2))], [np.empty((0, 3), dtype=int)], [np.empty((0, 2), dtype=int)]
         count = index.size
-        for tip, filled in zip(tips, shapely.constrained_delaunay_triangles([t.polygon for t in tips]), strict=True):
+        for tip in tips:
             ring = shapely.get_coordinates(tip.polygon)[:-1]
             # the outline begins at the arm's right edge and ends at its left edge
             ends_ = index.reshape(-1, *index.shape[2:])[tip.arm, ::-1, 0]
             number = np.concatenate([ends_[:1], count + np.arange(len(ring) - 2), ends_[1:]])
-            found = places(ring, shapely.get_coordinates(filled).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)).reshape(-1, 3)
-            a, b, c = ring[found].transpose(1, 0, 2)
-            clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-            found[clockwise] = found[clockwise, ::-1]
             points.append(ring[1:-1] + centres[tip.patch])
-            triangles.append(number[found])
+            triangles.append(number[triangulate([tip.polygon], ring)])
             walls.append(np.column_stack([number[:-1], number[1:]]))
             count += len(ring) - 2
         arms = np.array([t.arm for t in tips], dtype=int)

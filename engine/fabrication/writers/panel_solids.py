@@ -73,8 +73,8 @@ def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzl
     # points at the bottom, at the top, and on the floors of grooves
     layers = [(outer, 0.0), (flat, thickness), (floor, (1.0 - DEPTH) * thickness)]
     first = np.cumsum([0, *(len(points) for points, _ in layers)])
-    faces = [_triangulate([polygon], outer)[:, ::-1], _triangulate(top, flat) + first[1]]
-    faces += [_triangulate(grooves, floor) + first[2]] if grooves else []
+    faces = [triangulate([polygon], outer)[:, ::-1], triangulate(top, flat) + first[1]]
+    faces += [triangulate(grooves, floor) + first[2]] if grooves else []
     faces += [
         _walls([len(r) for r in rings], 0, int(first[1])),
         _walls([len(r) for r in edges], int(first[2]), int(first[1] + len(outer))),
@@ -101,13 +101,19 @@ def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
     return points if ring.is_ccw == (way > 0) else points[::-1]
 
 
-def _triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
-    """Triangulate polygons between known points, counter-clockwise."""
+def triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
+    """Triangulate polygons between known points, counter-clockwise.
+
+    Parameters
+    ----------
+    polygons : shapely polygons
+    known : all their corners, in any order
+    """
     import shapely
 
     parts = [shapely.get_coordinates(shapely.constrained_delaunay_triangles(one)).reshape(-1, 4, 2) for one in polygons]
     corners = np.concatenate(parts)[:, :3]
-    triangles = places(known, corners.reshape(-1, 2)).reshape(-1, 3)
+    triangles = _places(known, corners.reshape(-1, 2)).reshape(-1, 3)
     assert triangles.min() >= 0  # corners of the triangles are exactly those of the polygons
     a, b, c = known[triangles].transpose(1, 0, 2)
     clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
@@ -128,24 +134,13 @@ def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles
     )
 
 
-def places(known: Float[np.ndarray, "known 2"], points: Float[np.ndarray, "points 2"]) -> Int[np.ndarray, " points"]:
-    """Return for every point the index of the exactly equal ``known`` point; -1 without one.
-
-    Parameters
-    ----------
-    known : points without repetition
-    points : points to look up
-    """
-    keys, wanted = _keys(known), _keys(points)
+def _places(known: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return for every point (n, 2) the index of the exactly equal ``known`` point; -1 without one."""
+    # adding zero makes -0.0 the same as 0.0; complex numbers sort by both parts
+    keys, wanted = (np.ascontiguousarray(some + 0.0).view(complex).ravel() for some in (known, points))
     order = np.argsort(keys)
     place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
     return np.where(keys[order][place] == wanted, order[place], -1)
-
-
-def _keys(points: np.ndarray) -> np.ndarray:
-    """Return points as complex numbers, which sort by both parts; adding zero turns -0.0 into 0.0."""
-    # adding zero makes -0.0 the same as 0.0; complex numbers sort by both parts
-    return np.ascontiguousarray(points + 0.0).view(complex).ravel()
 
 
 def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
