@@ -1,4 +1,4 @@
-"""Order the cuts of one pass in a short tour by nearest neighbours and 2-opt (Croes 1958)."""
+"""Order the cuts of one pass in a short tour by nearest neighbours."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from ...spirals.curves.arcs import Curve
 
 ORDER = "the order of the cuts"
 _FIRST = 32  # nodes searched first around the end of a cut; more only if all of them belong to finished cuts
-_WINDOW = 1000  # maximum number of cuts in a reversed part of the tour; longer parts gain almost nothing
-_MAX_ROUNDS = 8  # rounds of reversing parts and choosing start points; later ones gain less than 1 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,40 +95,6 @@ class _Tour:
             here = complex(self.ends(np.array([cut]))[1][0])
         self.order = np.array(order)
 
-    def untangle(self, progress: Progress) -> bool:
-        """Reverse parts of the tour as long as that shortens it; return whether it did. Groups stay together."""
-        order = self.order
-        group = np.array([self.cuts[i].group for i in order.tolist()])
-        start, end = self.ends(order)
-        ahead = np.append(np.abs(end[:-1] - start[1:]), 0.0)  # the end of the last cut is free
-        gained = False
-        for i in progress.each(range(len(order) - 1), ORDER):
-            before = end[i - 1] if i else self.begin
-            here = float(np.abs(before - start[i]))
-            window = slice(i + 1, i + _WINDOW)
-            # only parts that end close enough to the previous cut can gain
-            far, most = end[window] - before, here + ahead[window]
-            last = i + 1 + np.flatnonzero((np.abs(far.real) < most) & (np.abs(far.imag) < most))
-            after = (last + 1) % len(order)
-            whole = (i == 0 or group[i - 1] != group[i]) & ((after == 0) | (group[after] != group[last]))
-            keep = whole | (group[last] == group[i])
-            last, after = last[keep], after[keep]
-            if not len(last):
-                continue
-            turned = np.where(after, np.abs(start[i] - start[after]), 0.0)
-            change = np.abs(before - end[last]) + turned - here - ahead[last]
-            best = int(np.argmin(change))
-            if change[best] < -1e-9:
-                part = slice(i, last[best] + 1)
-                for array in (order, group):
-                    array[part] = array[part][::-1].copy()
-                flipped = [k for k in order[part].tolist() if self.cuts[k].turns]
-                self.node[flipped] = 1 - self.node[flipped]
-                start[part], end[part] = self.ends(order[part])
-                ahead[:-1] = np.abs(end[:-1] - start[1:])
-                gained = True
-        return gained
-
     def begin_well(self, progress: Progress) -> None:
         """Begin every closed cut at the node with the shortest ways from the previous and to the next cut."""
         start, end = self.ends(self.order)
@@ -155,14 +119,9 @@ def in_order(
     """
     if not cuts:
         return (), begin
-    tour = _Tour(cuts, begin, progress.part(0.0, 0.05))
-    tour.nearest(progress.part(0.05, 0.3))
-    for k in range(_MAX_ROUNDS):
-        within = progress.part(0.3 + 0.7 * k / _MAX_ROUNDS, 0.3 + 0.7 * (k + 1) / _MAX_ROUNDS)
-        gained = tour.untangle(within.part(0.0, 0.8))
-        tour.begin_well(within.part(0.8, 1.0))
-        if not gained:
-            break
+    tour = _Tour(cuts, begin, progress.part(0.0, 0.1))
+    tour.nearest(progress.part(0.1, 0.8))
+    tour.begin_well(progress.part(0.8, 1.0))
     ordered = progress.part(1.0, 1.0).each(tour.order.tolist(), ORDER)
     curves = tuple(c for i in ordered for c in cuts[i].begun(int(tour.node[i])))
     return curves, complex(tour.ends(tour.order[-1:])[1][0])

@@ -61,7 +61,7 @@ def test_near_the_shortest_of_all_tours(seed: int, kind: str) -> None:
         return min(way for way, _ in best)
 
     least = min(shortest(order) for order in itertools.permutations(range(5)))
-    if kind == "led":  # what may not be turned round may also not be untangled as well
+    if kind == "led":  # what may not be turned round may take a longer way
         return
     five, _ = in_order([CutGroup((c,), i, turns=kind == "open") for i, c in enumerate(made[:5])])
     assert least * (1.0 - 1e-9) <= travel(five) <= 1.25 * least
