@@ -2,8 +2,7 @@
 
 Programs disagree on it. In Geomview's description it is a stream of words, and only a face's colour ends with the line;
 MeshLab and libigl ignore further words on the line of a vertex or face; some writers put a face on several lines,
-others put all faces on one. The first way that reads the whole file without contradiction is taken, the usual one
-first.
+others put all faces on one. A line per vertex and face is tried first, then a stream of words without colours.
 """
 
 from __future__ import annotations
@@ -36,20 +35,7 @@ def parse_off(data: bytes, name: str) -> RawMesh:
     if not rows:
         raise FlexMapsError(f"{name} holds only comments; export the mesh again")
     head, rows = _head(rows, name)
-
-    def way(vertices: Callable, faces: Callable) -> Callable[[], RawMesh]:
-        return lambda: _mesh(head, rows, name, vertices, faces)
-
-    ways = [
-        way(_vertices_by_line, _faces_by_line),
-        way(_vertices_by_line, _faces_over_lines),
-        way(_vertices_by_word, _faces_over_lines),
-        way(_vertices_by_word, _faces_by_word),
-    ]
-    # read by line last, so that errors are reported for faces that span several lines
-    if not _face_fills_its_line(head, rows):
-        ways.append(ways.pop(0))
-    return first_that_fits(ways)
+    return first_that_fits([lambda: _mesh(head, rows, name, _by_line), lambda: _mesh(head, rows, name, _by_word)])
 
 
 def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
@@ -90,28 +76,17 @@ def _head(rows: list[Row], name: str) -> tuple[_Head, list[Row]]:
     return _Head(vertex_count, face_count, stride), rows
 
 
-def _face_fills_its_line(head: _Head, rows: list[Row]) -> bool:
-    """Return whether the first face stands on one line, in a file with one line per vertex."""
-    if len(rows) <= head.vertices:
-        return True
-    first = rows[head.vertices][1]
-    return not first[0].isdigit() or len(first) > 1
+# words of every vertex and of every face, the line of each, and the rows after the last
+_Parts = tuple[list[list[bytes]], list[int], list[list[bytes]], list[int], list[Row]]
 
 
-def _mesh(head: _Head, rows: list[Row], name: str, read_vertices: Callable, read_faces: Callable) -> RawMesh:
-    """Read the mesh with one way of reading vertices and one of reading faces.
-
-    Both functions take the header, the rows left and the name; they return the data, its lines and the rows after it.
-    """
-    if len(rows) == 0 and head.vertices + head.faces:
-        raise _cut_short(head, name)
-    vertices, point_lines, rest = read_vertices(head, rows, name)
-    faces, face_lines, rest = read_faces(head, rest, name)
+def _mesh(head: _Head, rows: list[Row], name: str, read: Callable[[_Head, list[Row], str], _Parts]) -> RawMesh:
+    """Read the mesh by lines or by words."""
+    points, point_lines, faces, face_lines, rest = read(head, rows, name)
+    vertices = numbers(points, point_lines, 3, name, "a vertex").reshape(-1, 3)
     sizes = np.array([len(face) for face in faces], dtype=np.int64)
     corners = integers(faces, face_lines, name)
-    if read_faces is not _faces_by_line and (
-        rest or (len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices))
-    ):
+    if read is _by_word and (rest or (len(corners) and not 0 <= corners.min() <= corners.max() < len(vertices))):
         raise FlexMapsError(
             f"{name}: the numbers after its head do not make {head.vertices} vertices and {head.faces} faces; export it again"
         )
@@ -139,47 +114,10 @@ def _cut_short(head: _Head, name: str) -> FlexMapsError:
     )
 
 
-def _vertices_by_line(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarray, list[int], list[Row]]:
-    """Read one vertex per line; ignore further words of the line."""
-    own = rows[: head.vertices]
-    if len(own) < head.vertices:
-        raise _cut_short(head, name)
-    lines = [line for line, _ in own]
-    found = numbers([words[:3] for _, words in own], lines, 3, name, "a vertex")
-    return found.reshape(-1, 3), lines, rows[head.vertices :]
-
-
-def _vertices_by_word(head: _Head, rows: list[Row], name: str) -> tuple[np.ndarray, list[int], list[Row]]:
-    """Read vertices of ``stride`` numbers each, regardless of line ends."""
-    words: list[bytes] = []
-    lines: list[int] = []
-    at = 0
-    while at < len(rows) and len(words) < head.vertices * head.stride:
-        words += rows[at][1]
-        lines += [rows[at][0]] * len(rows[at][1])
-        at += 1
-    need = head.vertices * head.stride
-    if len(words) < need:
-        raise _cut_short(head, name)
-    starts = range(0, need, head.stride)
-    rest = [(lines[-1], words[need:]), *rows[at:]] if len(words) > need else rows[at:]
-    lines = [lines[k] for k in starts]
-    found = numbers([words[k : k + 3] for k in starts], lines, 3, name, "a vertex")
-    return found.reshape(-1, 3), lines, rest
-
-
-def _size(word: bytes, line: int, name: str) -> int:
-    """Return the number of corners of a face."""
-    size = whole(word, line, name)
-    if size < 0:
-        raise FlexMapsError(f"{name}, line {line}: a face cannot have {size} corners; mend the line")
-    return size
-
-
-def _faces_by_line(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Read one face per line; further words of the line are its colour."""
-    own = rows[: head.faces]
-    if len(own) < head.faces:
+def _by_line(head: _Head, rows: list[Row], name: str) -> _Parts:
+    """Read a vertex or a face per line; further words of a line are its colour and the like."""
+    points, own = rows[: head.vertices], rows[head.vertices : head.vertices + head.faces]
+    if len(points) + len(own) < head.vertices + head.faces:
         raise _cut_short(head, name)
     faces = []
     for line, words in own:
@@ -189,42 +127,32 @@ def _faces_by_line(head: _Head, rows: list[Row], name: str) -> tuple[list[list[b
                 f"{name}, line {line}: the face promises {size} corners but has {len(words) - 1}; mend the line"
             )
         faces.append(words[1 : size + 1])
-    return faces, [line for line, _ in own], rows[head.faces :]
+    vertices, lines = [words[:3] for _, words in points], [line for line, _ in points]
+    return vertices, lines, faces, [line for line, _ in own], rows[head.vertices + head.faces :]
 
 
-def _faces_over_lines(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Read faces that begin on a new line and may continue over several; further words of the last line are the colour."""
-    faces, lines, at = [], [], 0
-    for _ in range(head.faces):
-        if at == len(rows):
-            raise _cut_short(head, name)
-        line, words = rows[at]
-        size = _size(words[0], line, name)
-        at += 1
-        words = list(words)
-        while len(words) <= size:
-            if at == len(rows):
-                raise _cut_short(head, name)
-            words += rows[at][1]
-            at += 1
-        faces.append(words[1 : size + 1])
-        lines.append(line)
-    return faces, lines, rows[at:]
-
-
-def _faces_by_word(head: _Head, rows: list[Row], name: str) -> tuple[list[list[bytes]], list[int], list[Row]]:
-    """Read faces without colours, regardless of line ends."""
+def _by_word(head: _Head, rows: list[Row], name: str) -> _Parts:
+    """Read vertices of ``stride`` numbers each and faces without colours, regardless of line ends."""
     words = [word for _, row in rows for word in row]
     line_of = [line for line, row in rows for _ in row]
-    faces, lines, at = [], [], 0
+    starts, at = range(0, head.vertices * head.stride, head.stride), head.vertices * head.stride
+    faces, lines = [], []
     for _ in range(head.faces):
-        if at >= len(words):
-            raise _cut_short(head, name)
-        size = _size(words[at], line_of[at], name)
+        size = _size(words[at], line_of[at], name) if at < len(words) else 0
         if at + size >= len(words):
             raise _cut_short(head, name)
         faces.append(words[at + 1 : at + 1 + size])
         lines.append(line_of[at])
         at += 1 + size
+    if at > len(words):
+        raise _cut_short(head, name)
     rest = [(line_of[at], words[at:])] if at < len(words) else []
-    return faces, lines, rest
+    return [words[k : k + 3] for k in starts], [line_of[k] for k in starts], faces, lines, rest
+
+
+def _size(word: bytes, line: int, name: str) -> int:
+    """Return the number of corners of a face."""
+    size = whole(word, line, name)
+    if size < 0:
+        raise FlexMapsError(f"{name}, line {line}: a face cannot have {size} corners; mend the line")
+    return size

@@ -14,7 +14,6 @@ from .text import (
     RawMesh,
     Row,
     bytes_left,
-    first_that_fits,
     integers,
     lines_place,
     numbers,
@@ -123,38 +122,13 @@ def _face_list(element: _Element, name: str) -> int:
 
 
 def _ply_text(data: bytes, order: str, elements: list[_Element], name: str, head_lines: int) -> RawMesh:
-    """Read one line per element, as most files have it, or else a stream of words, as the format allows."""
+    """Read the body of a text file as a stream of words."""
     rows = [(n, words) for n, line in enumerate(data.splitlines(), head_lines + 1) if (words := line.split())]
-
-    def by_line() -> RawMesh:
-        return _text_mesh(_lines_of(rows, elements, name), elements, name)
-
-    def by_word() -> RawMesh:
-        return _text_mesh(_words_of(rows, elements, name), elements, name)
-
-    return first_that_fits([by_line, by_word])
+    return _text_mesh(_words_of(rows, elements, name), elements, name)
 
 
 # line number and words of every element, and sentences about data that were not read
 _ElementRows = tuple[list[Row], tuple[str, ...]]
-
-
-def _lines_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_ElementRows]:
-    """Yield for every kind of element its lines; ignore more words than it has properties."""
-    promised = sum(e.count for e in elements if e.properties)
-    if len(rows) < promised:
-        raise FlexMapsError(
-            f"{name} is cut short: its head promises {promised} lines, {len(rows)} follow; export it again"
-        )
-    at = 0
-    for element in elements:
-        own = rows[at : at + element.count] if element.properties else []
-        at += len(own)
-        left: tuple[str, ...] = ()
-        if element is elements[-1] and at < len(rows):
-            line, words = rows[at]
-            left = (f"What follows the last element is left out, from line {line} on ('{shown(words)}')",)
-        yield own, left
 
 
 def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[_ElementRows]:
@@ -174,9 +148,11 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
                     raise _cut_short(name, element)
             own.append((line_of[at], words[at:end]))
             at = end
+        left: tuple[str, ...] = ()
         if element is elements[-1] and at < len(words):
-            raise FlexMapsError(f"{name}, line {line_of[at]}: more numbers than its head promises; export it again")
-        yield own, ()
+            rest = shown(words[at:])
+            left = (f"What follows the last element is left out, from line {line_of[at]} on ('{rest}')",)
+        yield own, left
 
 
 def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: str) -> RawMesh:
@@ -190,9 +166,6 @@ def _text_mesh(found: Iterator[_ElementRows], elements: list[_Element], name: st
         lines = [n for n, _ in own]
         if element.name == b"vertex":
             columns = _columns(element, name)
-            short = next((n for n, words in own if len(words) < len(element.properties)), None)
-            if short:
-                raise FlexMapsError(f"{name}, line {short}: too few numbers for a vertex; the file may be cut short")
             points = [[words[c] for c in columns] for _, words in own]
             vertices = numbers(points, lines, 3, name, "a vertex").reshape(-1, 3)
             point_lines = lines
@@ -208,9 +181,7 @@ def _text_list(words: list[bytes], element: _Element, wanted: int, name: str, li
     """Return the vertex indices among the words of a face."""
     at, found = 0, []
     for i, p in enumerate(element.properties):
-        length = whole(words[at], line, name) if p.count_type and at < len(words) else 0
-        if length < 0 or at + 1 + length > len(words):
-            raise FlexMapsError(f"{name}, line {line}: the numbers do not make a face; the file may be cut short")
+        length = whole(words[at], line, name) if p.count_type else 0
         if i == wanted:
             found = words[at + 1 : at + 1 + length]
         at += 1 + length

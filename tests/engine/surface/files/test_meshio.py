@@ -247,7 +247,7 @@ def test_bad_obj(tmp_path, content, told):
     [
         ("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", "cut short.*2 faces"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 2 1\n", "line 7.*more lines"),
-        ("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3\n0 1 2\n3\n0 1\n", "cut short"),
+        ("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3\n0 1 2\n3\n0 1\n", "line 7.*promises 3"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2_0\n", "line 6.*'2_0'"),
         ("\ufeffOFF\n3 1 0\n0 0 0\n1 0 0\n0 1,5 0\n3 0 1 2\n", "line 5.*'0 1,5 0'"),
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n".encode("utf-16"), "UTF-16"),

@@ -38,7 +38,6 @@ OFF = {
     "a colour on one face": _off(faces="4 0 1 4 3 255 0 0\n4 1 2 5 4\n"),
     "comments everywhere": "# a\nOFF # b\n# c\n6 2 0 # d\n" + "".join(f"{r} # e\n#\n" for r in ROWS) + "4 0 1 4 3#\n\n4 1 2 5 4",
     "faces over several lines": _off(faces="4 0 1\n4\n3\n4 1 2 5\n4\n"),
-    "faces over several lines, with colours": _off(faces="4 0 1\n4\n3 255 0 0\n4 1 2 5\n4 9\n"),
     "a line for the size": _off(faces="4\n0 1 4 3\n4\n1 2 5 4\n"),
     "vertices on one line": "OFF\n6 2 0\n" + " ".join(ROWS) + "\n4 0 1 4 3\n4 1 2 5 4\n",
     "vertices with normals on one line": "NOFF\n6 2 0\n" + " 0 0 1 ".join(ROWS) + " 0 0 1\n4 0 1 4 3\n4 1 2 5 4\n",
