@@ -55,7 +55,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
     def finish(
         self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: BuiltPreview
     ) -> str:
-        from ..bridge.store import equilibrium, states
+        from ..bridge.store import states
         from ..bridge.view import animation, preview
 
         built, params, simulated = result
@@ -67,7 +67,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
         text = translate("{} spirals, {} triangles in {:.1f} s", *amounts)
         if not simulated:
             return f"{text}. {translate('Not simulated yet: the hubs lie on the target')}"
-        if equilibrium.out_of_date(obj, context.scene):
+        if states.is_old(obj, context.scene, "equilibrium"):
             self.level = "WARNING"
             return f"{text}. {translate('The mesh or a setting was changed since; press Simulate again')}"
         return text

@@ -30,9 +30,9 @@ class Regularise(ContinuedStage["MovedQuads"], bpy.types.Operator):
 
     @classmethod
     def obstacle(cls, obj: bpy.types.Object) -> str | None:
-        from ..bridge.store import equilibrium
+        from ..bridge.store import keys
 
-        return "Remove the shape keys first: they fix the vertices" if equilibrium.foreign_keys(obj.data) else None
+        return "Remove the shape keys first: they fix the vertices" if keys.foreign_keys(obj.data) else None
 
     def continuation(self, obj: bpy.types.Object, snapshot: Snapshot) -> Continuation[MovedQuads]:
         def go_on(result: Result, progress: Progress) -> MovedQuads:

@@ -152,7 +152,7 @@ class ObjectWatcher:
         self._take()
 
     def _read(self, obj: bpy.types.Object) -> None:
-        from ..store import equilibrium, given, mesh
+        from ..store import equilibrium, given, mesh, states
 
         scene = bpy.context.scene
         state = given.read(obj, scene)
@@ -163,7 +163,7 @@ class ObjectWatcher:
             self._given = state
             self._beside().follow(state, start)
         block = notes.read(obj.data).get("equilibrium")
-        self.final = block is not None and not equilibrium.out_of_date(obj, scene)
+        self.final = block is not None and not states.is_old(obj, scene, "equilibrium")
 
     def _beside(self) -> Companion:
         from .companion import Companion

@@ -25,10 +25,6 @@ from ...engine.materials import OVERSTRAIN_SHARE
 from . import attributes, notes, pose, scans, states
 from .i18n import translate
 from .keys import KEY, OTHER, keys_of
-from .keys import foreign_keys as foreign_keys
-from .keys import key_of as key_of
-from .keys import shown_at as shown_at
-from .keys import shown_positions as shown_positions
 
 if TYPE_CHECKING:
     from ...engine.mechanics.assembly import Pose
@@ -205,7 +201,7 @@ def resting(obj: bpy.types.Object, scene: bpy.types.Scene, surface: ObjectSurfac
     surface : the object's surface, for its frame
     """
     block = notes.read(obj.data).get("equilibrium")
-    if block is None or not sound(block) or out_of_date(obj, scene):
+    if block is None or not sound(block) or states.is_old(obj, scene, "equilibrium"):
         return None
     return pose.read(obj, surface.to_metres)
 
@@ -222,14 +218,3 @@ def write_utilisation(obj: bpy.types.Object, values: Float[np.ndarray, " quads"]
         attributes.remove(obj, attributes.PREFIX + UTILISATION)
     else:
         attributes.put(obj, attributes.PREFIX + UTILISATION, "FACE", "FLOAT", values)
-
-
-def out_of_date(obj: bpy.types.Object, scene: bpy.types.Scene, stage: str = "equilibrium") -> bool:
-    """Return whether a stage's stored result belongs to an earlier mesh or earlier settings.
-
-    Parameters
-    ----------
-    obj, scene : the mesh object and its scene
-    stage : block of the notes
-    """
-    return states.is_old(obj, scene, stage)

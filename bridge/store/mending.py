@@ -14,7 +14,7 @@ from ...engine.errors import FlexMapsError
 from ...engine.surface.checking import check
 from ...engine.surface.checking.sewing import doubled
 from ...engine.surface.checking.topology import sides_of
-from . import equilibrium, mesh, notes, objects
+from . import keys, mesh, notes, objects
 from .i18n import translate
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def mend(obj: bpy.types.Object, scene: bpy.types.Scene, what: str) -> str:
     """
     codes, work = _KINDS[what]
     surface = mesh.read_surface(obj, scene)
-    if obj.data.shape_keys is not None and equilibrium.foreign_keys(obj.data):
+    if obj.data.shape_keys is not None and keys.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys of its own: apply or remove them first, they fix the vertices")
     before = [finding for finding in check.everything(surface.polygons) if finding.code in codes]
     if not before:

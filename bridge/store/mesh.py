@@ -41,7 +41,7 @@ from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign, make_fabricable, unfabricable_quads
 from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
-from . import attributes, equilibrium, notes
+from . import attributes, equilibrium, keys, notes
 from . import seen as seeing
 from .columns import column
 from .objects import changed_by_modifiers, unusable
@@ -89,7 +89,7 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
     """Return the visible polygons, modifiers applied but without a simulated shape, in metres and world axes."""
-    with equilibrium.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
+    with keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
             return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
@@ -149,7 +149,7 @@ def write_vertices(obj: bpy.types.Object, surface: ObjectSurface, mesh: QuadMesh
     ------
     FlexMapsError where the user's shape keys fix the vertices.
     """
-    if equilibrium.foreign_keys(obj.data):
+    if keys.foreign_keys(obj.data):
         raise FlexMapsError("The mesh has shape keys, which fix its vertices; remove them first")
     equilibrium.forget(obj)
     if obj.data.shape_keys is not None and not obj.data.is_editmode:

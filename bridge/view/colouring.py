@@ -12,7 +12,7 @@ from ...engine import colours
 from ...engine.arrays import Float, Int, Shaped
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings
-from ..store import attributes, equilibrium, fields, scans, settings
+from ..store import attributes, fields, scans, settings, states
 from ..store.columns import column
 from .legend import Legend
 
@@ -220,5 +220,5 @@ def current(obj: bpy.types.Object, kind: str) -> bool:
     if kind == "SCAN":
         return scans.current(obj, bpy.context.scene)
     if kind == "UTILISATION":
-        return not equilibrium.out_of_date(obj, bpy.context.scene, "structure")
-    return kind not in SIMULATED or not equilibrium.out_of_date(obj, bpy.context.scene)
+        return not states.is_old(obj, bpy.context.scene, "structure")
+    return kind not in SIMULATED or not states.is_old(obj, bpy.context.scene, "equilibrium")

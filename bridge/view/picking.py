@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...engine.arrays import Float, Int
-from ..store import attributes, equilibrium
+from ..store import attributes, keys
 from ..store import seen as seeing
 from ..store.columns import column
 
@@ -36,7 +36,7 @@ def seen(
     ):
         return shape.vertices / bpy.context.scene.unit_settings.scale_length, shape.quads
     with attributes.readable(obj) as mesh:
-        points = equilibrium.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
+        points = keys.shown_positions(mesh) if obj.data.is_editmode else seeing.shown(obj)
         corners = column(mesh.loops, "vertex_index")
         whole = len(mesh.loops) == 4 * len(mesh.polygons)
     return _to_world(obj, points), corners.reshape(-1, 4) if whole else np.zeros((0, 4), np.int32)

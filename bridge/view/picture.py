@@ -15,7 +15,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
-from ..store import attributes, equilibrium, mesh, pose, settings, snapshot, supports
+from ..store import attributes, keys, mesh, pose, settings, snapshot, supports
 from . import animation, collection, colouring, curves, materials, meshes, preview
 from .legend import Legend
 from .studio import Studio, points_of, studio
@@ -77,7 +77,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
     FlexMapsError where nothing was simulated yet.
     """
     design = stored_design(obj)
-    if equilibrium.key_of(obj.data) is None or design is None:
+    if keys.key_of(obj.data) is None or design is None:
         raise FlexMapsError("There is no simulated shape yet; press Simulate first")
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_assembled(place, obj, design, "DISTANCE")

@@ -19,7 +19,7 @@ from ...engine.runs.result import Result
 from ...engine.spirals.design import SpiralDesign
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, fields, handles, mesh, notes, scans, settings, states, supports
+from ..store import equilibrium, fields, handles, keys, mesh, notes, scans, settings, states, supports
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
@@ -109,8 +109,8 @@ def _fill(
     scene.unit_settings.length_unit = "MILLIMETERS"
     obj = add_model(scene, result.mesh, name)
     put(result, obj, scene, used, progress)
-    if equilibrium.key_of(obj.data) is not None:
-        equilibrium.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
+    if keys.key_of(obj.data) is not None:
+        keys.key_of(obj.data).value = 0.0  # type: ignore[union-attr]  # the file opens at the target
     return obj
 
 

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import equilibrium, notes, scans
+from flexmaps.bridge.store import keys, notes, scans
 from flexmaps.bridge.view import colouring
 from flexmaps.command import main as command
 from support.buttons import press
@@ -76,7 +76,7 @@ def test_it_is_compared_with_the_simulated_shape(saddle: Any, tmp_path: Path) ->
     on_target = api.compare(piece, scan, anywhere=False).result.scan
     assert not on_target.simulated and on_target.rms > 3 * found.rms
     api.show(simulated, obj)
-    assert equilibrium.key_of(obj.data) is not None
+    assert keys.key_of(obj.data) is not None
     held = api.compare(
         api.load(obj), scan, anywhere=False
     ).result.scan  # what the object holds, without simulating anew

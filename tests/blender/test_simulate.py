@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import equilibrium, mesh, notes
+from flexmaps.bridge.store import equilibrium, keys, mesh, notes, states
 from flexmaps.bridge.view import scene
 from support.arch import EDGE, LENGTH, WIDTH, arch, basis, ends, group, key_of, planar, spiralled
 from support.buttons import press
@@ -54,7 +54,7 @@ def test_what_is_seen_slides_from_target_to_result(piece: Any) -> None:
         seen = piece.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         wanted = target + share * (result - target)
         assert np.array([v.co[:] for v in seen.vertices]) == pytest.approx(wanted, abs=1e-6)
-        assert equilibrium.shown_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
+        assert keys.shown_positions(piece.data) == pytest.approx(wanted, abs=1e-6)  # where colours are drawn
 
 
 def test_supports_stay_where_they_are(piece: Any, attribute: Any) -> None:
@@ -120,7 +120,7 @@ def test_two_objects_may_share_the_mesh(piece: Any) -> None:
     twin = piece.copy()
     bpy.context.scene.collection.objects.link(twin)
     press("simulate")
-    assert twin.data == piece.data and not equilibrium.out_of_date(twin, bpy.context.scene)
+    assert twin.data == piece.data and not states.is_old(twin, bpy.context.scene, "equilibrium")
     press("spirals")
     assert piece.data.shape_keys is None
 
@@ -191,7 +191,7 @@ def test_saved_and_opened_again(piece: Any, all_of: Any, tmp_path: Path) -> None
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "piece.blend"))
     piece = bpy.data.objects["piece"]
     assert all_of(piece) == before
-    assert not equilibrium.out_of_date(piece, bpy.context.scene)
+    assert not states.is_old(piece, bpy.context.scene, "equilibrium")
 
 
 def test_the_published_model_knows_no_strain(piece: Any) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import equilibrium, notes, settings
+from flexmaps.bridge.store import equilibrium, keys, notes, settings, states
 from flexmaps.command import main as command
 from flexmaps.engine.extras.assembly_sheet import sheet as assembly_sheet
 from flexmaps.engine.fabrication import assembly_check as assembly_check
@@ -72,8 +72,8 @@ def test_main_job_up_to_simulate(tmp_path: Path) -> None:
     assert "sheets" not in report and "simulate" in report["seconds"]
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "model.blend"))
     obj = bpy.data.objects["saddle"]
-    assert equilibrium.key_of(obj.data) is not None
-    assert not equilibrium.out_of_date(obj, bpy.context.scene)
+    assert keys.key_of(obj.data) is not None
+    assert not states.is_old(obj, bpy.context.scene, "equilibrium")
 
 
 def test_main_job_goes_on_where_it_cannot_simulate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from flexmaps.bridge.hosts import background
-from flexmaps.bridge.store import equilibrium, mesh, notes, settings
+from flexmaps.bridge.store import equilibrium, keys, mesh, notes, settings, states
 from flexmaps.bridge.view import live_shape
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
@@ -78,7 +78,7 @@ def test_what_was_changed_since_is_not_shown_as_current(piece: Any, change: str)
     press("overlay", kind="DISTANCE")
     CHANGES[change](piece)
     bpy.context.view_layer.update()
-    assert equilibrium.out_of_date(piece, bpy.context.scene)
+    assert states.is_old(piece, bpy.context.scene, "equilibrium")
     with pytest.raises(RuntimeError):
         bpy.ops.flexmaps.overlay(kind="SAFETY")
 
@@ -89,7 +89,7 @@ def test_what_does_not_matter_leaves_it_current(piece: Any) -> None:
     piece.flexmaps.sheet.margin = 7.0
     piece.data.shape_keys.key_blocks[equilibrium.KEY].value = 0.3
     bpy.context.view_layer.update()
-    assert not equilibrium.out_of_date(piece, bpy.context.scene)
+    assert not states.is_old(piece, bpy.context.scene, "equilibrium")
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
@@ -103,7 +103,7 @@ def test_an_earlier_stage_takes_the_result_away(piece: Any, button: str, mode: s
     press(button)
     bpy.ops.object.mode_set(mode="OBJECT")
     assert "equilibrium" not in notes.read(piece.data)
-    assert equilibrium.key_of(piece.data) is None
+    assert keys.key_of(piece.data) is None
     assert not {f"flexmaps_{name}" for name in equilibrium.NAMES} & {a.name for a in piece.data.attributes}
     if button != "regularise":
         assert basis(piece) == pytest.approx(target, abs=1e-7)
