@@ -255,16 +255,7 @@ def flat_map(corners: np.ndarray, sides: np.ndarray, colouring: Colouring) -> Dr
     sides : (F, 4) bool, drawn as outlines
     colouring : of the quads
     """
-    points = corners * np.array([1.0, -1.0])
-    room = WIDTH - 32 - _key_width(colouring)
-    low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
-    factor = room / max(high[0] - low[0], 1e-30)
-    height = max(factor * (high[1] - low[1]), 120.0)
-    if height > 0.8 * WIDTH:
-        factor, height = factor * 0.8 * WIDTH / height, 0.8 * WIDTH
-    drawing = Drawing(colouring.title, WIDTH, float(height) + 60 + _key_height(colouring))
-    spare = 0.5 * (room - factor * (high[0] - low[0]))
-    placed = (points - low) * factor + np.array([16 + spare, 44 + 0.5 * (height - factor * (high[1] - low[1]))])
+    drawing, placed = _fitted(corners * np.array([1.0, -1.0]), colouring)
     order = np.lexsort(colouring.fills.T)  # group equal colours; none covers another
     drawing.add(FilledShapes(placed[order], colouring.fills[order]))
     return _finish(drawing, placed, sides, colouring)
@@ -290,19 +281,24 @@ def shape_map(vertices: np.ndarray, quads: np.ndarray, sides: np.ndarray, colour
     facing = np.where(normal @ eye < 0.0, -1.0, 1.0)
     lit = 0.80 + 0.20 * (facing[:, None] * normal) @ LIGHT
     order = np.argsort(corners.mean(axis=1) @ eye)
-    low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
-    room = WIDTH - 32 - _key_width(colouring)
-    factor = min(room / max(high[0] - low[0], 1e-30), 0.8 * WIDTH / max(high[1] - low[1], 1e-30))
-    height = max(float(factor * (high[1] - low[1])), 120.0)
-    drawing = Drawing(colouring.title, WIDTH, height + 60 + _key_height(colouring))
-    spare = 0.5 * (np.array([room, height]) - factor * (high - low))
-    placed = (points - low) * factor + spare + np.array([16.0, 44.0])
+    drawing, placed = _fitted(points, colouring)
     shades = np.clip(colouring.fills * lit[:, None], 0.0, 1.0)
     # draw far quads first, and the lines of a quad before quads that cover it
     for chunk in np.array_split(order, min(len(order), 24)):
         drawing.add(FilledShapes(placed[chunk], shades[chunk]))
         drawing.add(_outlines(placed[chunk], sides[chunk]))
     return _finish(drawing, placed[:0], sides[:0], colouring)
+
+
+def _fitted(points: Float[np.ndarray, "quads 4 2"], colouring: Colouring) -> tuple[Drawing, np.ndarray]:
+    """Return a drawing as high as a map needs, with room for its key, and the map's points in its pixels, y down."""
+    low, high = points.reshape(-1, 2).min(axis=0), points.reshape(-1, 2).max(axis=0)
+    size, room = np.maximum(high - low, 1e-30), WIDTH - 32 - _key_width(colouring)
+    factor = min(room / size[0], 0.8 * WIDTH / size[1])
+    height = max(float(factor * size[1]), 120.0)
+    drawing = Drawing(colouring.title, WIDTH, height + 60 + _key_height(colouring))
+    spare = 0.5 * (np.array([room, height]) - factor * size)
+    return drawing, (points - low) * factor + spare + np.array([16.0, 44.0])
 
 
 def patch_fills(patch: Int[np.ndarray, " quads"]) -> Float[np.ndarray, "quads 3"]:
