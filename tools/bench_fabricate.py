@@ -230,8 +230,9 @@ def shape_rows(
     name: str, kind: str, found: list[list[shapely.Polygon]], made: CutSheets, close: bool = False
 ) -> list[Row]:
     """Check panels read from a file (mm): complete, disjoint, and of the design's area; with ``close``, also slots and bridges."""
-    panels = [p for s in found for p in s]
-    wanted = [p.area * 1e6 for k in range(made.count) for p in made.on_sheet(k)]
+    # a file holds the panels in the order of the cuts
+    panels = [p for s in found for p in sorted(s, key=lambda one: one.area)]
+    wanted = [area * 1e6 for k in range(made.count) for area in sorted(p.area for p in made.on_sheet(k))]
     off = max(abs(a.area / b - 1.0) for a, b in zip(panels, wanted, strict=True))
     near, overlaps = np.inf, 0
     for sheet, size in zip(found, made.packing.sizes * 1e3, strict=True):
