@@ -170,6 +170,8 @@ def _run(tier: str, part: int, of: int, options: list[str], log: IO[str] | None)
         where = [f"tests/{tier}"] if of == 1 else files[part::of]
         pytest = [sys.executable, "-m", "pytest", *where, "-q", f"--junit-xml={results}", *options]
         environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+        # some containers set it; then each of the many processes that tests start compiles all modules again
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
         status = subprocess.run(pytest, cwd=ROOT, env=environment, stdout=log, stderr=log).returncode
         row = _counted(results)
     row.status, row.seconds = 0 if status == NO_TESTS else status, time.monotonic() - start

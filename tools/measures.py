@@ -110,9 +110,22 @@ def room(path: Path) -> str:
     return path.parent.relative_to(ROOT).as_posix().removeprefix(".")
 
 
+@cache
+def statements(path: Path) -> tuple[ast.Import | ast.ImportFrom | ast.FunctionDef | ast.AsyncFunctionDef, ...]:
+    """All imports and functions of a file, at any depth: no expression holds one."""
+    found, left = [], list[ast.AST]([tree(path)])
+    while left:
+        for node in ast.iter_child_nodes(left.pop()):
+            if isinstance(node, ast.Import | ast.ImportFrom | ast.FunctionDef | ast.AsyncFunctionDef):
+                found.append(node)
+            if not isinstance(node, ast.expr):
+                left.append(node)
+    return tuple(sorted(found, key=lambda node: node.lineno))
+
+
 def imports(path: Path) -> Iterator[tuple[int, int, str]]:
     """(line, level, dotted name) of everything that a file imports, also inside functions and for types."""
-    for node in ast.walk(tree(path)):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, 0, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -182,7 +195,7 @@ def long_files() -> list[Place]:
 def long_functions() -> list[Place]:
     found = []
     for path in [*package(), *sources(DATABASE, *BESIDE)]:
-        for node in ast.walk(tree(path)):
+        for node in statements(path):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
                 if lines > FUNCTION:
@@ -229,7 +242,7 @@ def _names_used(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tupl
     """Yield (file, name) of what a file uses of other modules of the package, imported by name or with its module."""
     own = path.relative_to(ROOT).with_suffix("").parts
     modules = {}
-    for node in ast.walk(tree(path)):
+    for node in statements(path):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = (*own[: -node.level], *filter(None, (node.module or "").split(".")))
             for alias in node.names:

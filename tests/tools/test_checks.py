@@ -52,8 +52,10 @@ def test_what_takes_long_is_left_out_and_counted(
     hooks = own[own.index("def pytest_addoption") : own.index("@pytest.hookimpl")]
     (tmp_path / "tests" / "conftest.py").write_text(f"import pytest\n\n{hooks}")
     monkeypatch.setattr(checks, "ROOT", tmp_path)
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     assert checks.main(["test", "engine", *(["--thorough"] if thorough else [])]) == 1
     lines = capfd.readouterr().out.splitlines()
+    assert list(tmp_path.rglob("test_a.*.pyc"))  # what is compiled once is kept, whatever the caller's environment says
     assert [line for line in lines if line.startswith("== engine")] and "lint      not run" in lines
     last = lines[lines.index("== summary") :]
     if thorough:

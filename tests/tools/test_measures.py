@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -16,6 +17,13 @@ FAULTS = (
     "functions over 60 lines",
     "numbers without a comment",
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forget_syntax_trees(measures: ModuleType) -> Iterator[None]:
+    """Drop the parsed files in the end: Python's last collections of garbage would look at millions of nodes."""
+    yield
+    measures.tree.cache_clear()
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -69,7 +77,6 @@ def test_what_is_out_of_order_is_named(
 ) -> None:
     (house / file).parent.mkdir(parents=True, exist_ok=True)
     (house / file).write_text(text)
-    measures.tree.cache_clear()
     found = [f"{place.path}:{place.line}" for place in measures.FAULTS[name]()]
     assert set(places) <= set(found)
     assert len(found) <= len(places) + 1  # what stands on a circle is named with it
@@ -95,7 +102,6 @@ def test_functions_of_other_folders_describe_their_parameters(
 ) -> None:
     (house / "engine" / "surface" / "mesh.py").write_text(text)
     (house / "engine" / "materials.py").write_text(users)
-    measures.tree.cache_clear()
     assert [place.what for place in measures.undescribed()] == found
 
 
