@@ -250,9 +250,9 @@ def _names_used(path: Path, known: dict[tuple[str, ...], Path]) -> Iterator[tupl
                     modules[alias.asname or alias.name] = known[*base, alias.name]
                 elif base in known:
                     yield known[base], alias.name
-    for node in ast.walk(tree(path)):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in modules:
-            yield modules[node.value.id], node.attr
+    for use in ast.walk(tree(path)):
+        if isinstance(use, ast.Attribute) and isinstance(use.value, ast.Name) and use.value.id in modules:
+            yield modules[use.value.id], use.attr
 
 
 def _lacks_parameters(function: ast.FunctionDef, own: int) -> bool:
