@@ -161,6 +161,30 @@ def predicted_match() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
+def quick_nesting() -> Iterator[None]:
+    """Lay panels on sheets the quick way, unless a test gives the tight nesting its seconds.
+
+    By default the search takes up to three seconds of every core for each set of sheets.
+    """
+    from dataclasses import replace
+
+    usual = importlib.import_module("flexmaps.engine.params").SheetParams().nesting_seconds
+    callers = [
+        importlib.import_module(f"flexmaps.engine.{name}") for name in ("fabrication.sheets", "extras.together.batch")
+    ]
+    original = callers[0].nest
+
+    def quick(shapes: Any, params: Any, *more: Any) -> Any:
+        return original(shapes, replace(params, nesting="FAST") if params.nesting_seconds == usual else params, *more)
+
+    for module in callers:
+        module.nest = quick
+    yield
+    for module in callers:
+        module.nest = original
+
+
+@pytest.fixture(scope="session")
 def shared_meshes() -> Path:
     """The folder of the larger test meshes beside the checkout; skips where it is not there."""
     folder = ROOT.parent / "shared" / "meshes"

@@ -22,7 +22,7 @@ shapes.BUILDERS["dome"], shapes.BUILDERS["strip"] = partial(shapes.dome, 6), par
 
 
 @pytest.fixture(scope="session")
-def extension(merge_without_prediction: None) -> Iterator[None]:
+def extension(merge_without_prediction: None, quick_nesting: None) -> Iterator[None]:
     flexmaps.register()
     yield
     flexmaps.unregister()

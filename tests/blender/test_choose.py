@@ -78,6 +78,7 @@ def test_the_spirals_are_those_with_which_the_layout_was_chosen(chosen: Any) -> 
     assert np.abs(widths_of(chosen) - first).max() > 1e-3
 
 
+@pytest.mark.thorough
 def test_what_was_made_fit_stays_where_no_layout_comes_nearer(
     add: Any, quick: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -58,7 +58,7 @@ def test_pressed_again_it_goes_on(piece: Any) -> None:
     piece.flexmaps.optimise.iterations = 1
     press("optimise")
     first = block(piece)
-    piece.flexmaps.optimise.iterations = 60
+    piece.flexmaps.optimise.iterations = 12
     press("optimise")
     second = block(
         piece
@@ -79,7 +79,7 @@ def test_changed_settings_are_kept_to(piece: Any, attribute: Any) -> None:
 
 
 def test_changed_seams_begin_with_the_last_spirals(piece: Any, attribute: Any) -> None:
-    piece.flexmaps.optimise.iterations = 2
+    piece.flexmaps.optimise.iterations, piece.flexmaps.optimise.restart = 2, False
     press("optimise")
     width = attribute(piece, "flexmaps_width")
     press("merge")

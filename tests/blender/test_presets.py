@@ -61,6 +61,24 @@ def test_each_sets_the_same_settings() -> None:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_its_values_arrive_and_are_within_the_bounds(path: Path, add: Any) -> None:
+    obj = add(shapes.dome(4))
+    apply(path)
+    for name, value in assigned(path).items():
+        block, _, setting = name.partition(".")
+        found = getattr(getattr(obj.flexmaps, block), setting)
+        assert found == (pytest.approx(value) if isinstance(value, float) else value), name
+    settings.read(obj.flexmaps, ObjectSettings)  # within the engine's bounds
+
+
+# the narrowest kerf, and the widest cutter
+QUICK = {"Laser_Delrin_2_mm", "Mill_acrylic_3_mm"}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=() if p.stem in QUICK else pytest.mark.thorough, id=p.stem) for p in SHIPPED],
+)
 def test_a_piece_can_be_made_with_it(path: Path, add: Any, tmp_path: Path) -> None:
     """Applied as it is, the stages to the sheets have nothing to refuse or to leave out."""
     wanted = assigned(path)
@@ -69,11 +87,6 @@ def test_a_piece_can_be_made_with_it(path: Path, add: Any, tmp_path: Path) -> No
     obj.flexmaps.export.folder, obj.flexmaps.sheet.nesting = str(tmp_path), "FAST"
     obj.flexmaps.export.guide = False  # takes longest, and does not depend on the preset
     apply(path)
-    for name, value in wanted.items():
-        block, _, setting = name.partition(".")
-        found = getattr(getattr(obj.flexmaps, block), setting)
-        assert found == (pytest.approx(value) if isinstance(value, float) else value), name
-    settings.read(obj.flexmaps, ObjectSettings)  # within the engine's bounds
     for button in ("trace", "spirals", "export"):
         assert getattr(bpy.ops.flexmaps, button)() == {"FINISHED"}
     made, sheets = notes.read(obj.data)["spirals"], notes.read(obj.data)["sheets"]

@@ -92,6 +92,7 @@ def bodies_of(obj: Any) -> int:
     return int(check_topology.bodies(check_topology.sides_of(found), len(found.sizes)).max()) + 1
 
 
+@pytest.mark.thorough
 def test_no_body_is_lost() -> None:
     """A letter with its dot: H, the stem and the dot of i, flat and open."""
     bpy.ops.object.text_add()

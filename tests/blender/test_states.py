@@ -81,9 +81,8 @@ def test_following_the_offers_leads_to_the_sheets(piece: Any, tmp_path: Path) ->
     assert list(tmp_path.glob("*.svg"))
 
 
-@pytest.mark.parametrize(
-    "shape", ["text", *(pytest.param(name, marks=pytest.mark.thorough) for name in ("monkey", "cylinder"))]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("shape", ["text", "monkey", "cylinder"])
 def test_next_leads_from_blenders_own_shapes_to_the_sheets(shape: str, tmp_path: Path) -> None:
     if shape == "text":
         bpy.ops.object.text_add()

@@ -15,8 +15,8 @@ sys.modules["flexmaps_shapes"].watch("engine")
 
 
 @pytest.fixture(scope="session", autouse=True)
-def quick_merge(merge_without_prediction: None) -> None:
-    """Begin with the layout of Merge alone."""
+def quick_merge_and_nesting(merge_without_prediction: None, quick_nesting: None) -> None:
+    """Begin with the layout of Merge alone, and lay panels on sheets the quick way."""
 
 
 def _flat_grid(

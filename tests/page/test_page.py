@@ -51,7 +51,7 @@ def written(found: Result, folder: Path, name: str) -> Path:
 
 
 @pytest.fixture(scope="session")
-def piece(merge_without_prediction: None) -> Result:
+def piece(merge_without_prediction: None, quick_nesting: None) -> Result:
     return result("demo")
 
 

@@ -21,7 +21,6 @@ CASES = {
 QUICK = {
     ("optimise", "clamped"),
     ("stopped", "hinged"),
-    ("explore", "pushed"),
     ("choose", "wished"),
     ("live", "rim"),
 }

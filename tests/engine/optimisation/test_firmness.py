@@ -89,12 +89,11 @@ def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_a
 @pytest.mark.parametrize(
     "options",
     [
-        {"curving": True},
         {"curving": True, "flats": True},
         {"flats": True, "held": True},
         *(
             pytest.param(one, marks=pytest.mark.thorough)
-            for one in ({}, {"held": True}, {"groups": 4}, {"flats": True})
+            for one in ({}, {"curving": True}, {"held": True}, {"groups": 4}, {"flats": True})
         ),
     ],
     ids=str,

@@ -110,7 +110,7 @@ def test_narrow_slots_are_estimated_to_a_tenth_of_a_millimetre(clockwise) -> Non
     assert (np.percentile(missed, [50, 90]) < [5e-5, 1e-4]).all() and missed.max() < 2e-4
 
 
-@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("clockwise", [pytest.param(False, marks=pytest.mark.thorough), True])
 def test_estimates_that_were_too_wide_are_as_measured_and_stay_nearer_to_it(clockwise) -> None:
     found = simulated("dome", 4.5)
     params = dataclasses.replace(found.design.params, clockwise=clockwise)

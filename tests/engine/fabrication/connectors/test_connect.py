@@ -75,7 +75,7 @@ def _convex_radii(curve):
     return chord[sharp] * (1.0 + bulge**2) / (4.0 * bulge)
 
 
-@pytest.mark.parametrize("rounding", [0.0001, 0.0002, 0.0003])
+@pytest.mark.parametrize("rounding", [0.0001, pytest.param(0.0002, marks=pytest.mark.thorough), 0.0003])
 @pytest.mark.parametrize("kind", KINDS)
 def test_corners_are_as_round_as_asked(flat_grid, kind, rounding):
     for twist in (0.0, 2.0, 6.0):
@@ -89,8 +89,8 @@ def test_corners_are_as_round_as_asked(flat_grid, kind, rounding):
 # -- panels ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("clockwise", [False, True], ids=["left", "right"])
-@pytest.mark.parametrize("twist", [0.0, 2.0, 6.0])
+# straight arms wind to neither side
+@pytest.mark.parametrize(("twist", "clockwise"), [(0.0, False), (2.0, False), (2.0, True), (6.0, False), (6.0, True)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_joint_has_one_that_fits(flat_grid, kind, twist, clockwise):
     made = _halves(flat_grid, twist, clockwise=clockwise)

@@ -74,7 +74,9 @@ def test_feet_as_they_are_cut_stand_in_their_slots_as_simulated(bench, sweep, bo
 
 
 def test_supported_spirals_are_straight_and_stay_so_when_the_rest_is_improved():
-    settings = with_values(Settings(), QUICK | {"optimise.iterations": 3, "optimise.codesign": False})
+    settings = with_values(
+        Settings(), QUICK | {"optimise.iterations": 3, "optimise.codesign": False, "optimise.restart": False}
+    )
     polygons = _arch(rows=6)
     made = job.run(polygons, settings, supports="lowest", optimised=True)
     held = made.supports

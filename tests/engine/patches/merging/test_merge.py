@@ -136,7 +136,7 @@ def test_patches_lie_in_their_own_frames() -> None:
 
 
 def test_the_same_twice() -> None:
-    one, two = merged(shapes.make("dome")), merged(shapes.make("dome"))
+    one, two = layout_of("dome"), merged(shapes.make("dome"))
     assert (one.layout.cut == two.layout.cut).all()
     assert (one.points == two.points).all()
 
