@@ -50,7 +50,7 @@ def _flat_grid(
     return FlatPatches(layout, flat, np.zeros(len(compact)), np.zeros(len(compact)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def flat_grid() -> Callable[..., FlatPatches]:
     """A function that makes flat patches from a planar grid; see ``_flat_grid``."""
     return _flat_grid

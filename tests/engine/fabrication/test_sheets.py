@@ -31,7 +31,7 @@ from flexmaps.engine.surface.mesh import PolygonMesh
 FLIPPED = {"#000000": "engrave", "#0000ff": "cut inner", "#ff0000": "cut outer", "#f36926": "sheet"}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def made(flat_grid):
     """Sheets of two panels, one of them with a cut inside, of many different spirals."""
     flat = flat_grid(
@@ -58,6 +58,18 @@ def test_panels_lie_apart_on_the_sheet(made):
     frame = shapely.box(0, 0, 0.6, 0.4).buffer(-made.params.margin + 1e-9, join_style="mitre")
     assert frame.contains(one)
     assert frame.contains(two)
+
+
+@pytest.mark.parametrize("nesting", ["TRUE", "FAST"])
+def test_panels_are_nested_as_the_settings_say(nesting, flat_grid, monkeypatch):
+    asked = []
+    real = sheets.nest
+    monkeypatch.setattr(
+        sheets, "nest", lambda shapes, params, *more: asked.append(params) or real(shapes, params, *more)
+    )
+    params = SheetParams(nesting=nesting, labels=False)
+    sheets.make_sheets(design.uniform_design(flat_grid(2, 1, cut=lambda x, y: x == 1), SpiralParams()), params)
+    assert asked == [params]
 
 
 def test_labels_lie_inside_the_material(made):

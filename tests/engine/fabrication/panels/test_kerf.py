@@ -69,7 +69,7 @@ def test_open_curve_keeps_its_ends():
     assert made.points[-1] == pytest.approx([0.011, 0.01])
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def made(flat_grid):
     return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
 

@@ -21,12 +21,12 @@ FAST = SheetParams(nesting="FAST", labels=False)
 RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def made(flat_grid):
     return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def milled(flat_grid):
     flat = flat_grid(4, 3, 0.05, cut=lambda x, _: x == 2)
     return design.uniform_design(

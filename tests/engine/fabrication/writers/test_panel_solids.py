@@ -18,7 +18,7 @@ from flexmaps.engine.spirals import design
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def made(flat_grid):
     flat = flat_grid(5, 3, cut=lambda x, y: x == 2)
     return sheets.make_sheets(design.uniform_design(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
