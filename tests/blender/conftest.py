@@ -12,6 +12,7 @@ import bpy
 import flexmaps
 import numpy as np
 import pytest
+from flexmaps.engine.extras.choosing import prospects
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -21,8 +22,35 @@ sys.modules["flexmaps_shapes"].watch("bridge/store", "bridge/view")
 shapes.BUILDERS["dome"], shapes.BUILDERS["strip"] = partial(shapes.dome, 6), partial(shapes.strip, 18)
 
 
+_trying: list[bool] = []
+
+
 @pytest.fixture(scope="session")
-def extension(merge_without_prediction: None, quick_nesting: None) -> Iterator[None]:
+def optimise_without_prospects() -> Iterator[None]:
+    """Let the button Optimise find nothing that brings a piece nearer, unless a test uses ``tried_prospects``.
+
+    Trying other cuts and supports takes about as long as the search for the spirals itself.
+    """
+    original = prospects.prospects
+
+    def found(*args: Any, **named: Any) -> dict[str, float] | None:
+        return original(*args, **named) if _trying else {}
+
+    prospects.prospects = found
+    yield
+    prospects.prospects = original
+
+
+@pytest.fixture
+def tried_prospects() -> Iterator[None]:
+    """Let Optimise try what brings a piece nearer, as it does for users."""
+    _trying.append(True)
+    yield
+    _trying.pop()
+
+
+@pytest.fixture(scope="session")
+def extension(merge_without_prediction: None, quick_nesting: None, optimise_without_prospects: None) -> Iterator[None]:
     flexmaps.register()
     yield
     flexmaps.unregister()

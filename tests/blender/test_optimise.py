@@ -54,10 +54,13 @@ def test_the_piece_comes_nearer_to_its_target(piece: Any, attribute: Any) -> Non
     assert "optimise" not in notes.read(piece.data) and "reach" not in notes.read(piece.data)
 
 
+@pytest.mark.usefixtures("tried_prospects")
 def test_pressed_again_it_goes_on(piece: Any) -> None:
     piece.flexmaps.optimise.iterations = 1
     press("optimise")
     first = block(piece)
+    nearer = block(piece, "reach")["prospects"]
+    assert nearer and max(nearer.values()) < block(piece, "equilibrium")["rms_percent"]
     piece.flexmaps.optimise.iterations = 12
     press("optimise")
     second = block(
