@@ -114,7 +114,8 @@ def test_adjoint_gradient_is_that_of_the_objective(options: dict) -> None:
     h = 2e-5
     slope = (8 * (value(h) - value(-h)) - value(2 * h) + value(-2 * h)) / (12 * h)
     assert here.equilibrium.converged
-    assert slope == pytest.approx(float((here.gradient * direction).sum()), rel=1e-6)
+    parts = here.gradient * direction  # which nearly cancel in some directions
+    assert slope == pytest.approx(float(parts.sum()), rel=1e-6, abs=5e-8 * float(np.abs(parts).sum()))
 
 
 def test_gradient_with_the_second_order_of_the_strains(monkeypatch: pytest.MonkeyPatch) -> None:
