@@ -80,7 +80,13 @@ def seam_colours(count: int) -> np.ndarray:
 
 
 def on_scale(share: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return sRGB colours (N, 3) at shares (N,) from 0 to 1 of a scale, colours (n, 3) at equal distances."""
+    """Interpolate sRGB colours (N, 3) of a scale.
+
+    Parameters
+    ----------
+    share : (N,) from 0 to 1, the start and the end of the scale
+    scale : (n, 3) sRGB colours at equal distances
+    """
     anchors = np.linspace(0.0, 1.0, len(scale))
     return np.stack([np.interp(share, anchors, scale[:, k]) for k in range(3)], axis=-1)
 
