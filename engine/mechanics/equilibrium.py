@@ -134,7 +134,7 @@ def solve_stepwise(
     Generator : yields the model's states, returns the equilibrium
     """
     if system is None:
-        system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
+        system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres), springs=loads.springs)
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
@@ -159,7 +159,7 @@ class _Balance:
     def expand(self, state: Any) -> Local:
         here = self.model.expand(state, ahead=True)
         gradient = here.gradient.copy()
-        gradient[: len(self.loads.force), :3] -= self.loads.force
+        gradient[: len(self.loads.force), :3] -= self.loads.total(state.pose.centres)
         work = self.loads.work(state.pose.centres)
         residual = self._residual(here, gradient, state.pose)
         return Local(here.energy - work, gradient, residual, here.energy + abs(work), here)

@@ -1,4 +1,4 @@
-"""Supports and loads of an assembly: held hubs, weight, point forces."""
+"""Supports and loads of an assembly: held hubs, weight, point forces, springs to fixed places."""
 
 from __future__ import annotations
 
@@ -23,15 +23,35 @@ GROUND_HEIGHT = 0.25  # height above the lowest quad, in median edges, up to whi
 
 
 @dataclass(frozen=True, eq=False)
+class Springs:
+    """Springs between the centres of hubs and fixed places, equally stiff in all directions.
+
+    stiffness : newtons per metre, of every spring; places : (n, 3) metres
+    """
+
+    stiffness: float
+    places: Float[np.ndarray, "spirals 3"]
+
+    def force(self, centres: Float[np.ndarray, "spirals 3"]) -> Float[np.ndarray, "spirals 3"]:
+        """Return the springs' forces (n, 3) on hubs with these centres, newtons."""
+        return self.stiffness * (self.places - centres)
+
+    def energy(self, centres: Float[np.ndarray, "spirals 3"]) -> float:
+        """Return the energy of the springs, joules."""
+        return 0.5 * self.stiffness * float(((self.places - centres) ** 2).sum())
+
+
+@dataclass(frozen=True, eq=False)
 class Loads:
     """Supports and forces of n spirals.
 
     fixed : (n, 6) bool, the shifts (3) and turns (3) of every hub that are held
-    force : (n, 3) newtons on the hubs, in fixed directions
+    force : (n, 3) newtons on the hubs, in fixed directions; springs : that pull hubs to places; None for none
     """
 
     fixed: Bool[np.ndarray, "spirals 6"]
     force: Float[np.ndarray, "spirals 3"]
+    springs: Springs | None = None
 
     @classmethod
     def for_spirals(
@@ -108,8 +128,13 @@ class Loads:
         return pose
 
     def work(self, centres: np.ndarray) -> float:
-        """Work of the forces in joules, from the origin to these centres."""
-        return float((self.force * centres).sum())
+        """Work of the forces in joules, from the origin to these centres, minus the energy of the springs."""
+        work = float((self.force * centres).sum())
+        return work if self.springs is None else work - self.springs.energy(centres)
+
+    def total(self, centres: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
+        """Return the forces (n, 3) of loads and springs on hubs with these centres, newtons."""
+        return self.force if self.springs is None else self.force + self.springs.force(centres)
 
 
 def joints_between_hubs(pairs: Int[np.ndarray, "joints 2"], size: int) -> Int[np.ndarray, "_ 2"]:

@@ -9,6 +9,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from ..arrays import Float, Num
 from ..linalg import NotPositiveDefinite, Pattern, SparseCholesky, negative_eigenvalues
 from ..progress import SILENT, Progress
+from .loads import Springs
 
 SHIFT = 1e-9  # share of the diagonal added to make a semi-definite matrix definite
 # relative, of the eigenvalues at a minimum; tight because their derivatives need accurate modes
@@ -20,14 +21,17 @@ class NewtonSystem:
     """Systems in the free increments of n hubs, with one sparsity pattern and one symbolic factorisation.
 
     pairs : (m, 2) int, the spirals of every joint; held : (n, 6) bool, increments that stay zero
+    springs : at the hubs, whose stiffness is part of every matrix; None for none
     Bodies in ``pairs`` beyond the n hubs, the nodes of a rim, are free; their rows in fields (n, 6) may be missing and
     then count as 0.
     """
 
-    def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None):
+    def __init__(
+        self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None, springs: Springs | None = None
+    ):
         more = max(int(pairs.max(initial=-1)) + 1 - len(held), 0)
         held = np.concatenate([held, np.zeros((more, 6), dtype=bool)]) if more else held
-        self.held = held
+        self.held, self._pairs = held, pairs
         self.free = np.flatnonzero(~held.ravel())
         number = np.full(held.size, -1)
         number[self.free] = np.arange(len(self.free))
@@ -36,10 +40,23 @@ class NewtonSystem:
         self._used = np.flatnonzero(((rows >= cols) & (cols >= 0)).ravel())
         self.pattern = Pattern(rows.ravel()[self._used], cols.ravel()[self._used], len(self.free))
         self.cholesky = SparseCholesky(self.pattern, backend)
+        self._springs: Float[np.ndarray, " free"] | None = None
+        if springs is not None:
+            stiffness = np.zeros(held.shape)
+            stiffness[: len(springs.places), :3] = springs.stiffness
+            self._springs = stiffness.ravel()[self.free]
+
+    @property
+    def without_springs(self) -> NewtonSystem:
+        """This system if it has no springs, else one for the same joints that has none."""
+        return self if self._springs is None else NewtonSystem(self._pairs, self.held)
 
     def values(self, blocks: np.ndarray) -> Num[np.ndarray, " nnz"]:
-        """(nnz,) entries of the lower triangle, from the joints' blocks (m, 12, 12)."""
-        return self.pattern.sum(blocks.ravel()[self._used])
+        """(nnz,) entries of the lower triangle, from the joints' blocks (m, 12, 12), springs included."""
+        values = self.pattern.sum(blocks.ravel()[self._used])
+        if self._springs is not None:
+            values[self.pattern.indptr[:-1]] += self._springs
+        return values
 
     def factor(self, values: np.ndarray) -> bool:
         """Factor the matrix; return False if it is not positive definite."""
@@ -83,7 +100,12 @@ class NewtonSystem:
             return negative_eigenvalues(self.pattern, shifted)
 
     def softest(
-        self, values: np.ndarray, metric: np.ndarray, count: int = 1, progress: Progress = SILENT
+        self,
+        values: np.ndarray,
+        metric: np.ndarray,
+        count: int = 1,
+        progress: Progress = SILENT,
+        tolerance: float = 1e-3,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Find the increments in which the energy rises least, or falls most: eigenvectors of H v = lambda B v.
 
@@ -94,6 +116,7 @@ class NewtonSystem:
         values, metric : (nnz,) entries of H and B
         count : number of modes; fewer are returned if fewer increments are free
         progress : is updated and can cancel
+        tolerance : relative, of lambda
 
         Returns
         -------
@@ -116,7 +139,7 @@ class NewtonSystem:
         start = np.random.default_rng(0).normal(size=len(self.free))
         both = self.pattern.matrix(values), self.pattern.matrix(metric)
         try:
-            rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=1e-3)
+            rise, vectors = eigsh(both[0], count, both[1], Minv=inverse, which="SA", v0=start, tol=tolerance)
         except ArpackNoConvergence as error:
             rise, vectors = error.eigenvalues, error.eigenvectors
             if not len(rise):  # the modes are too close to separate: any of them will do

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Bool
+from ..mechanics.loads import Springs
 from ..mechanics.newton_system import NewtonSystem
 
 MAX_FACTORS = 2  # for the present point of a search and for the trial point; each takes memory
@@ -28,17 +29,21 @@ class Factors:
     An owner whose factor was replaced gets it computed again, so no owner ever solves with another's factor.
 
     pairs : (m, 2) int, bodies of every joint; fixed : (n, 6) bool, components that supports hold
-    held : (n, 6) bool, increments that stay 0; kept : factors, the least recently used first
+    held : (n, 6) bool, increments that stay 0; springs : at the hubs; kept : factors, the least recently used first
     """
 
     pairs: np.ndarray
     fixed: Bool[np.ndarray, "spirals 6"]
     held: Bool[np.ndarray, "spirals 6"]
+    springs: Springs | None = None
     kept: list[Factor] = field(default_factory=list)
 
     def free(self) -> Factor:
         """Return a system to factor anew; the caller sets its owner."""
-        factor = Factor(NewtonSystem(self.pairs, self.held)) if len(self.kept) < MAX_FACTORS else self.kept.pop(0)
+        if len(self.kept) < MAX_FACTORS:
+            factor = Factor(NewtonSystem(self.pairs, self.held, springs=self.springs))
+        else:
+            factor = self.kept.pop(0)
         factor.owner = None
         self.kept.append(factor)
         return factor

@@ -43,6 +43,8 @@ TANGENT_BELOW = 0.002  # distance above ``BARRIER_POLE`` below which the logarit
 # Size of the central differences: largest rotation, radians, or relative shift of neighbours, in their distances. Smaller
 # ones are more exact, but follow eigenvalues worse over a whole step (docs/tuning.md)
 DIFFERENCE_TURN = 3e-3
+# Relative, of the eigenvalues without springs; their derivatives need accurate modes
+MODE_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,19 @@ class StabilityRequirement:
         return 1.0 + 0.5 * BARRIER_WEIGHT * float((self.rows(below, STABLE_EIGENVALUE)[0] ** 2).sum())
 
 
+NO_REQUIREMENT = StabilityRequirement(0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class RequirementWithoutSprings(StabilityRequirement):
+    """Required stability of a piece that springs hold, were they gone: its eigenvalues may lie far below 0."""
+
+    def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return log(2 - rises / enough), and the derivatives by ``rises``."""
+        room = 2.0 * enough - rises
+        return np.log(room / enough), -1.0 / room
+
+
 @dataclass(frozen=True, eq=False)
 class SoftModes:
     """The softest modes of an equilibrium.
@@ -88,10 +103,15 @@ class SoftModes:
     def from_equilibrium(
         cls, model: ArmModel, pose: Pose, system: NewtonSystem, asked: StabilityRequirement
     ) -> SoftModes:
-        """Return the modes with eigenvalues below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
+        """Return the modes, without springs, with eigenvalues below ``asked.enough`` at a pose whose Hessian is factored in ``system``."""
         here = model.expand(model.start(pose))
         count = min(asked.modes, max(len(system.free) - 2, 1))
-        ways, rises = system.softest_of_minimum(system.values(here.hessian), system.values(here.convex), count)
+        alone = system.without_springs
+        hessian, convex = alone.values(here.hessian), alone.values(here.convex)
+        if alone is system:
+            ways, rises = system.softest_of_minimum(hessian, convex, count)
+        else:  # springs hold the piece, and it may be unstable without them
+            ways, rises = alone.softest(hessian, convex, count, tolerance=MODE_TOLERANCE)
         below = rises < asked.enough
         ways, rises, (a, b) = ways[below], rises[below], model.pairs.T
         centres = pose.whole.centres

@@ -190,7 +190,7 @@ def _ease_strains(
     point = replace(given, space=space).at(x, pose, progress)
     if not point.equilibrium.converged:
         return None
-    work.extend(SEARCH_SHARE)
+    work.extend(SEARCH_SHARE * work.done)
     start = StageResult(design, _with_measured_slots(point, slots), found.farthest).strict().pressed()
     ended = search.trace.ended
     held = search.polished(start, progress, EASED_STEPS)

@@ -28,7 +28,7 @@ from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, rest
 from .costs import Cost, Roughness, joint_differences
 from .design_space import DesignSpace
 from .factors import Factors
-from .firmness import MIN_STABILITY, SoftModes, StabilityBarrier, StabilityRequirement
+from .firmness import MIN_STABILITY, NO_REQUIREMENT, SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .other_weights import with_problem
@@ -71,7 +71,7 @@ class InverseProblem:
         for known in self.shared:
             if np.array_equal(known.fixed, fixed):
                 return known
-        self.shared.append(Factors(pairs, fixed, self.loads.held(pairs, start.centres)))
+        self.shared.append(Factors(pairs, fixed, self.loads.held(pairs, start.centres), self.loads.springs))
         return self.shared[-1]
 
     @property
@@ -228,13 +228,13 @@ class DesignPoint:
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
 
-    def weighed(self, mismatch: float) -> DesignPoint:
+    def weighed(self, mismatch: float, firmness: StabilityRequirement = NO_REQUIREMENT) -> DesignPoint:
         """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
 
         In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
-        return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
+        return with_problem(self, replace(self.problem, bearing=bearing, firmness=firmness))
 
     def firmed(self) -> Self:
         """Return this point in a stage that starts here and keeps away from snapping."""
@@ -282,7 +282,9 @@ class DesignPoint:
     def _modes(self) -> SoftModes | None:
         """Softest modes that are less stable than required; None if there are none."""
         asked, found = self.problem.firmness, self.equilibrium
-        if asked is None or not found.converged or found.spare >= asked.enough or self.arms is None:
+        if asked is None or not found.converged or self.arms is None:
+            return None
+        if found.spare >= asked.enough and self.problem.loads.springs is None:
             return None
         self.problem.work.add(SOFTEST, self.problem.assembly.size)
         modes = SoftModes.from_equilibrium(self.arms, found.pose, self.system, asked)

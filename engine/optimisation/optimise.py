@@ -24,6 +24,7 @@ from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from . import codesign
+from .continuation import continue_far
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import CANCELLED, SearchRecord
@@ -191,6 +192,8 @@ def optimise(
     accepted(start)
     try:
         name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
+        if prove:
+            continue_far(search, work.paced(progress.part(0.12, 0.9)))
         found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)

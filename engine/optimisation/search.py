@@ -16,7 +16,7 @@ import numpy as np
 from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN, Material
 from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
 from ..mechanics.elastic import ElasticModel
-from ..mechanics.loads import Loads
+from ..mechanics.loads import Loads, Springs
 from ..mechanics.stance import Stance
 from ..params import OptimiseParams, SimulateParams
 from ..patches.flattening.flatten import FlatPatches
@@ -77,6 +77,7 @@ class Task:
     target, material : the surface, and the material; params, physics : settings of the search, and of its equilibria
     supports, force : as in ``simulate``; work : counter shared by all problems of the search
     constraints : spirals that must be kept, straight or wide; wishes : further target places of some spirals
+    springs : that hold the piece near its target meanwhile; None for none
     """
 
     target: QuadMesh
@@ -88,6 +89,7 @@ class Task:
     work: Work
     constraints: Constraints = NO_CONSTRAINTS
     wishes: Wishes | None = None
+    springs: Springs | None = None
 
     def problem(
         self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
@@ -105,6 +107,7 @@ class Task:
         loads = Loads.for_spirals(
             assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass
         )
+        loads = replace(loads, springs=self.springs)
         return InverseProblem(
             assembly,
             space or self.space(design, progress),
@@ -119,6 +122,20 @@ class Task:
             room=ClearanceModel.from_flat(design.flat, design.params),
             stance=Stance(loads, self.target, design.flat.corners),
         )
+
+    def point(self, design: SpiralDesign, like: InverseProblem, start: Pose, progress: Progress) -> DesignPoint:
+        """Return the point of a design in a new problem with the limits, weights and space of another one.
+
+        Parameters
+        ----------
+        design : with its flat shapes
+        like : the other problem
+        start : pose from which the equilibrium is sought
+        progress : reports progress and raises Cancelled
+        """
+        space = like.space.including(design)
+        problem = replace(self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness)
+        return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
 
     def aim(self, assembly: Assembly, free: bool) -> Target:
         """Return the target of the spirals' centres.
@@ -289,17 +306,25 @@ class Search:
         here, ended = tried[chosen], self.trace.ended
         if codesigned:
             work.begin(TIME_WITH_FLATS)
-            here = self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress.part(0.3, 0.8))
+            here = self.cycled(here, progress.part(0.3, 0.8))
         slow = work.slow
         if not codesigned:
             work.begin(1.0)
             here = self._repeat(self.polished, here, MAX_POLISHES, POLISH_GAIN, progress.part(0.8, 0.95))
-        if here.strained:
-            work.extend(OVERTIME)
-            self._repeat(self.relieved, here.strict(), MAX_POLISHES, 1.0, progress.part(0.95, 1.0))
+        self.relieve(here, progress.part(0.95, 1.0))
         late = "time" if work.late else "converged" if ended == "time" else ended
         self.trace.ended = SLOW if slow or work.slow else late
         return chosen
+
+    def cycled(self, here: StageResult, progress: Progress) -> StageResult:
+        """Repeat ``together`` while it pays; return the best result."""
+        return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)
+
+    def relieve(self, here: StageResult, progress: Progress) -> None:
+        """Append results with less strain to ``held`` where arms are visibly overstrained."""
+        if here.strained:
+            self.task.work.extend(OVERTIME * self.task.work.done)
+            self._repeat(self.relieved, here.strict(), MAX_POLISHES, 1.0, progress)
 
     def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
         """Append a point in this design's flat shapes to ``held``, and return it."""
@@ -385,9 +410,4 @@ class Search:
         design = codesign.to_design(found, here.design)
         if design is None:
             return None
-        space = found.problem.space.including(design)
-        problem = self.task.problem(design, progress, space)
-        problem = replace(problem, bearing=found.problem.bearing, firmness=found.problem.firmness)
-        x = space.coordinates(design.width, design.twist)
-        point = problem.at(x, found.equilibrium.pose, progress, MAX_NEWTON_ITERATIONS)
-        return self.hold(design, point)
+        return self.hold(design, self.task.point(design, found.problem, found.equilibrium.pose, progress))

@@ -92,9 +92,9 @@ class Work:
         self.share, self.rated = share, rated
         self.steps.clear()
 
-    def extend(self, share: float) -> None:
-        """Begin a stage, not rated, that may add this share of the work done so far, whatever the limit."""
-        self.begin((1.0 + share) * self.done / self.limit if self.limit else 1.0, rated=False)
+    def extend(self, seconds: float, *, rated: bool = False) -> None:
+        """Begin a stage that may add these seconds to the work done so far, whatever the limit."""
+        self.begin((self.done + seconds) / self.limit if self.limit else 1.0, rated=rated)
 
     def note(self, decrease: float) -> None:
         """Record a step that has lowered the logarithm of the objective."""
@@ -122,7 +122,7 @@ class Work:
             return progress
 
         def report_work(_: float, text: str) -> None:
-            share = min(1.0, self.done / limit) ** 0.5
+            share = min(1.0, self.done / (max(1.0, self.share) * limit)) ** 0.5
             report(progress.lo + (progress.hi - progress.lo) * share, text)
 
         return replace(progress, report=report_work)

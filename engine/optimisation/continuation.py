@@ -1,0 +1,96 @@
+"""Stage of a search that springs begin: they hold every spiral near its place in the target, and are weakened in steps.
+
+A search that begins far from its target can stall in a valley between two shapes of the piece, at 1 to 8 % of the size. Held by springs
+the piece stays in the target's valley, while spirals and flat shapes change until it rests there by itself. The required stability is
+that of the piece without springs, so that it does not snap when they are gone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..mechanics.assembly import target_pose
+from ..mechanics.loads import Springs
+from ..progress import Progress
+from .firmness import RequirementWithoutSprings
+from .inverse import DesignPoint
+from .optimisers import SearchRecord
+from .remedies import WANTED_PERCENT
+from .search import FIRST_STOP, Search, StageResult
+
+# Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
+SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
+# Largest distance from the target with the stiffest springs, as a share of that without springs, for weaker springs to follow
+HOPEFUL = 0.35
+# Distance from the target without springs, as a share of that before this stage, or a multiple of that with springs, up to which the stage
+# has succeeded
+SUCCESS_SHARE, SUCCESS_RATIO = 0.5, 2.0
+STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches at the start of the stage
+# Shares of the usual limit of a search that this stage may add, with springs and after them
+TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
+HELD = "Held near the target by springs"  # shown with the progress
+
+
+def continue_far(search: Search, progress: Progress) -> None:
+    """Go on from the best result of a search with springs if it ended far from the target; better results are appended to it.
+
+    Parameters
+    ----------
+    search : that has ended
+    progress : reports progress and raises Cancelled
+    """
+    here, work, ended = search.best, search.task.work, search.trace.ended
+    if not search.task.params.codesign or here.point.arms is None or here.percent <= WANTED_PERCENT:
+        return
+    work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
+    found = _freed(search, here, progress.part(0.0, 0.7))
+    if found is not None:
+        work.extend(TIME_AFTER_SPRINGS * (work.limit or 0.0), rated=True)
+        search.relieve(search.cycled(found, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
+    search.trace.ended = ended
+
+
+def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
+    """Return a result that rests nearer to the target than ``here`` without springs; None where none is found."""
+    task, design, like = search.task, here.design, here.point
+    pose = target_pose(task.target, design.flat.corners)
+    unit = _mean_stiffness(here.point)
+    firmness = RequirementWithoutSprings(STABILITY_WEIGHT * here.point.mismatch.value)
+    for k, share in enumerate(SHARES):
+        within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
+        held = replace(search, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
+        held.task = replace(task, springs=Springs(share * unit, task.target.centroids))
+        point = held.task.point(design, replace(like.problem, firmness=firmness), pose, within.at(0.0, HELD))
+        if not point.equilibrium.converged:
+            return None
+        found = _improved(held, StageResult(design, point.weighed(point.mismatch.value, firmness), np.inf), within)
+        if k == 0 and found.percent > HOPEFUL * here.percent:
+            return None
+        design, like, pose = found.design, found.point, found.point.equilibrium.pose
+        alone = task.point(design, here.point.problem, pose, within.at(1.0, HELD))
+        free = StageResult(design, alone.weighed(alone.mismatch.value), search.farthest)
+        if free.sound and free.percent <= max(SUCCESS_SHARE * here.percent, SUCCESS_RATIO * found.percent):
+            return search.hold(design, free.point)
+        if task.work.over:
+            return None
+    return None
+
+
+def _improved(held: Search, start: StageResult, progress: Progress) -> StageResult:
+    """Return the result of one cycle of a search with springs."""
+    rough = replace(held.task.params, stop=max(held.task.params.stop, FIRST_STOP))
+    alone = held.improved(start, rough, progress.part(0.0, 0.3))
+    found = held.together(alone, progress.part(0.3, 1.0))
+    return found if found.value < alone.value else alone
+
+
+def _mean_stiffness(point: DesignPoint) -> float:
+    """Return the mean stiffness of joints between two hubs in translation, newtons per metre."""
+    blocks = point.model.expand(point.model.start(point.equilibrium.pose)).convex
+    return float(np.einsum("mii->m", blocks[:, :3, :3]).mean()) / 3.0
+
+
+def _ignore(point: DesignPoint) -> None:
+    """Show nothing: the piece is not where it would rest without springs."""
