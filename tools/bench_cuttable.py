@@ -16,7 +16,8 @@ import zoo
 from flexmaps.engine.optimisation import codesign, optimise
 from flexmaps.engine.optimisation.inverse import DesignPoint
 from flexmaps.engine.optimisation.optimisers import SearchRecord
-from flexmaps.engine.optimisation.search import FARTHER, Search, Task
+from flexmaps.engine.optimisation.search import FARTHER, Search
+from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.progress import SILENT

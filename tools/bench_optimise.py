@@ -22,7 +22,7 @@ from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design, t
 from flexmaps.engine.mechanics.clearance.slots_in_space import SpaceSlots
 from flexmaps.engine.mechanics.elastic import ElasticModel
 from flexmaps.engine.mechanics.loads import Loads
-from flexmaps.engine.optimisation import optimise, reach, search
+from flexmaps.engine.optimisation import optimise, reach, task
 from flexmaps.engine.optimisation.design_space import DesignSpace
 from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
@@ -231,7 +231,7 @@ def _optimisers(design: SpiralDesign, mesh: QuadMesh, held: np.ndarray | None) -
     runs = []
     # the line search of L-BFGS-B needs exact equilibria: with ours it ends at once
     for method, params, tolerance in (
-        (gauss_newton, OptimiseParams(), search.COARSE_TOLERANCE),
+        (gauss_newton, OptimiseParams(), task.COARSE_TOLERANCE),
         (lbfgs, OptimiseParams(iterations=BASELINE_STEPS), SimulateParams().tolerance),
     ):
         trace, started = SearchRecord(), time.process_time()

@@ -26,9 +26,7 @@ class NewtonSystem:
     then count as 0.
     """
 
-    def __init__(
-        self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None, springs: Springs | None = None
-    ):
+    def __init__(self, pairs: np.ndarray, held: np.ndarray, backend: str | None = None, springs: Springs | None = None):
         more = max(int(pairs.max(initial=-1)) + 1 - len(held), 0)
         held = np.concatenate([held, np.zeros((more, 6), dtype=bool)]) if more else held
         self.held, self._pairs = held, pairs

@@ -17,16 +17,15 @@ from ..progress import Progress
 from .firmness import RequirementWithoutSprings
 from .inverse import DesignPoint
 from .optimisers import SearchRecord
-from .remedies import WANTED_PERCENT
 from .search import FIRST_STOP, Search, StageResult
 
+# Distance from the target, in percent of the size, beyond which a search goes on with springs. Those that ended at 1 to 2 % gained nothing
+FAR_PERCENT = 2.0
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
-# Largest distance from the target with the stiffest springs, as a share of that without springs, for weaker springs to follow
-HOPEFUL = 0.35
-# Distance from the target without springs, as a share of that before this stage, or a multiple of that with springs, up to which the stage
-# has succeeded
-SUCCESS_SHARE, SUCCESS_RATIO = 0.5, 2.0
+# Largest distance from the target, as a share of that before this stage: with springs, for weaker ones to follow, and without springs, for
+# the stage to end
+HOPEFUL, SUCCESS = 0.5, 0.5
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches at the start of the stage
 # Shares of the usual limit of a search that this stage may add, with springs and after them
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
@@ -42,10 +41,10 @@ def continue_far(search: Search, progress: Progress) -> None:
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
-    if not search.task.params.codesign or here.point.arms is None or here.percent <= WANTED_PERCENT:
+    if not search.task.params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
         return
     work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
-    found = _freed(search, here, progress.part(0.0, 0.7))
+    found = _freed(search, here, _unseen(progress.part(0.0, 0.7)))
     if found is not None:
         work.extend(TIME_AFTER_SPRINGS * (work.limit or 0.0), rated=True)
         search.relieve(search.cycled(found, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
@@ -62,19 +61,17 @@ def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult
         within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
         held = replace(search, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
         held.task = replace(task, springs=Springs(share * unit, task.target.centroids))
-        point = held.task.point(design, replace(like.problem, firmness=firmness), pose, within.at(0.0, HELD))
+        point = held.task.point(design, replace(like.problem, firmness=firmness), pose, within)
         if not point.equilibrium.converged:
             return None
         found = _improved(held, StageResult(design, point.weighed(point.mismatch.value, firmness), np.inf), within)
-        if k == 0 and found.percent > HOPEFUL * here.percent:
+        if found.percent > HOPEFUL * here.percent or task.work.over:
             return None
         design, like, pose = found.design, found.point, found.point.equilibrium.pose
-        alone = task.point(design, here.point.problem, pose, within.at(1.0, HELD))
+        alone = task.point(design, here.point.problem, pose, within)
         free = StageResult(design, alone.weighed(alone.mismatch.value), search.farthest)
-        if free.sound and free.percent <= max(SUCCESS_SHARE * here.percent, SUCCESS_RATIO * found.percent):
+        if free.sound and free.percent <= SUCCESS * here.percent:
             return search.hold(design, free.point)
-        if task.work.over:
-            return None
     return None
 
 
@@ -90,6 +87,12 @@ def _mean_stiffness(point: DesignPoint) -> float:
     """Return the mean stiffness of joints between two hubs in translation, newtons per metre."""
     blocks = point.model.expand(point.model.start(point.equilibrium.pose)).convex
     return float(np.einsum("mii->m", blocks[:, :3, :3]).mean()) / 3.0
+
+
+def _unseen(progress: Progress) -> Progress:
+    """Return a progress that says that springs hold the piece, in place of its shape and mismatch meanwhile."""
+    report = progress.report
+    return replace(progress, report=report and (lambda fraction, _: report(fraction, HELD)), shown=None)
 
 
 def _ignore(point: DesignPoint) -> None:

@@ -63,6 +63,11 @@ class StabilityRequirement:
         """Return the requirement for a stage that starts with this mismatch."""
         return cls(BARRIER_WEIGHT * mismatch)
 
+    @property
+    def margins(self) -> tuple[float, ...]:
+        """Margins of an equilibrium that are tested, see ``equilibrium.solve``."""
+        return MIN_STABILITY, self.enough
+
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
         """Return log((enough - m) / (rises - m)), m = ``BARRIER_POLE``, with its tangent near m, and the derivatives by ``rises``."""
         room = rises - BARRIER_POLE
@@ -81,6 +86,11 @@ NO_REQUIREMENT = StabilityRequirement(0.0)
 @dataclass(frozen=True, eq=False)
 class RequirementWithoutSprings(StabilityRequirement):
     """Required stability of a piece that springs hold, were they gone: its eigenvalues may lie far below 0."""
+
+    @property
+    def margins(self) -> tuple[float, ...]:
+        """None: equilibria with springs are more stable than those without."""
+        return ()
 
     def rows(self, rises: Float[np.ndarray, " k"], enough: float) -> tuple[np.ndarray, np.ndarray]:
         """Return log(2 - rises / enough), and the derivatives by ``rises``."""

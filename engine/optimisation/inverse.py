@@ -167,7 +167,7 @@ class InverseProblem:
             start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
         factor = factors.free()
-        margins = (MIN_STABILITY,) if self.firmness is None else (MIN_STABILITY, self.firmness.enough)
+        margins = (MIN_STABILITY,) if self.firmness is None else self.firmness.margins
         found = solve(model, start, self.loads, self.simulate, progress, factor.system, iterations, step, margins)
         factor.owner = found if found.converged else None
         self.work.add(EQUILIBRIUM + ITERATION * (found.iterations + 1), self.assembly.size)
@@ -282,9 +282,7 @@ class DesignPoint:
     def _modes(self) -> SoftModes | None:
         """Softest modes that are less stable than required; None if there are none."""
         asked, found = self.problem.firmness, self.equilibrium
-        if asked is None or not found.converged or self.arms is None:
-            return None
-        if found.spare >= asked.enough and self.problem.loads.springs is None:
+        if asked is None or not found.converged or found.spare >= asked.enough or self.arms is None:
             return None
         self.problem.work.add(SOFTEST, self.problem.assembly.size)
         modes = SoftModes.from_equilibrium(self.arms, found.pose, self.system, asked)

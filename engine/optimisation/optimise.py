@@ -28,8 +28,9 @@ from .continuation import continue_far
 from .found import SimulatedResult, open_closed_slots
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import CANCELLED, SearchRecord
-from .search import ALWAYS_ALLOWED_DISTANCE, FARTHER, Search, StageResult, Task
+from .search import ALWAYS_ALLOWED_DISTANCE, FARTHER, Search, StageResult
 from .snapshot import OptimisationStep
+from .task import Task
 from .terms import LENIENT, LOOSE, STRICT
 from .wishes import Wishes
 from .work import FIT, Work

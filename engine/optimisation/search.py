@@ -2,48 +2,32 @@
 
 Every stage ends in a design that can be cut, and the best of these is the result: a search never ends worse than it began.
 Every step is evaluated with the whole elastic model: without the second order of the strains, slender panels come to rest in
-shapes that the real piece never takes. Derivatives treat that second order as constant (see ``arms.sensitivity``).
+shapes that the real piece never takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
-from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN, Material
-from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
-from ..mechanics.elastic import ElasticModel
-from ..mechanics.loads import Loads, Springs
-from ..mechanics.stance import Stance
-from ..params import OptimiseParams, SimulateParams
+from ..materials import OVERSTRAIN_SHARE, STRAIN_MARGIN
+from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches
-from ..progress import SILENT, Progress
-from ..simulation.simulate import Simulation, build_model, simulate
-from ..spirals.clearance.room import ClearanceModel
-from ..spirals.constraints import NO_CONSTRAINTS, Constraints
+from ..progress import Progress
 from ..spirals.design import SpiralDesign
-from ..surface.mesh import QuadMesh
 from . import codesign
 from .codesign_problem import FlatPoint
-from .design_space import DesignSpace
-from .inverse import DesignPoint, InverseProblem
-from .objective import Target
-from .open_slots import SlotRequirement
-from .optimisers import EXACT_MISMATCH, MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
+from .inverse import DesignPoint
+from .optimisers import EXACT_MISMATCH, Accepted, SearchRecord, gauss_newton
 from .other_weights import with_problem
 from .remedies import WANTED_PERCENT
-from .terms import LENIENT, STRICT, StrainLimit
-from .wishes import Wishes
-from .work import CURVING, SLOW, SPACE, Work
+from .task import Task
+from .terms import LENIENT, STRICT
+from .work import SLOW
 
 Stage = Callable[["StageResult", Progress], "StageResult"]
-GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
-# Smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
-COARSE_TOLERANCE = 1e-6
-ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
 # converge first, and surfaces end farther from their target after the same work
 FIRST_STOP = 0.45
@@ -68,144 +52,6 @@ RELIEF_STOP = 0.25
 # A match in curvature is useless if the whole piece drifts away. RMS distances from the target that are always allowed: in distances of
 # neighbours, and as a multiple of the given design's
 ALWAYS_ALLOWED_DISTANCE, FARTHER = 0.2, 1.1
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """Inputs of a search besides the design.
-
-    target, material : the surface, and the material; params, physics : settings of the search, and of its equilibria
-    supports, force : as in ``simulate``; work : counter shared by all problems of the search
-    constraints : spirals that must be kept, straight or wide; wishes : further target places of some spirals
-    springs : that hold the piece near its target meanwhile; None for none
-    """
-
-    target: QuadMesh
-    material: Material
-    params: OptimiseParams
-    physics: SimulateParams
-    supports: np.ndarray | None
-    force: np.ndarray | None
-    work: Work
-    constraints: Constraints = NO_CONSTRAINTS
-    wishes: Wishes | None = None
-    springs: Springs | None = None
-
-    def problem(
-        self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
-    ) -> InverseProblem:
-        """Return the inverse problem of the spirals in a design's flat shapes, with the whole elastic model.
-
-        Parameters
-        ----------
-        design : with the flat shapes and settings
-        progress : reports progress and raises Cancelled
-        space : coordinates of the spirals; the space of ``design`` by default
-        """
-        assembly, physics, params = assembly_from_design(design), self.physics, self.params
-        mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
-        loads = Loads.for_spirals(
-            assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass
-        )
-        loads = replace(loads, springs=self.springs)
-        return InverseProblem(
-            assembly,
-            space or self.space(design, progress),
-            self.aim(assembly, not loads.fixed.any()),
-            loads,
-            self.model,
-            replace(physics, tolerance=max(physics.tolerance, COARSE_TOLERANCE)),
-            params.smoothness,
-            StrainLimit(self.material, params.strain_share) if params.strain_share > 0.0 else None,
-            SlotRequirement.from_design(design) if params.open_slots else None,
-            self.work,
-            room=ClearanceModel.from_flat(design.flat, design.params),
-            stance=Stance(loads, self.target, design.flat.corners),
-        )
-
-    def point(self, design: SpiralDesign, like: InverseProblem, start: Pose, progress: Progress) -> DesignPoint:
-        """Return the point of a design in a new problem with the limits, weights and space of another one.
-
-        Parameters
-        ----------
-        design : with its flat shapes
-        like : the other problem
-        start : pose from which the equilibrium is sought
-        progress : reports progress and raises Cancelled
-        """
-        space = like.space.including(design)
-        problem = replace(self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness)
-        return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
-
-    def aim(self, assembly: Assembly, free: bool) -> Target:
-        """Return the target of the spirals' centres.
-
-        Parameters
-        ----------
-        assembly : of any design of the piece
-        free : whether nothing holds the piece
-        """
-        wishes = self.wishes if self.params.urge > 0.0 else None
-        return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
-
-    def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
-        """Return the design space of this design's patches.
-
-        Parameters
-        ----------
-        design : gives the patches and limits
-        progress : called with the fraction done; may cancel
-        """
-        self.work.add(SPACE, len(design.width))
-        groups = GROUP_COUNTS[self.params.arms]
-        space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
-        return space.including(design)
-
-    def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
-        """Build the elastic model of an assembly, second order included.
-
-        Parameters
-        ----------
-        assembly : the piece
-        progress : called with the fraction done; may cancel
-        """
-        self.work.add(CURVING, assembly.size)
-        return build_model(assembly, self.material, self.physics.model, progress=progress)
-
-    def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
-        """Simulate a design with the whole model, from a pose.
-
-        Parameters
-        ----------
-        design : spirals and panels
-        start : pose of all hubs to start from
-        progress : called with the fraction done; may cancel
-        """
-        rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
-        rest["progress"] = replace(progress, shown=None)  # the view shows the steps of the search only
-        return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
-
-    def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
-        """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
-
-        Under gravity it is always simulated, because a search computes the weights of its spirals only at the start of a stage.
-
-        Parameters
-        ----------
-        design : made from the point
-        point : converged point of the search
-        """
-        assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
-        if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):
-            return self.simulated(design, found.pose, SILENT)
-        found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
-        return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
-
-
-def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:
-    """Return whether two assemblies of the same joints differ by rounding only."""
-    apart = [np.abs(one.lever - two.lever) / one.radius.mean(), one.width / two.width - 1.0, one.twist - two.twist]
-    return all(float(np.abs(part).max()) < ROUNDING for part in apart)
 
 
 @dataclass(frozen=True, eq=False)

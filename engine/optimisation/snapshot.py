@@ -12,7 +12,7 @@ from ..simulation.simulate import Simulation, move_vertices
 from ..spirals.design import SpiralDesign
 from ..surface.mesh import QuadMesh
 from .inverse import DesignPoint
-from .search import Task
+from .task import Task
 
 
 @dataclass(frozen=True, eq=False)

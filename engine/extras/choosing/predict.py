@@ -26,7 +26,7 @@ from ...optimisation.design_space import DesignSpace
 from ...optimisation.inverse import InverseProblem
 from ...optimisation.reach import find_limits
 from ...optimisation.scaling import CurvatureEstimate
-from ...optimisation.search import Task
+from ...optimisation.task import Task
 from ...optimisation.work import Work
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress

@@ -11,7 +11,7 @@ from flexmaps.engine.linalg import Pattern, negative_eigenvalues
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.assembly import nearest_rotation
 from flexmaps.engine.mechanics.equilibrium import other_minima, solve
-from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.progress import Progress
@@ -45,6 +45,35 @@ def test_cantilever_bends_as_its_compliances_in_series(twist: float) -> None:
     assert found.pose.centres[-1] - straight(count).centres[-1] == pytest.approx(
         moved, rel=1e-3, abs=1e-3 * np.abs(moved).max()
     )
+
+
+def test_springs_act_like_the_forces_that_they_exert_at_the_end() -> None:
+    count = 8
+    model, places = ArmModel.from_assembly(row(count), VERO), straight(count).centres.copy()
+    places[:, 2] += 0.02 * np.linspace(0.0, 1.0, count) ** 2
+    held = Loads.for_spirals(count, supports=np.array([0]))
+    springs = Springs(0.5, places)
+    exact = SimulateParams(tolerance=1e-10)
+    found = solve(model, straight(count), Loads(held.fixed, held.force, springs), exact)
+    force = springs.force(found.pose.centres)
+    again = solve(model, straight(count), Loads(held.fixed, force), exact)
+    assert found.converged and again.converged and found.iterations <= again.iterations
+    assert again.pose.centres == pytest.approx(found.pose.centres, abs=1e-8 * SPACING)
+    left = np.linalg.norm(found.pose.centres - places, axis=1)
+    assert 0.0 < left.max() < 0.9 * np.linalg.norm(straight(count).centres - places, axis=1).max()
+    assert found.energy == pytest.approx(found.per_joint.sum() + 0.25 * (left**2).sum(), rel=1e-9)
+
+
+def test_springs_add_their_stiffness_to_every_free_shift_of_a_hub() -> None:
+    count = 4
+    pairs, held = np.array([[0, 1], [1, 2], [2, 3]]), np.zeros((count, 6), dtype=bool)
+    held[1] = True
+    blocks = np.tile(np.eye(12), (3, 1, 1))
+    system = NewtonSystem(pairs, held, springs=Springs(7.0, np.zeros((count, 3))))
+    other = system.without_springs
+    stiffness = (system.pattern.matrix(system.values(blocks)) - other.pattern.matrix(other.values(blocks))).toarray()
+    assert stiffness == pytest.approx(np.diag(np.tile([7.0, 7.0, 7.0, 0.0, 0.0, 0.0], count - 1)))
+    assert other.without_springs is other
 
 
 def test_a_row_closed_to_a_ring_is_a_circle_of_constant_moment() -> None:

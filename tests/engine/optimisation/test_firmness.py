@@ -8,7 +8,7 @@ import pytest
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms import curving_changes
 from flexmaps.engine.mechanics.assembly import assembly_from_design, target_pose
-from flexmaps.engine.mechanics.loads import Loads
+from flexmaps.engine.mechanics.loads import Loads, Springs
 from flexmaps.engine.mechanics.stance import Stance
 from flexmaps.engine.optimisation import firmness
 from flexmaps.engine.optimisation.codesign_problem import FlatProblem, FlatRange
@@ -17,6 +17,7 @@ from flexmaps.engine.optimisation.firmness import (
     BARRIER_POLE,
     STABLE_EIGENVALUE,
     TANGENT_BELOW,
+    RequirementWithoutSprings,
     StabilityBarrier,
     StabilityRequirement,
 )
@@ -45,7 +46,9 @@ def made() -> tuple[SpiralDesign, QuadMesh]:
     return found.design, found.mesh
 
 
-def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False) -> DesignPoint:
+def start(
+    *, flats: bool = False, held: bool = False, groups: int = 1, curving: bool = False, springs: bool = False
+) -> DesignPoint:
     """A point with soft modes, of spirals at random; every eigenvalue of the dome's counts as low."""
     design, mesh = made()
     assembly = assembly_from_design(design)
@@ -53,6 +56,9 @@ def start(*, flats: bool = False, held: bool = False, groups: int = 1, curving: 
     space = DesignSpace.from_design(design, assembly, groups)
     firmness = StabilityRequirement(weight=0.7, enough=0.999, modes=MODES)
     loads = Loads.for_spirals(assembly.size, supports=supports)
+    if springs:
+        loads = dataclasses.replace(loads, springs=Springs(20.0, mesh.centroids))
+        firmness = RequirementWithoutSprings(weight=0.7, enough=0.999, modes=MODES)
     given = {
         "assembly": assembly,
         "space": space,
@@ -91,6 +97,7 @@ def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_a
     [
         {"curving": True, "flats": True},
         {"flats": True, "held": True},
+        {"flats": True, "springs": True},
         *(
             pytest.param(one, marks=pytest.mark.thorough)
             for one in ({}, {"curving": True}, {"held": True}, {"groups": 4}, {"flats": True})
@@ -101,6 +108,7 @@ def test_a_point_of_which_more_stability_is_asked_is_the_one_that_is_evaluated_a
 def test_gradient_of_the_barrier(options: dict, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curving_changes, "MIN_SHARE", 0.0)
     monkeypatch.setattr(firmness, "DIFFERENCE_TURN", 1e-4)
+    monkeypatch.setattr(firmness, "MODE_TOLERANCE", 1e-10)
     here = start(**options)
     assert here.equilibrium.converged and here.barrier is not None and len(here.barrier.rises) == MODES
     change = here.barrier.gradient

@@ -10,7 +10,8 @@ from flexmaps.engine.materials import OVERSTRAIN_SHARE, material
 from flexmaps.engine.optimisation import found as found_module
 from flexmaps.engine.optimisation.found import SimulatedResult, open_closed_slots, reduce_twist, with_room
 from flexmaps.engine.optimisation.optimisers import CANCELLED, SearchRecord
-from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search, Task
+from flexmaps.engine.optimisation.search import OVERTIME, TIME_WITH_FLATS, Search
+from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten

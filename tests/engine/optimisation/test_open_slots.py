@@ -17,7 +17,7 @@ from flexmaps.engine.mechanics.clearance.slot_estimate import PLACES
 from flexmaps.engine.mechanics.clearance.slots_in_space import slots_in_space
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimise import optimise
-from flexmaps.engine.optimisation.search import Task
+from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job

@@ -17,7 +17,7 @@ from flexmaps.engine.optimisation.inverse import DesignPoint, InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
 from flexmaps.engine.optimisation.reach import REASON_NAMES, find_limits
-from flexmaps.engine.optimisation.search import Task
+from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.terms import LENIENT, StrainLimit
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.optimisation.work import Work

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.optimisation import optimise
-from flexmaps.engine.optimisation.search import Task
+from flexmaps.engine.optimisation.task import Task
 from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job

@@ -1,0 +1,172 @@
+"""Inputs of a search besides the design, and what they make of a design: its problem, model, space and equilibrium."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..materials import Material
+from ..mechanics.assembly import Assembly, Pose, assembly_from_design, target_pose
+from ..mechanics.elastic import ElasticModel
+from ..mechanics.loads import Loads, Springs
+from ..mechanics.stance import Stance
+from ..params import OptimiseParams, SimulateParams
+from ..progress import SILENT, Progress
+from ..simulation.simulate import Simulation, build_model, simulate
+from ..spirals.clearance.room import ClearanceModel
+from ..spirals.constraints import NO_CONSTRAINTS, Constraints
+from ..spirals.design import SpiralDesign
+from ..surface.mesh import QuadMesh
+from .design_space import DesignSpace
+from .inverse import DesignPoint, InverseProblem
+from .objective import Target
+from .open_slots import SlotRequirement
+from .optimisers import MAX_NEWTON_ITERATIONS
+from .terms import StrainLimit
+from .wishes import Wishes
+from .work import CURVING, SPACE, Work
+
+GROUP_COUNTS = {"alike": 1, "pairs": 2, "each": 4}  # number of groups of arms with one width, by the setting
+# Smallest tolerance of equilibria during the search, whatever the settings say; see docs/tuning.md
+COARSE_TOLERANCE = 1e-6
+ROUNDING = 1e-6  # relative difference of lengths, or of twists in radians, below which assemblies count as equal
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Inputs of a search besides the design.
+
+    target, material : the surface, and the material; params, physics : settings of the search, and of its equilibria
+    supports, force : as in ``simulate``; work : counter shared by all problems of the search
+    constraints : spirals that must be kept, straight or wide; wishes : further target places of some spirals
+    springs : that hold the piece near its target meanwhile; None for none
+    """
+
+    target: QuadMesh
+    material: Material
+    params: OptimiseParams
+    physics: SimulateParams
+    supports: np.ndarray | None
+    force: np.ndarray | None
+    work: Work
+    constraints: Constraints = NO_CONSTRAINTS
+    wishes: Wishes | None = None
+    springs: Springs | None = None
+
+    def problem(
+        self, design: SpiralDesign, progress: Progress = SILENT, space: DesignSpace | None = None
+    ) -> InverseProblem:
+        """Return the inverse problem of the spirals in a design's flat shapes, with the whole elastic model.
+
+        Parameters
+        ----------
+        design : with the flat shapes and settings
+        progress : reports progress and raises Cancelled
+        space : coordinates of the spirals; the space of ``design`` by default
+        """
+        assembly, physics, params = assembly_from_design(design), self.physics, self.params
+        mass = design.area * assembly.thickness * self.material.density if physics.gravity else None
+        loads = Loads.for_spirals(
+            assembly.size, supports=self.supports, clamped=physics.clamped, force=self.force, mass=mass
+        )
+        loads = replace(loads, springs=self.springs)
+        return InverseProblem(
+            assembly,
+            space or self.space(design, progress),
+            self.aim(assembly, not loads.fixed.any()),
+            loads,
+            self.model,
+            replace(physics, tolerance=max(physics.tolerance, COARSE_TOLERANCE)),
+            params.smoothness,
+            StrainLimit(self.material, params.strain_share) if params.strain_share > 0.0 else None,
+            SlotRequirement.from_design(design) if params.open_slots else None,
+            self.work,
+            room=ClearanceModel.from_flat(design.flat, design.params),
+            stance=Stance(loads, self.target, design.flat.corners),
+        )
+
+    def point(self, design: SpiralDesign, like: InverseProblem, start: Pose, progress: Progress) -> DesignPoint:
+        """Return the point of a design in a new problem with the limits, weights and space of another one.
+
+        Parameters
+        ----------
+        design : with its flat shapes
+        like : the other problem
+        start : pose from which the equilibrium is sought
+        progress : reports progress and raises Cancelled
+        """
+        space = like.space.including(design)
+        problem = replace(self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness)
+        return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
+
+    def aim(self, assembly: Assembly, free: bool) -> Target:
+        """Return the target of the spirals' centres.
+
+        Parameters
+        ----------
+        assembly : of any design of the piece
+        free : whether nothing holds the piece
+        """
+        wishes = self.wishes if self.params.urge > 0.0 else None
+        return Target(assembly.pairs, self.target.centroids, self.params.lies, free, wishes, self.params.urge)
+
+    def space(self, design: SpiralDesign, progress: Progress = SILENT) -> DesignSpace:
+        """Return the design space of this design's patches.
+
+        Parameters
+        ----------
+        design : gives the patches and limits
+        progress : called with the fraction done; may cancel
+        """
+        self.work.add(SPACE, len(design.width))
+        groups = GROUP_COUNTS[self.params.arms]
+        space = DesignSpace.from_design(design, assembly_from_design(design), groups, progress, self.constraints)
+        return space.including(design)
+
+    def model(self, assembly: Assembly, progress: Progress = SILENT) -> ElasticModel:
+        """Build the elastic model of an assembly, second order included.
+
+        Parameters
+        ----------
+        assembly : the piece
+        progress : called with the fraction done; may cancel
+        """
+        self.work.add(CURVING, assembly.size)
+        return build_model(assembly, self.material, self.physics.model, progress=progress)
+
+    def simulated(self, design: SpiralDesign, start: Pose, progress: Progress) -> Simulation:
+        """Simulate a design with the whole model, from a pose.
+
+        Parameters
+        ----------
+        design : spirals and panels
+        start : pose of all hubs to start from
+        progress : called with the fraction done; may cancel
+        """
+        rest: dict[str, Any] = {"supports": self.supports, "force": self.force}
+        rest["progress"] = replace(progress, shown=None)  # the view shows the steps of the search only
+        return simulate(design, self.target, self.material, replace(self.physics, restarts=0), start=start, **rest)
+
+    def rested(self, design: SpiralDesign, point: DesignPoint) -> Simulation:
+        """Return the equilibrium of a design: that of a point if both are equal, else simulated from the point's pose.
+
+        Under gravity it is always simulated, because a search computes the weights of its spirals only at the start of a stage.
+
+        Parameters
+        ----------
+        design : made from the point
+        point : converged point of the search
+        """
+        assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
+        if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):
+            return self.simulated(design, found.pose, SILENT)
+        found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
+        return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
+
+
+def _equal_but_rounding(one: Assembly, two: Assembly) -> bool:
+    """Return whether two assemblies of the same joints differ by rounding only."""
+    apart = [np.abs(one.lever - two.lever) / one.radius.mean(), one.width / two.width - 1.0, one.twist - two.twist]
+    return all(float(np.abs(part).max()) < ROUNDING for part in apart)
