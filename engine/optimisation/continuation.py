@@ -17,6 +17,7 @@ from ..progress import Progress
 from .firmness import RequirementWithoutSprings
 from .inverse import DesignPoint
 from .optimisers import SearchRecord
+from .other_weights import with_problem
 from .search import FIRST_STOP, Search, StageResult
 
 # Distance from the target, in percent of the size, beyond which a search goes on with springs. Those that ended at 1 to 2 % gained nothing
@@ -64,7 +65,9 @@ def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult
         point = held.task.point(design, replace(like.problem, firmness=firmness), pose, within)
         if not point.equilibrium.converged:
             return None
-        found = _improved(held, StageResult(design, point.weighed(point.mismatch.value, firmness), np.inf), within)
+        point = point.weighed(point.mismatch.value)
+        point = with_problem(point, replace(point.problem, firmness=firmness))
+        found = _improved(held, StageResult(design, point, np.inf), within)
         if found.percent > HOPEFUL * here.percent or task.work.over:
             return None
         design, like, pose = found.design, found.point, found.point.equilibrium.pose

@@ -80,9 +80,6 @@ class StabilityRequirement:
         return 1.0 + 0.5 * BARRIER_WEIGHT * float((self.rows(below, STABLE_EIGENVALUE)[0] ** 2).sum())
 
 
-NO_REQUIREMENT = StabilityRequirement(0.0)
-
-
 @dataclass(frozen=True, eq=False)
 class RequirementWithoutSprings(StabilityRequirement):
     """Required stability of a piece that springs hold, were they gone: its eigenvalues may lie far below 0."""

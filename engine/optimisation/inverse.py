@@ -28,7 +28,7 @@ from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, rest
 from .costs import Cost, Roughness, joint_differences
 from .design_space import DesignSpace
 from .factors import Factors
-from .firmness import MIN_STABILITY, NO_REQUIREMENT, SoftModes, StabilityBarrier, StabilityRequirement
+from .firmness import MIN_STABILITY, SoftModes, StabilityBarrier, StabilityRequirement
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .other_weights import with_problem
@@ -228,13 +228,13 @@ class DesignPoint:
         largest = float(self.strains.values.max()) if strain is None else strain
         return self.problem.bearing.merit(value, largest, strictness)
 
-    def weighed(self, mismatch: float, firmness: StabilityRequirement = NO_REQUIREMENT) -> DesignPoint:
+    def weighed(self, mismatch: float) -> DesignPoint:
         """Return this point in a search that starts with this mismatch, which sets the weight of excess strain.
 
         In the first stage stability has no weight, so that it does not divert a search that would end stable anyway.
         """
         bearing = self.problem.bearing and replace(self.problem.bearing, weight=WEIGHT * mismatch)
-        return with_problem(self, replace(self.problem, bearing=bearing, firmness=firmness))
+        return with_problem(self, replace(self.problem, bearing=bearing, firmness=StabilityRequirement(0.0)))
 
     def firmed(self) -> Self:
         """Return this point in a stage that starts here and keeps away from snapping."""

@@ -193,9 +193,7 @@ def optimise(
     accepted(start)
     try:
         name = names[search.run(first, design, work.paced(progress.part(0.12, 0.9)))]
-        if prove:
-            continue_far(search, work.paced(progress.part(0.12, 0.9)))
-        found = _prove_best(search, progress.part(0.9, 1.0)) if prove else _best_unproved(search)
+        found = _continued(search, progress) if prove else _best_unproved(search)
     except Cancelled:
         trace.ended, found = CANCELLED, _best_so_far(search, *latest)
     found = _better(found, SimulatedResult(before, given, search.farthest), trace)
@@ -274,6 +272,12 @@ def _best_starts(points: dict[str, DesignPoint], farthest: float) -> list[str]:
         and sound[name].value <= START_RATIO * sound[first].value
     ]
     return [first, *sorted(others, key=lambda name: sound[name].value)[:1]]
+
+
+def _continued(search: Search, progress: Progress) -> SimulatedResult | None:
+    """Return the best proved design, after going on with springs where the search ended far from its target."""
+    continue_far(search, search.task.work.paced(progress.part(0.12, 0.9)))
+    return _prove_best(search, progress.part(0.9, 1.0))
 
 
 def _prove_best(search: Search, progress: Progress) -> SimulatedResult | None:

@@ -93,7 +93,13 @@ class Work:
         self.steps.clear()
 
     def extend(self, seconds: float, *, rated: bool = False) -> None:
-        """Begin a stage that may add these seconds to the work done so far, whatever the limit."""
+        """Begin a stage that may add some seconds to the work done so far, whatever the limit.
+
+        Parameters
+        ----------
+        seconds : that it may add
+        rated : whether the stage ends at ``rate``
+        """
         self.begin((self.done + seconds) / self.limit if self.limit else 1.0, rated=rated)
 
     def note(self, decrease: float) -> None:
