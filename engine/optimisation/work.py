@@ -138,7 +138,7 @@ class Work:
         """Whether the present share of the limit will be used up before the next proposal, or the clock ends the search."""
         if self.limit is None:
             return False
-        late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit
+        late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit * max(1.0, self.share)
         return self.expected > self.share * self.limit or late
 
     @property

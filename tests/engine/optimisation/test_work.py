@@ -57,3 +57,17 @@ def test_a_search_does_not_begin_a_step_that_it_would_not_finish() -> None:
     assert not work.late
     work.share = (work.done + 0.05) / work.limit
     assert work.late
+
+
+def test_a_stage_may_add_to_the_work_beyond_the_limit() -> None:
+    work = Work.for_spirals(100, 1.0)
+    limit = work.limit
+    assert limit is not None
+    work.add(0.9 * limit / 100, 100)
+    work.extend(0.5 * limit)
+    work.add(0.4 * limit / 100, 100)
+    assert work.done > limit and not work.over
+    work.began -= 10.0 * limit  # the clock allows for busy machines in proportion
+    assert not work.over
+    work.add(0.2 * limit / 100, 100)
+    assert work.late
