@@ -22,6 +22,7 @@ from .search import FIRST_STOP, Search, StageResult
 
 # Distance from the target, in percent of the size, beyond which a search goes on with springs. Those that ended at 1 to 2 % gained nothing
 FAR_PERCENT = 2.0
+LEAST_PATIENCE = 0.5  # of a search that goes on; shorter ones only compare candidates
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
 # Largest distance from the target, as a share of that before this stage: with springs, for weaker ones to follow, and without springs, for
@@ -41,8 +42,9 @@ def continue_far(search: Search, progress: Progress) -> None:
     search : that has ended
     progress : reports progress and raises Cancelled
     """
-    here, work, ended = search.best, search.task.work, search.trace.ended
-    if not search.task.params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
+    here, work, params, ended = search.best, search.task.work, search.task.params, search.trace.ended
+    hurried = 0.0 < params.patience < LEAST_PATIENCE
+    if hurried or not params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
         return
     work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
     found = _freed(search, here, _unseen(progress.part(0.0, 0.7)))

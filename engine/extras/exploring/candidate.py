@@ -25,6 +25,7 @@ from ..choosing.choice import proposal
 from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
+DECIMALS = 9  # of measures: strains of a flat piece are rounding, some 1e-13, which differs between processes
 # Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
 EFFORT = 0.15
 PICTURE_WIDTH = 220.0  # pixels
@@ -119,7 +120,7 @@ def _lay_out(
 
 
 def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> dict[str, float]:
-    """Return the measures of a candidate, rounded to four digits; those that are not finite are left out."""
+    """Return the measures of a candidate, rounded to four digits and ``DECIMALS``; those that are not finite are left out."""
     made, mesh = proposal(judged, settings, material), judged.laid.flat.layout.mesh
     found = {
         "rms_percent": 100.0 * judged.rms,
@@ -135,7 +136,7 @@ def _measure(judged: JudgedLayout, settings: Settings, material: Material) -> di
         **({} if made.cut is None else {"cut_minutes": made.cut / 60.0}),
         "join_minutes": made.join / 60.0,
     }
-    return {name: float(f"{value:.4g}") for name, value in found.items() if math.isfinite(value)}
+    return {name: float(f"{round(value, DECIMALS):.4g}") for name, value in found.items() if math.isfinite(value)}
 
 
 def _draw(laid: FlatLayout) -> str:

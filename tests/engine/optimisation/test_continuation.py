@@ -54,7 +54,10 @@ class Watcher:
 @lru_cache(maxsize=2)
 def fitted(*, cancels: bool) -> tuple[Optimisation, Watcher]:
     (design, mesh), watcher = hill(), Watcher(cancels=cancels)
-    params, progress = replace(SETTINGS.optimise, patience=0.1), Progress(watcher.report, shown=watcher.show)
+    params, progress = (
+        replace(SETTINGS.optimise, patience=continuation.LEAST_PATIENCE),
+        Progress(watcher.report, shown=watcher.show),
+    )
     return optimise(design, mesh, VERO, params, SETTINGS.simulate, progress=progress), watcher
 
 
