@@ -34,6 +34,9 @@ SLOW = "slow"  # ``SearchRecord.ended`` of a search that ended at this rate
 # Largest ratio of this thread's processor time to the limit, beyond which the clock ends a search. Two cores that do other work beside
 # took 2.3 to 2.9 times as long; with ratios near that, equal searches ended at different steps
 MAX_SLOWDOWN = 8.0
+# Seconds that the clock allows besides: searches of a fiftieth of the usual limit, 0.24 s, ended at different steps in processes that had
+# yet to import what they use
+UNCOUNTED = 10.0
 
 
 @dataclass(eq=False)
@@ -138,7 +141,7 @@ class Work:
         """Whether the present share of the limit will be used up before the next proposal, or the clock ends the search."""
         if self.limit is None:
             return False
-        late = time.thread_time() - self.began > MAX_SLOWDOWN * self.limit * max(1.0, self.share)
+        late = time.thread_time() - self.began > UNCOUNTED + MAX_SLOWDOWN * self.limit * max(1.0, self.share)
         return self.expected > self.share * self.limit or late
 
     @property
