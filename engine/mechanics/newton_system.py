@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
@@ -44,7 +46,7 @@ class NewtonSystem:
             stiffness[: len(springs.places), :3] = springs.stiffness
             self._springs = stiffness.ravel()[self.free]
 
-    @property
+    @cached_property
     def without_springs(self) -> NewtonSystem:
         """This system if it has no springs, else one for the same joints that has none."""
         return self if self._springs is None else NewtonSystem(self._pairs, self.held)

@@ -1,4 +1,4 @@
-"""Stage of a search that springs begin: they hold every spiral near its place in the target, and are weakened in steps.
+"""Last stage of a search: springs hold every spiral near its place in the target, and are weakened in steps.
 
 A search that begins far from its target can stall in a valley between two shapes of the piece, at 1 to 8 % of the size. Held by springs
 the piece stays in the target's valley, while spirals and flat shapes change until it rests there by itself. The required stability is
@@ -18,33 +18,31 @@ from .firmness import RequirementWithoutSprings
 from .inverse import DesignPoint
 from .optimisers import SearchRecord
 from .other_weights import with_problem
-from .search import FIRST_STOP, Search, StageResult
+from .search import Search, StageResult
 
-# Distance from the target, in percent of the size, beyond which a search goes on with springs. Those that ended at 1 to 2 % gained nothing
+# Distance from the target, in percent of the size, beyond which a search goes on with springs. Five that ended at 1 to 2 % gained nothing
 FAR_PERCENT = 2.0
-LEAST_PATIENCE = 0.5  # of a search that goes on; shorter ones only compare candidates
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
-# Largest distance from the target, as a share of that before this stage: with springs, for weaker ones to follow, and without springs, for
-# the stage to end
+# Largest distances from the target, as shares of that before this stage: with springs, or else it is given up, and after a release, for the
+# usual search to go on from there
 HOPEFUL, SUCCESS = 0.5, 0.5
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches at the start of the stage
-# Shares of the usual limit of a search that this stage may add, with springs and after them
+# Work that this stage may add, with springs and after them, as shares of the usual limit of a search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
 HELD = "Held near the target by springs"  # shown with the progress
 
 
 def continue_far(search: Search, progress: Progress) -> None:
-    """Go on from the best result of a search with springs if it ended far from the target; better results are appended to it.
+    """Go on with springs from the best result of a search that ended far from its target; new results are appended to ``held``.
 
     Parameters
     ----------
     search : that has ended
     progress : reports progress and raises Cancelled
     """
-    here, work, params, ended = search.best, search.task.work, search.task.params, search.trace.ended
-    hurried = 0.0 < params.patience < LEAST_PATIENCE
-    if hurried or not params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
+    here, work, ended = search.best, search.task.work, search.trace.ended
+    if not search.task.params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
         return
     work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
     found = _freed(search, here, _unseen(progress.part(0.0, 0.7)))
@@ -55,21 +53,22 @@ def continue_far(search: Search, progress: Progress) -> None:
 
 
 def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
-    """Return a result that rests nearer to the target than ``here`` without springs; None where none is found."""
+    """Return a result that rests nearer to the target than ``here`` after its release from springs; None where none is found."""
     task, design, like = search.task, here.design, here.point
     pose = target_pose(task.target, design.flat.corners)
     unit = _mean_stiffness(here.point)
     firmness = RequirementWithoutSprings(STABILITY_WEIGHT * here.point.mismatch.value)
     for k, share in enumerate(SHARES):
         within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
-        held = replace(search, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
-        held.task = replace(task, springs=Springs(share * unit, task.target.centroids))
-        point = held.task.point(design, replace(like.problem, firmness=firmness), pose, within)
+        sprung = replace(task, springs=Springs(share * unit, task.target.centroids))
+        held = replace(search, task=sprung, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
+        point = sprung.point(design, replace(like.problem, firmness=firmness), pose, within)
         if not point.equilibrium.converged:
             return None
         point = point.weighed(point.mismatch.value)
         point = with_problem(point, replace(point.problem, firmness=firmness))
-        found = _improved(held, StageResult(design, point, np.inf), within)
+        begun = held.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
+        found = held.together(begun, within.part(0.3, 1.0))
         if found.percent > HOPEFUL * here.percent or task.work.over:
             return None
         design, like, pose = found.design, found.point, found.point.equilibrium.pose
@@ -78,14 +77,6 @@ def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult
         if free.sound and free.percent <= SUCCESS * here.percent:
             return search.hold(design, free.point)
     return None
-
-
-def _improved(held: Search, start: StageResult, progress: Progress) -> StageResult:
-    """Return the result of one cycle of a search with springs."""
-    rough = replace(held.task.params, stop=max(held.task.params.stop, FIRST_STOP))
-    alone = held.improved(start, rough, progress.part(0.0, 0.3))
-    found = held.together(alone, progress.part(0.3, 1.0))
-    return found if found.value < alone.value else alone
 
 
 def _mean_stiffness(point: DesignPoint) -> float:

@@ -140,13 +140,13 @@ class Search:
         """
         params, work = self.task.params, self.task.work
         codesigned = params.codesign and starts[0].arms is not None
-        first, end = (replace(params, stop=max(params.stop, FIRST_STOP)), 0.3) if codesigned else (params, 0.8)
+        end = 0.3 if codesigned else 0.8
         tried: list[StageResult] = []
         for k, start in enumerate(starts):
             work.begin((TIME_ALONE if codesigned else TIME_WITH_FLATS) * (k + 1) / len(starts))
             here = self.hold(design, start)
             part = progress.part(end * k / len(starts), end * (k + 1) / len(starts))
-            other = self.improved(here, first, part)
+            other = self.begun(here, part) if codesigned else self.improved(here, params, part)
             tried.append(other if other.value < here.value else here)
         chosen = min(range(len(tried)), key=lambda k: tried[k].merit(LENIENT))
         here, ended = tried[chosen], self.trace.ended
@@ -161,6 +161,11 @@ class Search:
         late = "time" if work.late else "converged" if ended == "time" else ended
         self.trace.ended = SLOW if slow or work.slow else late
         return chosen
+
+    def begun(self, here: StageResult, progress: Progress) -> StageResult:
+        """Optimise the spirals alone, coarsely, before the flat shapes move too."""
+        params = self.task.params
+        return self.improved(here, replace(params, stop=max(params.stop, FIRST_STOP)), progress)
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
         """Repeat ``together`` while it pays; return the best result."""

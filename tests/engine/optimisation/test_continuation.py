@@ -55,7 +55,7 @@ class Watcher:
 def fitted(*, cancels: bool) -> tuple[Optimisation, Watcher]:
     (design, mesh), watcher = hill(), Watcher(cancels=cancels)
     params, progress = (
-        replace(SETTINGS.optimise, patience=continuation.LEAST_PATIENCE),
+        replace(SETTINGS.optimise, patience=0.5),
         Progress(watcher.report, shown=watcher.show),
     )
     return optimise(design, mesh, VERO, params, SETTINGS.simulate, progress=progress), watcher
