@@ -147,9 +147,9 @@ def merge_without_prediction() -> Iterator[None]:
     def kept(piece: Any, begun: Any, flat: Any, *more: Any) -> Any:
         return original(piece, begun, flat, *more) if _predicting else flat
 
-    tighten.tighten = kept
-    yield
-    tighten.tighten = original
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tighten, "tighten", kept)
+        yield
 
 
 @pytest.fixture
@@ -177,11 +177,10 @@ def quick_nesting() -> Iterator[None]:
     def quick(shapes: Any, params: Any, *more: Any) -> Any:
         return original(shapes, replace(params, nesting="FAST") if params.nesting_seconds == usual else params, *more)
 
-    for module in callers:
-        module.nest = quick
-    yield
-    for module in callers:
-        module.nest = original
+    with pytest.MonkeyPatch.context() as patch:
+        for module in callers:
+            patch.setattr(module, "nest", quick)
+        yield
 
 
 @pytest.fixture(scope="session")

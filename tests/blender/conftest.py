@@ -36,9 +36,9 @@ def optimise_without_prospects() -> Iterator[None]:
     def found(*args: Any, **named: Any) -> dict[str, float] | None:
         return original(*args, **named) if _trying else {}
 
-    prospects.prospects = found
-    yield
-    prospects.prospects = original
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prospects, "prospects", found)
+        yield
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ from ..choosing.choice import proposal
 from ..choosing.judge import FlatLayout, JudgedLayout, LayoutProblem, judge
 from .space import SIZES, Values
 
-DECIMALS = 9  # of measures: strains of a flat piece are rounding, some 1e-13, which differs between processes
+DECIMALS = 9  # of measures: strains of a flat piece are rounding errors, some 1e-13
 # Share of the optimiser's patience that a candidate gets: the share of layouts that are compared with each other (``judge.SHORT``)
 EFFORT = 0.15
 PICTURE_WIDTH = 220.0  # pixels

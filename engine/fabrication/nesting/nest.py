@@ -51,11 +51,8 @@ def nest(shapes: list[Float[np.ndarray, "_ 2"]], params: SheetParams, progress: 
     rough = pack(shapes, sheet, params.margin, params.spacing, progress.part(0.0, 0.1), params.rotation)
     if params.nesting != "TRUE" or not available() or not 2 <= len(shapes) <= MANY:
         return rough
-    workers = Workers(min(cores(), AT_ONCE))
-    try:
+    with Workers(min(cores(), AT_ONCE)) as workers:
         return SheetSearch(shapes, params, workers, progress.part(0.1, 1.0)).best(rough)
-    finally:
-        workers.shutdown(cancel_futures=True)
 
 
 def _append_sheets(odd: Packing, rest: list[int], whole: Packing | None) -> Packing:
