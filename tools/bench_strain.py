@@ -68,12 +68,13 @@ def _of_piece(name: str, states: list[ArmStrains]) -> list[dict]:
 def _of_all(found: list[ArmStrains]) -> list[dict]:
     ratio = _ratios(found)
     third = np.concatenate([(one.estimate / one.solid)[one.solid > one.limit / 3.0] for one in found])
+    named = np.concatenate([one.kink[_large(one)] >= KINK_LIMIT for one in found])
     fillets = np.concatenate([(one.fillet / one.solid)[_large(one)] for one in found])
     rank = spearmanr(*(np.concatenate([getattr(one, n)[_large(one)] for one in found]) for n in ("solid", "estimate")))
     return [
         at_least("all", "arms within 15 %", 90.0, _share(ratio), {"arms": str(len(ratio))}),
         at_least("all", "those above a third of the limit", 90.0, _share(third), {"arms": str(len(third))}),
-        at_least("all", "smallest estimate over solid", 0.8, float(ratio.min())),
+        at_least("all", "smallest estimate over solid, but for kinks, which are named", 0.8, float(ratio[~named].min())),
         row("all", "arms estimated under 0.8, %", "", round(100.0 * float((ratio < 1.0 - NEAR).mean()), 2), None),
         at_least("all", "rank correlation", 0.95, float(rank.statistic)),
         row(

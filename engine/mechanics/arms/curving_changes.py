@@ -45,7 +45,7 @@ class CurvingChanges:
         model : of all joints
         state : decides which joints matter
         """
-        return cls._from_changes(model, state, with_design_change)
+        return cls._from_changes(model, state, with_design_change, _design_scale)
 
     @classmethod
     def by_rest_geometry(cls, model: ArmModel, state: ArmState) -> CurvingChanges:
@@ -56,11 +56,15 @@ class CurvingChanges:
         model : of all joints
         state : decides which joints matter
         """
-        return cls._from_changes(model, state, with_rest_change)
+        return cls._from_changes(model, state, with_rest_change, _rest_scale)
 
     @classmethod
     def _from_changes(
-        cls, model: ArmModel, state: ArmState, changed: Callable[[Assembly, int, int, np.ndarray], Assembly]
+        cls,
+        model: ArmModel,
+        state: ArmState,
+        changed: Callable[[Assembly, int, int, np.ndarray], Assembly],
+        scale: Callable[[Assembly, int, int], np.ndarray],
     ) -> CurvingChanges:
         joints, each = _joints_that_matter(model, state), 2 * PARAMETERS
         shape = (len(joints), 2, PARAMETERS, 6, 6, 6)
@@ -72,7 +76,7 @@ class CurvingChanges:
         there = alone = _with_own_spirals(model.assembly, every)
         steps = np.zeros((each, len(every)))
         for k, (side, number) in enumerate(np.ndindex(2, PARAMETERS)):
-            steps[k, k::each] = STEP * _size(alone, side, number, changed is with_design_change)[k::each]
+            steps[k, k::each] = STEP * scale(alone, side, number)[k::each]
             there = changed(there, side, number, steps[k])
         change = _curving_nearby(model, every, alone, there) - model.curving_at_joint[every]
         return cls(model, joints, (change / steps.sum(axis=0)[:, None, None, None]).reshape(shape))
@@ -169,11 +173,14 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
     return assembly.reshaped(assembly.lever, axes)
 
 
-def _size(assembly: Assembly, side: int, number: int, design: bool) -> Float[np.ndarray, " joints"]:
-    """Return the scale (m,) of a number's steps on one side of all joints: a width or a radius in metres, 1 for angles."""
-    if number == TWIST if design else number == 2:
-        return np.ones(len(assembly.pairs))
-    return (assembly.arm_width if design else assembly.radius)[:, side]
+def _design_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
+    """Return the scale (m,) of steps of one of the ``PARAMETERS`` on one side: 1 for twists, else the arm's width in metres."""
+    return np.ones(len(assembly.pairs)) if number == TWIST else assembly.arm_width[:, side]
+
+
+def _rest_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
+    """Return the scale (m,) of steps of one number of the rest geometry on one side: the radius in metres, 1 for the direction."""
+    return np.ones(len(assembly.pairs)) if number == 2 else assembly.radius[:, side]
 
 
 def _joints_that_matter(model: ArmModel, state: ArmState) -> Int[np.ndarray, " k"]:
