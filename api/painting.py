@@ -15,7 +15,7 @@ from ..engine.runs.outputs import DesignVersion
 from ..engine.runs.piece import Piece
 from ..engine.runs.stages import BY_HAND
 from ..engine.spirals import painting
-from ..engine.spirals.design import resolve_contacts
+from ..engine.spirals.fabricable import resolve_contacts
 from .pieces import Tell, go_to, progress_of
 
 # direction for each axis name, in the surface's axes

@@ -23,7 +23,8 @@ from ..engine.patches.flattening.flatten import flatten, measured
 from ..engine.patches.layout import PatchLayout
 from ..engine.patches.merging.merge import merge
 from ..engine.patches.tracing.trace import trace
-from ..engine.spirals.design import SpiralDesign, design_from_curvature
+from ..engine.spirals.design import SpiralDesign
+from ..engine.spirals.fabricable import design_from_curvature
 from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
 from ..engine.surface.shapes import make, welded

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ..engine.spirals.design import SpiralDesign, make_fabricable
+from ..engine.spirals.design import SpiralDesign
+from ..engine.spirals.fabricable import make_fabricable
 from .validation_cases import PARAMS, Case, Loading, cantilever, cases, dome, saddle, sheet, shells
 from .validation_grain import grained
 

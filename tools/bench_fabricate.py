@@ -18,7 +18,7 @@ import drawn_rings
 import growth
 import numpy as np
 import shapely
-from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.connectors.connect import Connections
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
@@ -29,7 +29,7 @@ from flexmaps.engine.params import ConnectorParams, LayoutParams, RegularisePara
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.checking import check
@@ -68,7 +68,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     merged = merge.merge(trace.trace(mesh, layout_params), layout_params)
     flat = split.split(merged, layout_params, params)
-    spirals = design.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
+    spirals = fabricable.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))
     quick = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     seconds = time.process_time() - started
     # leave out loose keys, which lie in rows on their own sheet
@@ -78,7 +78,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     made = replace(quick, packing=packed, params=params)
     nested = time.monotonic() - started
     too_large = sum(packing.turn_that_fits(s, (0.6, 0.4), params.margin, "FREE") is None for s in shapes)
-    report = sheets.sheets_report(made)
+    report = sheets_report.sheets_report(made)
     thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.thinnest), 3)
     rows = [
         row(name, "panels", "", len(shapes), None, {"before cutting to size": len(merged.layout.patches)}),

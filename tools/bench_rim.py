@@ -28,7 +28,7 @@ from flexmaps.engine.params import Settings, SheetParams, SpiralParams
 from flexmaps.engine.runs import by_hand, job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.runs.stages import BY_HAND
-from flexmaps.engine.spirals.design import make_fabricable
+from flexmaps.engine.spirals.fabricable import make_fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.files.meshio import read

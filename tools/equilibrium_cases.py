@@ -15,7 +15,7 @@ from flexmaps.engine.params import LayoutParams, Settings, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.spiral import same_width
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.curvature import rms_curvature
@@ -77,7 +77,7 @@ def of_mesh(name: str, polygons: PolygonMesh) -> Subject:
     """The curvature-adjusted design of a mesh in its merged patches, of whatever size; raises FlexMapsError if refused."""
     result = job.run(polygons, Settings(), edge=EDGE, stop_after="merge")
     assert result.flat is not None
-    spirals = design.design_from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
+    spirals = fabricable.design_from_curvature(result.flat, SpiralParams(), rms_curvature(result.mesh))
     return subject(name, assembly_from_design(spirals), target_pose(result.mesh, result.flat.corners))
 
 
@@ -85,7 +85,7 @@ def of_shape(name: str, mesh: QuadMesh, *, twist: float = 1.5) -> Subject:
     """Equal spirals in the traced patches of a smooth surface, as it is: quick for any number of quads."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    spirals = design.uniform_design(flat, SpiralParams(), twist=twist)
+    spirals = fabricable.uniform_design(flat, SpiralParams(), twist=twist)
     return subject(name, assembly_from_design(spirals), target_pose(mesh, flat.corners))
 
 

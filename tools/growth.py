@@ -14,7 +14,7 @@ from flexmaps.engine.fabrication.panels import labels
 from flexmaps.engine.params import ConnectorParams, LayoutParams, MaterialParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.spirals import design, touching
+from flexmaps.engine.spirals import fabricable, touching
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import EDGE
@@ -62,7 +62,9 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
 
     flat = flatten.flatten(layout, LayoutParams())
     spent("flattening")
-    spirals = design.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(layout.mesh))
+    spirals = fabricable.design_from_curvature(
+        flat, SpiralParams(thickness=0.002), curvature.rms_curvature(layout.mesh)
+    )
     yield spent("spirals")
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")

@@ -20,7 +20,7 @@ from flexmaps.engine.params import Settings
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals.design import curvature_adjusted, make_fabricable
+from flexmaps.engine.spirals.fabricable import curvature_adjusted, make_fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

@@ -11,7 +11,7 @@ from flexmaps.engine.params import LayoutParams, MaterialParams, SimulateParams,
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.curvature import rms_curvature
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -22,7 +22,7 @@ def of_mesh(mesh: QuadMesh, border: str = "stubs") -> tuple[FlatPatches, SpiralD
     """Traced patches with the curvature's spirals, as they are first made of any surface."""
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    return flat, design.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
+    return flat, fabricable.design_from_curvature(flat, SpiralParams(border=border), rms_curvature(mesh))
 
 
 def given_of(made: SpiralDesign, **others: Any) -> LiveInput:

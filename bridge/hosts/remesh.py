@@ -13,7 +13,8 @@ from ...engine.progress import SILENT, Progress
 from ...engine.surface.mesh import PolygonMesh
 from ...engine.surface.remeshing import requad
 from ..store import origin
-from ..store.mesh import read_evaluated, to_metres
+from ..store.mesh import read_evaluated
+from ..store.seen import to_metres
 from ..view import meshes
 from .second_blender import SecondBlender
 

@@ -38,7 +38,8 @@ from ...engine.errors import FlexMapsError
 from ...engine.params import SpiralParams
 from ...engine.patches.flattening.flatten import FlatPatches, measured
 from ...engine.patches.layout import PatchLayout
-from ...engine.spirals.design import SpiralDesign, make_fabricable, unfabricable_quads
+from ...engine.spirals.design import SpiralDesign
+from ...engine.spirals.fabricable import make_fabricable, unfabricable_quads
 from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from . import attributes, equilibrium, keys, notes
@@ -50,9 +51,6 @@ from .surface import ObjectSurface
 FLAT_NAMES = ("seam", "flat", "patch", "energy", "square")
 DESIGN_NAMES = ("width", "twist")
 LAST_NAMES = ("last_width", "last_twist")
-# metres from the world's origin beyond which an object's coordinates are relative to its own origin: at this distance
-# Blender's single precision has steps of 8 mm, and the search for an equilibrium loses its last digits
-FAR = 1e5
 NAMES = FLAT_NAMES + DESIGN_NAMES + LAST_NAMES + ("stiffness",)  # attributes that stages make; marks by people stay
 UNSOUND = "The attribute '{}' holds other values than FlexMaps writes and is left out: run its stage again"
 COARSE = "Vertices are stored to {:.2g} mm at this distance from the object's origin, so that details are lost: model near the origin and move the object"
@@ -68,6 +66,10 @@ UNSEALED_NOTES = (
 def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
     """Read an object's mesh for the engine.
 
+    Parameters
+    ----------
+    obj, scene : the object, and the scene with its units
+
     Raises
     ------
     FlexMapsError where the object is no usable mesh, or modifiers change its faces.
@@ -77,33 +79,34 @@ def read_surface(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface
         raise FlexMapsError(problem)
     seen = seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
+        return _surface(mesh, obj.session_uid, seeing.to_metres(obj, scene), seen)
 
 
 def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
-    """Read an object's mesh in any mode, also while the user paints or sculpts."""
+    """Read an object's mesh in any mode, also while the user paints or sculpts.
+
+    Parameters
+    ----------
+    obj, scene : the object, and the scene with its units
+    """
     seen = None if obj.data.is_editmode else seeing.points(obj, scene)
     with attributes.readable(obj) as mesh:
-        return _surface(mesh, obj.session_uid, to_metres(obj, scene), seen)
+        return _surface(mesh, obj.session_uid, seeing.to_metres(obj, scene), seen)
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
-    """Return the visible polygons, modifiers applied but without a simulated shape, in metres and world axes."""
+    """Return the visible polygons, modifiers applied but without a simulated shape, in metres and world axes.
+
+    Parameters
+    ----------
+    obj, scene : the object, and the scene with its units
+    """
     with keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
-            return _surface(mesh, obj.session_uid, to_metres(evaluated, scene)).polygons
+            return _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene)).polygons
         finally:
             evaluated.to_mesh_clear()
-
-
-def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
-    """Return the matrix from the object's frame to metres in world axes, about its origin if that is beyond ``FAR``."""
-    matrix = seeing.world(obj, scene)
-    matrix[:3] *= scene.unit_settings.scale_length
-    if np.abs(matrix[:3, 3]).max() > FAR:
-        matrix[:3, 3] = 0.0
-    return matrix
 
 
 def _surface(
@@ -171,6 +174,10 @@ def layout_of(surface: ObjectSurface, mesh: QuadMesh) -> PatchLayout:
 
 def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
     """Return the flat patches as they were last stored, with the cuts of that time; None where there are none.
+
+    Parameters
+    ----------
+    surface, mesh : the object as it was read, and its quads
 
     Raises
     ------
@@ -290,7 +297,13 @@ def cannot_be_cut(faces: Int[np.ndarray, " faces"]) -> FlexMapsError:
 
 
 def as_noted(design: SpiralDesign, made: dict[str, Any]) -> bool:
-    """Return whether widths and twists have the least, mean and largest values that the note states."""
+    """Return whether widths and twists have the least, mean and largest values that a note states.
+
+    Parameters
+    ----------
+    design : the spirals
+    made : the note of the stage that stored them
+    """
     own = {"width_mm": design.width * 1e3, "twist_deg": np.degrees(design.twist)}
     return all(
         np.allclose([values.min(), values.mean(), values.max()], made[name], rtol=1e-4, atol=1e-3)
@@ -325,7 +338,13 @@ def write_flat(
 
 
 def write_design(obj: bpy.types.Object, surface: ObjectSurface, design: SpiralDesign) -> None:
-    """Store the spirals, and drop a simulation and the stiffness of earlier ones."""
+    """Store the spirals, and drop a simulation and the stiffness of earlier ones.
+
+    Parameters
+    ----------
+    obj : the mesh object
+    surface, design : the surface as it was read, and its spirals
+    """
     forget(obj, (*LAST_NAMES, "stiffness"))
     _put_spirals(obj, surface, DESIGN_NAMES, design.width, design.twist)
 

@@ -50,7 +50,7 @@ def between(source: bpy.types.Object, obj: bpy.types.Object, scene: bpy.types.Sc
     source, obj : the source and the object of quads
     scene : their scene
     """
-    from .mesh import to_metres  # scipy comes with it
+    from .seen import to_metres  # scipy comes with it
 
     return to_metres(obj, scene) @ np.linalg.inv(to_metres(source, scene))
 

@@ -17,6 +17,10 @@ from ...engine.errors import FlexMapsError
 from . import keys
 from .columns import column
 
+# metres from the world's origin beyond which an object's coordinates are relative to its own origin: at this distance
+# Blender's single precision has steps of 8 mm, and the search for an equilibrium loses its last digits
+FAR = 1e5
+
 
 def keyed(obj: bpy.types.Object) -> bool:
     """Return whether the user's shape keys may move the object's points."""
@@ -122,3 +126,17 @@ def world(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4
         return np.array(obj.matrix_world, dtype=float)
     with evaluated(obj, scene) as there:
         return np.array(there.matrix_world, dtype=float)
+
+
+def to_metres(obj: bpy.types.Object, scene: bpy.types.Scene) -> Float[np.ndarray, "4 4"]:
+    """Return the matrix from the object's frame to metres in world axes, about its origin if that is beyond ``FAR``.
+
+    Parameters
+    ----------
+    obj, scene : the object, and the scene with its units
+    """
+    matrix = world(obj, scene)
+    matrix[:3] *= scene.unit_settings.scale_length
+    if np.abs(matrix[:3, 3]).max() > FAR:
+        matrix[:3, 3] = 0.0
+    return matrix

@@ -149,7 +149,7 @@ class Easel:
 
         This is quick enough for a window, unlike reading the whole object.
         """
-        from ...engine.spirals.design import unfabricable_quads
+        from ...engine.spirals.fabricable import unfabricable_quads
         from ..store import mesh
 
         if obj.session_uid != self.uid or obj.mode != "OBJECT":

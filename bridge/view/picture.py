@@ -15,7 +15,7 @@ from ...engine.arrays import Bool, Float, Int
 from ...engine.display import arrange
 from ...engine.errors import FlexMapsError
 from ...engine.params import ObjectSettings, RenderParams
-from ..store import attributes, keys, mesh, pose, settings, snapshot, supports
+from ..store import attributes, keys, mesh, pose, seen, settings, snapshot, supports
 from . import animation, collection, colouring, curves, materials, meshes, preview
 from .legend import Legend
 from .studio import Studio, points_of, studio
@@ -37,7 +37,15 @@ MANY = 1200  # spirals from which medium detail looks round enough in a picture;
 
 
 def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
-    """Render the target in the colours of its patches, with quads as thin and seams as dark lines."""
+    """Render the target in the colours of its patches, with quads as thin and seams as dark lines.
+
+    Parameters
+    ----------
+    obj : the model
+    path : the PNG file
+    size : pixels across and down; default is ``SIZE``
+    samples : samples a pixel; default is ``SAMPLES``
+    """
     with studio(size or SIZE, samples or SAMPLES) as place:
         _add_target(place, obj, "PATCH")
         place.set_up(ASIDE)
@@ -46,6 +54,13 @@ def layout(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
 def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the flat panels, or the flat patches before there are spirals, straight from above.
+
+    Parameters
+    ----------
+    obj : the model
+    path : the PNG file
+    size : pixels across and down; default is ``SIZE``
+    samples : samples a pixel; default is ``SAMPLES``
 
     Raises
     ------
@@ -72,6 +87,13 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: int | None = None) -> None:
     """Render the assembled piece of the last simulation, coloured by distance to the target, with a scale.
 
+    Parameters
+    ----------
+    obj : the model
+    path : the PNG file
+    size : pixels across and down; default is ``SIZE``
+    samples : samples a pixel; default is ``SAMPLES``
+
     Raises
     ------
     FlexMapsError where nothing was simulated yet.
@@ -87,7 +109,17 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
 
 
 def overview(obj: bpy.types.Object, path: str | Path) -> None:
-    """Render ``together`` in the colours of the patches; raises as that does."""
+    """Render ``together`` in the colours of the patches.
+
+    Parameters
+    ----------
+    obj : the model
+    path : the PNG file
+
+    Raises
+    ------
+    FlexMapsError where a part is not made yet.
+    """
     together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
 
@@ -136,7 +168,14 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
 
 
 def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Path | None = None) -> int:
-    """Render the assembly's animation as PNG files or a film, and return the number of frames; ``pack`` as in ``studio``.
+    """Render the assembly's animation as PNG files or a film, and return the number of frames.
+
+    Parameters
+    ----------
+    obj : the model
+    path : the file of the film, or the folder of the PNG files
+    params : settings of the picture
+    pack : as in ``studio``
 
     Raises
     ------
@@ -270,7 +309,7 @@ def _stand(obj: bpy.types.Object, design: SpiralDesign) -> Pose:
     """Return the hubs' pose of the last simulation, or on the target without a simulation."""
     from ...engine.mechanics.assembly import target_pose
 
-    stand = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
+    stand = pose.read(obj, seen.to_metres(obj, bpy.context.scene))
     return target_pose(design.flat.layout.mesh, design.flat.corners) if stand is None else stand
 
 

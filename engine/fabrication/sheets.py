@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, witho
 from .connectors.connect import Connections, connect
 from .nesting.many import refuse_many
 from .nesting.nest import nest
-from .nesting.packing import Packing, fill, used_length
+from .nesting.packing import Packing
 from .panels.kerf import cut_paths
 from .panels.labels import Labels, SmallLabel, key_label, make_labels, marked
 from .panels.panel import Panel
@@ -122,6 +121,14 @@ def make_sheets(
 ) -> CutSheets:
     """Draw every panel with its connectors, and lay the panels and the plates of the base on sheets.
 
+    Parameters
+    ----------
+    design : spirals and flat patches
+    params : size of the sheets, labels, nesting
+    progress : called with the fraction done; may cancel
+    connectors, cut : settings of the connectors and of the cutter
+    base : plates and feet of a standing piece; its design, without the arms that the feet replace, is used
+
     Raises
     ------
     FlexMapsError : a spiral has no room, a panel would touch itself, or is larger than the sheet where that is an error
@@ -134,21 +141,13 @@ def make_sheets(
     made = connect(design, connectors, params.tolerance, progress.part(0.0, 0.3), cut.mill)
     drawn = list(made.outlines)
     progress(0.3, "checking outlines")
-    where = find_contacts(drawn, progress.part(0.3, 0.5))
-    if len(where):
-        raise FlexMapsError(
-            f"The spirals of {counted(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",
-            faces=nearest_quads(design.flat, where),
-        )
+    _refuse_contacts(design, drawn, progress.part(0.3, 0.5))
     progress(0.5, "labels")
     labels = engraved(design, made, params, base, progress=progress.part(0.5, 0.6))
     panels = _panels(design, drawn, labels, base, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
-    if made.connectors and max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
-        raise FlexMapsError(
-            f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
-            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
-        )
+    if made.connectors:
+        _refuse_wide_cutter(connectors, cut)
     slot, bridge = design.measured(progress.part(0.65, 0.7))
     bridge = min([bridge, made.bridge, *(one.edge for one in (() if base is None else base.eyelets))])
     turn = along_grain(design, params)
@@ -172,6 +171,25 @@ def make_sheets(
         panels, packing, params, tuple(warnings), placed, left_out,
         slot, bridge, design.params.thickness, cut, made, base,
     )  # fmt: skip
+
+
+def _refuse_contacts(design: SpiralDesign, outlines: list[Outline], progress: Progress) -> None:
+    """Raise ``FlexMapsError`` where outlines touch themselves or each other."""
+    where = find_contacts(outlines, progress)
+    if len(where):
+        raise FlexMapsError(
+            f"The spirals of {counted(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",
+            faces=nearest_quads(design.flat, where),
+        )
+
+
+def _refuse_wide_cutter(connectors: ConnectorParams, cut: CutParams) -> None:
+    """Raise ``FlexMapsError`` if the cutter does not fit into the inner corners of the connectors."""
+    if max(2.0 * connectors.rounding, cut.mill) < max(cut.kerf_outline, cut.kerf_holes):
+        raise FlexMapsError(
+            f"The cutter is too wide for corners of {connectors.rounding * 1e3:g} mm in the connectors; "
+            f"make their rounding at least {max(cut.kerf_outline, cut.kerf_holes) * 500:g} mm, or set the mill's diameter"
+        )
 
 
 def _lay_on_sheets(
@@ -358,43 +376,3 @@ def with_keys(packing: Packing, keys: tuple[Outline, ...], params: SheetParams) 
         shift=np.concatenate([packing.shift, shift]),
         sizes=np.concatenate([packing.sizes, 2.0 * params.margin + pitch * taken - params.spacing]),
     )
-
-
-def _runs_report(sheets: CutSheets) -> dict[str, Any]:
-    """Return the figures about mill, holding tabs and lead-ins, where used."""
-    cut, found = sheets.cut, {}
-    if cut.mill:
-        found["mill_mm"] = round(cut.mill * 1e3, 4)
-    if cut.tabs or cut.lead_in:
-        runs = [sheets.runs(k) for k in range(sheets.count)]
-        found["holding_tabs"] = sum(r.tabs for r in runs)
-        found["lead_ins_left_out"] = sum(r.without_lead for r in runs)
-    return found
-
-
-def sheets_report(sheets: CutSheets) -> dict[str, Any]:
-    """Return the ``sheets`` block of report.json without the names of the files."""
-    silhouettes = sum(p.outline.area for p in sheets.panels)
-    shapes = [p.outline.sampled(1e-4) for p in sheets.panels]
-    length = sheets.cut_length
-    return {
-        "panels": sum(p.patch >= 0 for p in sheets.panels),
-        "sheets": sheets.count,
-        **({"remnants": [r.name for r in sheets.packing.remnants]} if sheets.packing.remnants else {}),
-        "sizes_mm": [[round(float(x) * 1e3, 3) for x in size] for size in sheets.packing.sizes],
-        "used_mm": [round(1e3 * used_length(sheets.packing, shapes, k), 1) for k in range(sheets.count)],
-        "fill": round(fill(sheets.packing, shapes, silhouettes, sheets.params.margin), 4),
-        "area_m2": round(sum(p.area for p in sheets.panels), 6),
-        "cut_length_m": round(length, 3),
-        "slot_min_mm": round(sheets.slot_min * 1e3, 4),
-        "bridge_min_mm": round(sheets.bridge_min * 1e3, 4),
-        "nodes": sheets.nodes,
-        "nodes_per_m": round(sheets.nodes / length, 1),
-        "kerf_mm": [round(x * 1e3, 4) for x in (sheets.cut.kerf_outline, sheets.cut.kerf_holes)],
-        **_runs_report(sheets),
-        **sheets.connections.report,
-        **({} if sheets.base is None else {"base": sheets.base.report}),
-        "labels": sheets.labels_placed,
-        "labels_left_out": sheets.labels_left_out,
-        "warnings": list(sheets.warnings),
-    }

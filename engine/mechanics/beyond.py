@@ -8,7 +8,7 @@ import numpy as np
 
 from ..arrays import Int
 
-SLACK = 2e-3  # relative tolerance: covers rounding and the tolerance of ``design.unfabricable_quads`` on twists
+SLACK = 2e-3  # relative tolerance: covers rounding and the tolerance of ``fabricable.unfabricable_quads`` on twists
 
 
 @dataclass(frozen=True, eq=False)

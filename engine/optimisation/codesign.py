@@ -7,7 +7,6 @@ do not change.
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from ..errors import FlexMapsError
 from ..params import OptimiseParams
 from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
 from ..progress import SILENT, Progress
-from ..spirals.design import SpiralDesign, make_fabricable
+from ..spirals.design import SpiralDesign
+from ..spirals.fabricable import make_fabricable
 from .codesign_problem import BARRIER_WEIGHT, FlatPoint, FlatProblem, FlatRange
 from .inverse import DesignPoint, InverseProblem
 from .optimisers import MAX_NEWTON_ITERATIONS, Accepted, SearchRecord, gauss_newton
@@ -62,7 +62,7 @@ def refine_flat_shapes(
     limits, free = (params.distortion_limit, MAX_SEAM_MISMATCH), problem.space.free
     # a rim is made for the border's flat shape, so the border must not move
     flat = FlatRange.from_patches(design.flat, MAX_SHIFT, *limits, weight, first, free, border=design.rim is None)
-    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
+    whole = FlatProblem.from_problem(problem, flat)
     here = whole.at(_with_flat_coordinates(start, design.flat), start.equilibrium.pose, progress.at(0.0, FLAT_SHAPES))
     found = gauss_newton(whole, here, params, trace, accepted, progress)
     assert isinstance(found, FlatPoint)

@@ -6,7 +6,7 @@ place, 0 and 1 at the ends of its range. So the bounds are a box, which every op
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -155,6 +155,17 @@ class FlatProblem(InverseProblem):
     """``InverseProblem`` with the flat vertices as further unknowns, within ``flat``."""
 
     flat: FlatRange
+
+    @classmethod
+    def from_problem(cls, problem: InverseProblem, flat: FlatRange) -> FlatProblem:
+        """Add flat vertices to the unknowns of a problem.
+
+        Parameters
+        ----------
+        problem : problem of the spirals alone
+        flat : limits of the flat vertices
+        """
+        return cls(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=flat)
 
     def rooms(self, x: np.ndarray) -> LinearClearances:
         if self.room is None:

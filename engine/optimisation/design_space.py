@@ -4,7 +4,7 @@ The coordinates x list one spiral after the other. A spiral has a width for each
 k modulo their number), in [0, 1] from the smallest to the largest width. Its last coordinate, in [0, 1], is the twist: from the
 smallest one to the largest that still leaves a slot at the mean width in that quad, linear in sqrt(1 + twist^2). That is about the
 length of an arm, which decides its compliance. The twist itself would have a gradient of 0 at straight arms.
-Every x in the box gives spirals that can be cut on their own. ``design.make_fabricable`` enforces the demands of blended joints and
+Every x in the box gives spirals that can be cut on their own. ``fabricable.make_fabricable`` enforces the demands of blended joints and
 neighbours; ``including`` then lowers the largest twists by ``cap``.
 """
 

@@ -14,7 +14,8 @@ from ..progress import Progress
 from ..simulation.simulate import Simulation
 from ..spirals.clearance.slots import min_slot_width
 from ..spirals.curves.spiral import opposite_sides
-from ..spirals.design import SpiralDesign, make_fabricable, resolve_contacts
+from ..spirals.design import SpiralDesign
+from ..spirals.fabricable import make_fabricable, resolve_contacts
 from .inverse import DesignPoint
 from .optimisers import CANCELLED
 from .search import Search, StageResult

@@ -19,7 +19,8 @@ from ..simulation.other_rests import find_other_rests
 from ..simulation.rests import snapping_spirals
 from ..simulation.simulate import Simulation
 from ..spirals.constraints import NO_CONSTRAINTS, Constraints
-from ..spirals.design import SpiralDesign, curvature_adjusted, make_fabricable, resolve_contacts
+from ..spirals.design import SpiralDesign
+from ..spirals.fabricable import curvature_adjusted, make_fabricable, resolve_contacts
 from ..surface import curvature
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread

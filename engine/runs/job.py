@@ -20,7 +20,7 @@ from ..params import Settings, refuse_crossed
 from ..patches.flattening import flatten
 from ..patches.layout import PatchLayout
 from ..progress import SILENT, Progress
-from ..spirals.design import make_fabricable
+from ..spirals.fabricable import make_fabricable
 from ..surface.checking import check
 from ..surface.checking.check import Finding
 from ..surface.mesh import PolygonMesh

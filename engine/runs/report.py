@@ -17,7 +17,7 @@ import numpy as np
 from .. import MARK
 from ..fabrication.checks import grain_lost
 from ..fabrication.estimates import estimates_report
-from ..fabrication.sheets import sheets_report
+from ..fabrication.sheets_report import sheets_report
 from ..params import Settings, values_in_shown_units
 from ..patches.flattening.flattening_report import layout_report
 from ..progress import SILENT, Progress

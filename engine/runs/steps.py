@@ -25,7 +25,7 @@ from ..progress import Progress
 from ..simulation import simulate
 from ..simulation.real_sheets import MAX_SPIRALS, tolerance_band
 from ..simulation.simulate import Simulation
-from ..spirals import design
+from ..spirals import fabricable
 from ..spirals.constraints import Constraints
 from ..spirals.design import SpiralDesign
 from ..surface import curvature
@@ -89,9 +89,9 @@ def _spirals(result: Result, layout: FinalLayout, settings: Settings, progress: 
     spirals, origin = layout.start, CHOSEN
     if spirals is None:
         progress(0.0, "Measuring curvature")
-        spirals, origin = design.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh)), CURVED
+        spirals, origin = fabricable.curvature_adjusted(settings.spiral, curvature.rms_curvature(result.mesh)), CURVED
     asked = _constraints(result, settings)
-    made = design.design_from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
+    made = fabricable.design_from_spirals(layout.flat, settings.spiral, *spirals, progress, constraints=asked)
     return result.with_outputs(DesignVersion(made, origin, **made_by("spirals", settings, result.inputs("flat"))))
 
 

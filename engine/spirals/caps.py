@@ -16,9 +16,9 @@ import numpy as np
 from ..arrays import Bool, Float
 from ..params import SpiralParams
 from ..surface.mesh import QuadMesh
-from .contours import SlotRoots
 from .curves.arcs import Curve
 from .curves.spiral import LEFT, RIGHT, Arms, edge_points
+from .roots import SlotRoots
 
 # t at which an arm that is left out ends, as a share of the t of its root: 0.2 mm of 10 mm remain, so that both of its edges
 # exist; larger values shorten the stump

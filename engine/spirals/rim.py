@@ -21,6 +21,7 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import counted
 from .clearance.slots import min_slot_width
+from .curves.arc_path import ArcPath
 from .curves.arcs import Curve
 from .curves.spiral import opposite_sides
 
@@ -62,7 +63,14 @@ class Rim:
     def from_flat(cls, flat: FlatPatches, params: SpiralParams) -> Rim | None:
         """Make the rim of flat patches; None if the settings disable it or there is no border.
 
-        Raises ``FlexMapsError`` with the faces where the border turns so sharply that the strip has no room.
+        Parameters
+        ----------
+        flat : flat patches
+        params : widths of strip and arms, holes
+
+        Raises
+        ------
+        FlexMapsError : with the faces where the border turns so sharply that the strip has no room
         """
         mesh = flat.layout.mesh
         quad, side = np.nonzero(mesh.border[mesh.quad_edges])
@@ -189,7 +197,11 @@ class Rim:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return points on the strip's centre line relative to their nodes, and the forward directions there.
 
-        ``gone`` is the distance along the strip after the nodes, or before them if ``back``.
+        Parameters
+        ----------
+        node : nodes to begin at
+        back : whether to go before the nodes, not after them
+        gone : distance along the strip, metres
         """
         if not back:
             place, way = self.place(node, gone)
@@ -261,9 +273,15 @@ class Rim:
         """Return the part of the outline (points (n, 2), bulges) that begins at the right edge of a node's arm.
 
         The part ends at the left edge of the previous node's arm. If the node is the first of its strip, the part runs around
-        the whole strip and ends at the last node's arm. ``half`` is half of the width of every arm at its tip.
+        the whole strip and ends at the last node's arm.
+
+        Parameters
+        ----------
+        node : the node
+        half : half of the width of the arm of every node at its tip, metres
+        fillet : radius of the fillets between necks and strip, metres
         """
-        path = _Path(self.middle[node] - half[node] * self.along[node])
+        path = ArcPath(self.middle[node] - half[node] * self.along[node])
         inner = -0.5 * self.width
         self._neck(path, node, -1.0, half, fillet)
         at = int(self.before[node])
@@ -279,7 +297,7 @@ class Rim:
         self._neck(path, at, 1.0, half, fillet)
         return path.arrays()
 
-    def _neck(self, path: _Path, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
+    def _neck(self, path: ArcPath, node: int, sign: float, half: np.ndarray, fillet: float) -> None:
         """Add one side of a neck with its fillet: the right side outwards (``sign`` -1) or the left side inwards (1)."""
         foot = self.middle[node] + sign * half[node] * self.along[node]
         out, aside = self.out[node], sign * self.along[node]
@@ -293,7 +311,7 @@ class Rim:
             path.to(near, quarter)
             path.to(foot)
 
-    def _segment(self, path: _Path, node: int, aside: float, way: float) -> None:
+    def _segment(self, path: ArcPath, node: int, aside: float, way: float) -> None:
         """Add the arc from a node to the following node, ``aside`` outside the centre line, forwards (``way`` 1) or backwards (-1)."""
         turn, there = float(self.turn[node]), int(self.following[node])
         if turn == 0.0:
@@ -304,7 +322,7 @@ class Rim:
         path.to(first)
         path.to(last, way * np.tan(0.25 * turn))
 
-    def _round_end(self, path: _Path, node: int, k: int, half: np.ndarray, fillet: float) -> None:
+    def _round_end(self, path: ArcPath, node: int, k: int, half: np.ndarray, fillet: float) -> None:
         """Add a strip's free end: its start from the inner to the outer edge (``k`` 1), or its end back inwards (0)."""
         way = self.along[node] if k == 0 else -self.along[node]
         long, out, quarter = float(self.straight[node, k]), self.out[node], np.tan(np.pi / 8.0)
@@ -327,7 +345,7 @@ class Rim:
         for i in range(len(seen)):
             if seen[i]:
                 continue
-            path, at = _Path(self.centre[i] + 0.5 * self.width * self.out[i]), i
+            path, at = ArcPath(self.centre[i] + 0.5 * self.width * self.out[i]), i
             while not seen[at]:
                 seen[at] = True
                 self._segment(path, at, 0.5 * self.width, 1.0)
@@ -347,26 +365,6 @@ def rim_depth(params: SpiralParams) -> float:
 def _clear(params: SpiralParams) -> float:
     """Return the least straight length of the strip on both sides of a node in metres, for a neck with its fillets."""
     return 1.02 * (0.5 * params.width_max + params.fillet)
-
-
-class _Path:
-    """Builder of a curve of arcs; consecutive equal points are merged."""
-
-    def __init__(self, start: complex):
-        self.points, self.bulges = [complex(start)], [0.0]
-
-    def to(self, place: complex, bulge: float = 0.0) -> None:
-        """Add a straight segment or an arc to a point."""
-        if abs(place - self.points[-1]) < 1e-9:
-            return
-        self.bulges[-1] = float(bulge)
-        self.points.append(complex(place))
-        self.bulges.append(0.0)
-
-    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return points (n, 2) and bulges (n,)."""
-        points = np.array(self.points)
-        return np.stack([points.real, points.imag], axis=1), np.array(self.bulges)
 
 
 def _follow_border(

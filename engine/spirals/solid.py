@@ -17,8 +17,8 @@ from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
 from ..surface.checking.finding import Finding, counted, finding, named
 from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
-from .contours import SlotRoots, find_roots
 from .curves.spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
+from .roots import SlotRoots, find_roots
 
 # arm width, as a share of the smallest width, below which a quad has a solid hub; between ``SOLID_WIDTH_SHARE`` and ``MIN_WIDTH_SHARE``
 BELOW = 0.49

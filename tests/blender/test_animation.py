@@ -7,7 +7,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import mesh, pose
+from flexmaps.bridge.store import pose
+from flexmaps.bridge.store.seen import to_metres
 from flexmaps.bridge.view import animation, preview
 from flexmaps.engine.extras.film import unfinished_pieces
 from flexmaps.engine.surface import shapes
@@ -154,6 +155,6 @@ def test_scene_units(add: Any) -> None:
     obj.flexmaps.preview.place = "ON"
     press("animate")
     ends = np.concatenate([seen(o, bpy.context.scene.frame_end) for o in animation.existing(obj)[1:]])
-    hubs = pose.read(obj, mesh.to_metres(obj, bpy.context.scene))
+    hubs = pose.read(obj, to_metres(obj, bpy.context.scene))
     assert hubs is not None
     assert np.ptp(ends, axis=0) == pytest.approx(100 * np.ptp(hubs.centres, axis=0), rel=0.3)

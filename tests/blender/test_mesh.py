@@ -17,7 +17,7 @@ from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import QuadMesh
@@ -88,7 +88,7 @@ def test_seams_patches_and_spirals_are_read_as_written(sphere: Any, with_loose: 
     surface, quads = read(sphere)
     flat = flat_of(quads)
     mesh.write_flat(sphere, surface, flat, arrange.side_by_side(flat))
-    made = design.uniform_design(flat, SpiralParams())
+    made = fabricable.uniform_design(flat, SpiralParams())
     mesh.write_design(sphere, surface, made)
     assert sphere.mode == mode
 

@@ -14,7 +14,7 @@ from flexmaps.bridge.store import keys, notes, states
 from flexmaps.command import main as command
 from flexmaps.engine.extras.choosing import prospects
 from flexmaps.engine.optimisation import optimise as engine
-from flexmaps.engine.spirals.design import unfabricable_quads
+from flexmaps.engine.spirals.fabricable import unfabricable_quads
 from support.bowl import block, design, spiralled
 from support.buttons import press
 

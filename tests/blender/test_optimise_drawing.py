@@ -15,7 +15,7 @@ from flexmaps.engine.optimisation.reach import REASON_NAMES
 from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.tracing.trace import make_disks
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from support.bowl import EDGE, QUADS, block, spiralled

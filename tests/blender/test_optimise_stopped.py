@@ -15,7 +15,7 @@ from flexmaps.bridge.store import equilibrium, mesh, notes, settings
 from flexmaps.engine.display import arrange, raster, solids
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.params import ObjectSettings
-from flexmaps.engine.spirals.design import unfabricable_quads
+from flexmaps.engine.spirals.fabricable import unfabricable_quads
 from flexmaps.operators import optimise as operators
 from support.bowl import block, design, spiralled
 from support.buttons import press

@@ -15,7 +15,7 @@ from flexmaps.bridge.view import dabs, easel, flat_panels
 from flexmaps.command.main import main
 from flexmaps.engine.display.moving import MovingPanels
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.painting import Stroke
 from support.buttons import press
 
@@ -115,7 +115,7 @@ def test_spirals_that_were_there_before_are_taken_without_asking_whether_they_ca
     spiralled: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = []
-    monkeypatch.setattr(design, "unfabricable_quads", lambda *given: asked.append(given) or ())
+    monkeypatch.setattr(fabricable, "unfabricable_quads", lambda *given: asked.append(given) or ())
     scene = bpy.context.scene
     on = easel.easel_of(spiralled, scene)
     first, stiff = on.design, on.stiffness

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from flexmaps.bridge.store import attributes, mesh, notes, pose, states
+from flexmaps.bridge.store import attributes, mesh, notes, pose, seen, states
 from flexmaps.bridge.view import materials, preview
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
@@ -73,10 +73,10 @@ def test_after_a_simulation_it_follows_the_hubs(piece: Any) -> None:
 def test_the_pose_moves_with_the_object(piece: Any) -> None:
     press("simulate")
     scene = bpy.context.scene
-    before = pose.read(piece, mesh.to_metres(piece, scene))
+    before = pose.read(piece, seen.to_metres(piece, scene))
     piece.rotation_euler, piece.location = (0.3, -0.2, 1.0), (1.0, 2.0, 3.0)
     bpy.context.view_layer.update()
-    after = pose.read(piece, mesh.to_metres(piece, scene))
+    after = pose.read(piece, seen.to_metres(piece, scene))
     turn, shift = np.array(piece.matrix_world)[:3, :3], np.array(piece.matrix_world)[:3, 3]
     assert before is not None and after is not None
     assert after.centres == pytest.approx(before.centres @ turn.T + shift, abs=1e-6)

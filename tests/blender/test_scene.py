@@ -17,7 +17,7 @@ from flexmaps.engine.params import ConnectorParams, LayoutParams, ObjectSettings
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
@@ -117,7 +117,7 @@ def test_solids_are_closed_and_as_heavy_as_the_sheets_say(clockwise: bool) -> No
     import trimesh
 
     flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(clockwise=clockwise))
+    made = fabricable.uniform_design(flat, SpiralParams(clockwise=clockwise))
     shape = solids.solid(made, arrange.side_by_side(flat))
     starts = np.cumsum(shape.sizes) - shape.sizes
     fans = [
@@ -143,7 +143,7 @@ def test_solids_of_very_many_spirals_have_longer_steps(monkeypatch: pytest.Monke
     import trimesh
 
     flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
-    made, centres = design.uniform_design(flat, SpiralParams()), arrange.side_by_side(flat)
+    made, centres = fabricable.uniform_design(flat, SpiralParams()), arrange.side_by_side(flat)
     faces = len(solids.solid(made, centres).sizes)
     monkeypatch.setattr(solids, "MOST", faces // 2)
     shape = solids.solid(made, centres)
@@ -162,7 +162,7 @@ def test_solids_have_the_connectors_of_the_sheets(connector: str) -> None:
     import trimesh
 
     flat = flatten.flatten(trace.trace(shapes.make("cubesphere"), LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams())
+    made = fabricable.uniform_design(flat, SpiralParams())
     cut = sheets.make_sheets(
         made, SheetParams(labels=False, nesting="FAST"), connectors=ConnectorParams(connector=connector)
     )

@@ -14,9 +14,9 @@ from ...fabrication.connectors.shape import Size, head, key, rounded, size, sock
 from ...fabrication.panels.kerf import offset, relieved
 from ...fabrication.panels.lettering import length, strokes
 from ...params import ConnectorParams
-from ...spirals.contours import find_roots
 from ...spirals.curves.arcs import Curve, biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points
+from ...spirals.roots import find_roots
 from .bending import fillet
 from .coupons import STRIP_CLAMP, STRIP_END, Coupons, SpiralCoupon
 

@@ -20,7 +20,7 @@ from ...patches.tracing.trace import make_disks
 from ...progress import SILENT, Progress
 from ...simulation.shortfall import angle_defects
 from ...simulation.simulate import Simulation
-from ...spirals.design import curvature_adjusted, make_fabricable
+from ...spirals.fabricable import curvature_adjusted, make_fabricable
 from ...surface import curvature
 from ...surface.mesh import QuadMesh
 from ...surface.symmetry import Symmetry, keeping

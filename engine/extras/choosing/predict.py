@@ -12,7 +12,7 @@ time, the former are 0.78 and 60 %. `bench layout --match` tells.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,14 +23,14 @@ from ...optimisation.bounds import bounded_step
 from ...optimisation.codesign import MAX_SEAM_MISMATCH, MAX_SHIFT
 from ...optimisation.codesign_problem import FlatPoint, FlatProblem, FlatRange
 from ...optimisation.design_space import DesignSpace
-from ...optimisation.inverse import InverseProblem
 from ...optimisation.reach import find_limits
 from ...optimisation.scaling import CurvatureEstimate
 from ...optimisation.task import Task
 from ...optimisation.work import Work
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress
-from ...spirals.design import SpiralDesign, curvature_adjusted, make_fabricable
+from ...spirals.design import SpiralDesign
+from ...spirals.fabricable import curvature_adjusted, make_fabricable
 from ...surface import curvature
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape
 
@@ -119,7 +119,7 @@ def _rest(
     shapes = FlatRange.from_patches(
         flat, MAX_SHIFT, *limits, 0.0, flat, free, border=movable
     )  # ``update_stiffness`` decides the weight
-    whole = FlatProblem(**{one.name: getattr(problem, one.name) for one in fields(InverseProblem)}, flat=shapes)
+    whole = FlatProblem.from_problem(problem, shapes)
     x = np.concatenate([problem.space.coordinates(design.width, design.twist), np.full(2 * len(shapes.span), 0.5)])
     return design, whole.at(x, target_pose(piece.mesh, flat.corners), progress).renewed()
 

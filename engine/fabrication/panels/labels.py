@@ -13,9 +13,9 @@ from ...params import SheetParams
 from ...patches.joining import panel_numbers
 from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
-from ...spirals.contours import SlotRoots
 from ...spirals.curves.arcs import Curve
 from ...spirals.curves.spiral import Arms, centre_line, width_at
+from ...spirals.roots import SlotRoots
 from .lettering import along, length, straight
 
 _FILL = 0.62  # height of letters along an arm as a share of its width

@@ -147,7 +147,15 @@ class ArmModel:
         curving: bool,
         progress: Progress = SILENT,
     ) -> ArmModel:
-        """Build the model from the arms' compliances and bend points (m, 2, 2)."""
+        """Build the model from the arms' compliances.
+
+        Parameters
+        ----------
+        assembly : spirals and joints at rest
+        compliance : of both arms of every joint
+        bend : (m, 2, 2) bend points, as in ``_bend_levers``
+        material, curving, progress : as in ``from_assembly``
+        """
         axes = assembly.arm_axes
         at_joint = np.linalg.inv((axes @ compliance.values @ np.swapaxes(axes, 2, 3)).sum(axis=1))
         lever = _bend_levers(assembly, bend)
@@ -237,8 +245,6 @@ class ArmModel:
         return 0.5 * float((matvec(self.stiffness, e) * e).sum())
 
     def wrenches(self, state: ArmState) -> Float[np.ndarray, "joints 6"]:
-        """(m, 6) wrench, N and N m, that the second arm of every joint exerts on the first, at the joint, in its
-        half-way axes."""
         e, slope = _add_second_order(self.motion_at_joint(state), self.curving_at_joint)
         return matvec(np.swapaxes(slope, -1, -2), matvec(self.at_joint, e))
 
@@ -263,7 +269,6 @@ class ArmModel:
         )
 
     def strains(self, state: ArmState, material: Material) -> Float[np.ndarray, "joints 2"]:
-        """Largest strain on the surface of both arms of every joint, see ``peak_strain``."""
         return arm_strains(self.assembly, self.arm_loads(state), material)
 
     def in_plane_energy(self, state: ArmState) -> Float[np.ndarray, " joints"]:

@@ -12,7 +12,7 @@ from flexmaps.engine.params import LayoutParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.spirals.curves.spiral import opposite_sides
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.spirals.painting import Stroke, paint_spirals
 from flexmaps.engine.surface import shapes
 

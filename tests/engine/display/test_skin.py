@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.joining import steps
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 
 POM = MATERIALS["pom"]
@@ -29,7 +29,7 @@ def piece(request):
     """Panels with seams, and where they rest."""
     mesh = shapes.make(request.param)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 
@@ -38,7 +38,7 @@ def rimmed():
     """A dome of panels with a rim, and where it rests."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(border="rim"), twist=3.0)
+    made = fabricable.uniform_design(flat, SpiralParams(border="rim"), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 

@@ -14,7 +14,7 @@ from flexmaps.engine.patches.flattening.flatten import FlatPatches
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 
 POM = MATERIALS["pom"]
@@ -29,7 +29,7 @@ def stretched(flat, patch, factor):
 
 def test_lengths_of_both_sides(flat_grid):
     flat = stretched(flat_grid(4, 3, cut=lambda x, y: x == 2), 1, 1.08)
-    (seam,) = assembly_check.check_assembly(design.uniform_design(flat, SpiralParams())).seams
+    (seam,) = assembly_check.check_assembly(fabricable.uniform_design(flat, SpiralParams())).seams
     assert sorted(seam.lengths) == pytest.approx([0.06, 0.0648])
     assert seam.mismatch == pytest.approx(0.08 / 1.04)
     assert seam.stretch == pytest.approx(0.08 / 1.04)
@@ -43,7 +43,7 @@ def test_differences_along_a_seam_do_not_cancel(flat_grid):
     middle = right[np.isclose(flat.points[right, 1], 0.02)]
     points[middle, 1] += 0.001
     found = assembly_check.check_assembly(
-        design.uniform_design(FlatPatches(flat.layout, points, flat.energy, flat.square), SpiralParams())
+        fabricable.uniform_design(FlatPatches(flat.layout, points, flat.energy, flat.square), SpiralParams())
     )
     (seam,) = found.seams
     assert seam.mismatch == pytest.approx(0.0, abs=1e-9)
@@ -55,7 +55,7 @@ def test_sides_keep_together_within_one_panel():
     """Along a cut inside a panel both sides have the same patch: the path tells which is which."""
     params = LayoutParams()
     flat = merge.merge(trace.trace(shapes.make("cubesphere"), params), params)
-    made = design.uniform_design(flat, SpiralParams())
+    made = fabricable.uniform_design(flat, SpiralParams())
     layout, mesh = flat.layout, flat.layout.mesh
     for seam, edges in zip(assembly_check.check_assembly(made).seams, layout.seams, strict=True):
         if seam.panels[0] != seam.panels[1] or len(edges) < 2:
@@ -74,7 +74,7 @@ def test_sides_keep_together_within_one_panel():
 
 def hung(flat_grid, newtons):
     """A strip that is held at one end and pulled in line at the other, its joints crossed by the force."""
-    made = design.uniform_design(flat_grid(4, 1, cut=lambda x, y: x == 2), SpiralParams(), width=0.002, twist=0.5)
+    made = fabricable.uniform_design(flat_grid(4, 1, cut=lambda x, y: x == 2), SpiralParams(), width=0.002, twist=0.5)
     mesh = made.flat.layout.mesh
     force = np.zeros((4, 3))
     force[np.argmax(mesh.centroids[:, 0])] = [newtons, 0.0, 0.0]
@@ -99,7 +99,7 @@ def test_the_force_of_a_pulled_strip(flat_grid):
 
 @pytest.mark.parametrize("kind", ["none", "dovetail", "key", "tab"])
 def test_necks_are_those_of_the_connectors(flat_grid, kind):
-    made = design.uniform_design(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(4, 2, cut=lambda x, y: x == 2), SpiralParams())
     joined = connectors.connect(made, ConnectorParams(connector=kind))
     neck = joints.necks(made, joined)
     cut = made.flat.layout.cut

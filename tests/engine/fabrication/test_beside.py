@@ -7,7 +7,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import seam_labels
 from flexmaps.engine.params import SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.spirals.curves.spiral import centre_line
 
@@ -26,7 +26,7 @@ def _legible(strokes, text, place):
 
 def test_small_labels_stand_beside_their_panels_too(flat_grid):
     """Every joint whose label is hardly read is named in the waste, off all panels, and its tick points at it."""
-    narrow = design.uniform_design(
+    narrow = fabricable.uniform_design(
         flat_grid(4, 5, 0.02, cut=lambda x, y: x == 2 or y == 2), SpiralParams(), width=0.001
     )
     made = sheets.make_sheets(narrow, SheetParams(nesting="FAST"))

@@ -9,11 +9,11 @@ from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import parts, series
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.params import ConnectorParams, CostParams, MaterialParams, SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 
 
 def test_figures_of_a_small_design(flat_grid):
-    made = design.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
+    made = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"))
     found = estimates.estimate(cut, made, MATERIALS["birch"])
     assert found.mass == pytest.approx(680.0 * 0.003 * sum(p.area for p in cut.panels))
@@ -34,7 +34,7 @@ def test_thicker_sheets_are_cut_more_slowly():
 
 @pytest.mark.parametrize("material", [MATERIALS["pla"], MaterialParams(material="custom").chosen])
 def test_what_is_not_cut_by_laser_has_no_cutting_time(flat_grid, material):
-    made = design.uniform_design(flat_grid(2, 2), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(2, 2), SpiralParams())
     found = estimates.estimate(sheets.make_sheets(made, SheetParams(nesting="FAST")), made, material)
     assert found.cut_seconds is None
     assert "cut_minutes" not in estimates.estimates_report(found)
@@ -42,7 +42,7 @@ def test_what_is_not_cut_by_laser_has_no_cutting_time(flat_grid, material):
 
 
 def test_costs_are_prices_times_what_is_needed(flat_grid):
-    made = design.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
+    made = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST", sheet_width=0.2, sheet_height=0.1))
     found = estimates.estimate(cut, made, MATERIALS["birch"], CostParams(8.0, 60.0, 30.0))
     assert found.costs["sheets"] == 8.0 * cut.count
@@ -60,7 +60,7 @@ def test_costs_are_prices_times_what_is_needed(flat_grid):
 
 
 def test_the_parts_list_names_every_part_and_sums(flat_grid, tmp_path):
-    made = design.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
+    made = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, y: x == 2), SpiralParams(thickness=0.003))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))
     path = parts.write(cut, [made], MATERIALS["birch"], tmp_path / "parts.csv")
     assert series.ours(path)

@@ -13,7 +13,7 @@ import pytest
 import shapely
 import svgelements
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import hub_circles, panel_name, seam_name
@@ -22,7 +22,7 @@ from flexmaps.engine.params import ConnectorParams, ExportParams, LayoutParams, 
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.contours import Outline
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface import shapes
@@ -39,7 +39,7 @@ def made(flat_grid):
     )
     curvature = np.sin(40 * flat.corners.mean(axis=1)).sum(axis=1) + 2
     return sheets.make_sheets(
-        design.design_from_curvature(flat, SpiralParams(), curvature),
+        fabricable.design_from_curvature(flat, SpiralParams(), curvature),
         SheetParams(nesting="FAST"),
         connectors=ConnectorParams(connector="none"),
     )
@@ -68,7 +68,7 @@ def test_panels_are_nested_as_the_settings_say(nesting, flat_grid, monkeypatch):
         sheets, "nest", lambda shapes, params, *more: asked.append(params) or real(shapes, params, *more)
     )
     params = SheetParams(nesting=nesting, labels=False)
-    sheets.make_sheets(design.uniform_design(flat_grid(2, 1, cut=lambda x, y: x == 1), SpiralParams()), params)
+    sheets.make_sheets(fabricable.uniform_design(flat_grid(2, 1, cut=lambda x, y: x == 1), SpiralParams()), params)
     assert asked == [params]
 
 
@@ -83,7 +83,7 @@ def test_labels_lie_inside_the_material(made):
 
 
 def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
-    narrow = design.uniform_design(
+    narrow = fabricable.uniform_design(
         flat_grid(3, 2, 0.03, cut=lambda x, y: x == 1), SpiralParams(), width=0.001, twist=1.0
     )
     circles = hub_circles(narrow.arms, narrow.roots)
@@ -103,7 +103,7 @@ def test_names_of_joints_stand_on_hubs_where_arms_are_narrow(flat_grid):
 
 
 def test_labels_that_would_be_too_small_are_counted(flat_grid):
-    made = design.uniform_design(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
+    made = fabricable.uniform_design(flat_grid(2, 2, cut=lambda x, y: x == 1), SpiralParams(), width=0.001)
     assert sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001)).labels_left_out == 0  # beside it
     result = sheets.make_sheets(made, SheetParams(nesting="FAST", label_min=0.001, spacing=0.03))
     assert result.labels_left_out == 4
@@ -129,7 +129,7 @@ def test_names():
 
 
 def test_numbers_of_the_report(made):
-    report = sheets.sheets_report(made)
+    report = sheets_report.sheets_report(made)
     polygons = [_polygon(p) for p in made.panels]
     assert report["panels"] == 2
     assert report["sheets"] == 1
@@ -265,7 +265,7 @@ def test_every_kind_of_file_is_known_again_as_the_programs_own(made, tmp_path):
 
 
 def test_oversize_panels(flat_grid):
-    made = design.uniform_design(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(10, 4, 0.03, cut=lambda x, y: x == 8), SpiralParams())
     small = {"sheet_width": 0.2, "sheet_height": 0.15, "nesting": "FAST"}
     enlarged = sheets.make_sheets(made, SheetParams(**small))
     assert len(enlarged.warnings) == 1
@@ -279,13 +279,13 @@ def test_oversize_panels(flat_grid):
 def test_margin_larger_than_the_sheet(flat_grid):
     with pytest.raises(FlexMapsError, match="margin"):
         sheets.make_sheets(
-            design.uniform_design(flat_grid(1, 1), SpiralParams()),
+            fabricable.uniform_design(flat_grid(1, 1), SpiralParams()),
             SheetParams(sheet_width=0.05, sheet_height=0.05, margin=0.03),
         )
 
 
 def test_progress_ascends_and_stops(flat_grid):
-    made = design.uniform_design(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(4, 4, cut=lambda x, y: x == 2 or y == 2), SpiralParams())
     seen = []
     sheets.make_sheets(made, SheetParams(nesting="FAST"), Progress(lambda fraction, text: seen.append(fraction)))
     assert seen == sorted(seen)
@@ -318,7 +318,8 @@ def test_sheets_of_real_layouts(name):
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
     result = sheets.make_sheets(
-        design.design_from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)), SheetParams(nesting="FAST")
+        fabricable.design_from_curvature(flat, SpiralParams(), curvature.rms_curvature(mesh)),
+        SheetParams(nesting="FAST"),
     )
     assert len(result.panels) == len(flat.layout.patches)
     assert result.slot_min >= 0.3e-3 - 1e-9
@@ -334,7 +335,7 @@ def test_sheets_of_real_layouts(name):
 
 
 def test_keys_carry_the_names_of_their_joints(flat_grid):
-    spirals = design.uniform_design(
+    spirals = fabricable.uniform_design(
         flat_grid(4, 3, 0.03, cut=lambda x, _: x == 2), SpiralParams(), width=0.002, twist=0.5
     )
     made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"), connectors=ConnectorParams(connector="key"))

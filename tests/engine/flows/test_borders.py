@@ -13,7 +13,7 @@ from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.params import SheetParams, SimulateParams, SpiralParams
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.spirals.curves import spiral
 
 STUBS, OUT = SpiralParams(border="stubs"), SpiralParams(border="left_out")
@@ -24,7 +24,7 @@ def _polygon(outline):
 
 
 def _designs(flat, twist):
-    made = design.uniform_design(flat, STUBS, width=0.0015, twist=twist)
+    made = fabricable.uniform_design(flat, STUBS, width=0.0015, twist=twist)
     return made, design.SpiralDesign(flat, OUT, made.width, made.twist)
 
 
@@ -52,7 +52,7 @@ def test_a_panel_is_the_same_but_for_the_arms_that_are_left_out(flat_grid, degre
 @pytest.mark.parametrize("border", [STUBS, OUT], ids=["stubs", "left out"])
 def test_weight_is_that_of_what_is_cut(flat_grid, border):
     flat = flat_grid(3, 3)
-    made = design.uniform_design(flat, border, width=0.0015, twist=2.0)
+    made = fabricable.uniform_design(flat, border, width=0.0015, twist=2.0)
     (panel,) = map(_polygon, made.outlines())
     params, pom = SimulateParams(gravity=True), MATERIALS["pom"]
     found = simulate(made, flat.layout.mesh, pom, params, supports=np.array([0]))

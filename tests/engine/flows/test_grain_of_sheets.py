@@ -20,7 +20,7 @@ from flexmaps.engine.fabrication.nesting.nest import available
 from flexmaps.engine.fabrication.sheets import CutSheets, make_sheets
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 
 TURN = 0.02  # radians by which a least box may be aslant of its sheet; outlines of different fineness have slightly other boxes
 
@@ -30,7 +30,7 @@ def sheets(request: pytest.FixtureRequest, flat_grid: Any) -> CutSheets:
     """Three panels of 2 x 5 spirals that stand upright in their patches, the grain along them, so that all have to be turned."""
     if request.param == "TRUE" and not available():
         pytest.skip("spyrrow is not installed")
-    made = design.uniform_design(
+    made = fabricable.uniform_design(
         flat_grid(6, 5, 0.02, cut=lambda x, y: x in (2, 4)), SpiralParams(grain=0.5 * np.pi), width=0.0015, twist=1.0
     )
     params = SheetParams(nesting=request.param, nesting_seconds=2.0, rotation="GRAIN")

@@ -17,13 +17,13 @@ from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import panel_solids, svg
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.design import SpiralDesign
 
 
 @pytest.fixture
 def drawn(flat_grid: Callable[..., FlatPatches]) -> SpiralDesign:
-    return design.uniform_design(flat_grid(3, 2), SpiralParams(), width=0.001, twist=2.0)
+    return fabricable.uniform_design(flat_grid(3, 2), SpiralParams(), width=0.001, twist=2.0)
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from flexmaps.engine.params import CutParams, LayoutParams, MaterialParams, Shee
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import curvature
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -71,7 +71,9 @@ def silences(quads: int, every: bool, folder: Path) -> dict[str, int]:
     counter = Counter()
     flat = counter.of(lambda tell: flatten.flatten(layout, LayoutParams(), tell))
     curved = curvature.rms_curvature(mesh)
-    spirals = counter.of(lambda tell: design.design_from_curvature(flat, SpiralParams(thickness=0.002), curved, tell))
+    spirals = counter.of(
+        lambda tell: fabricable.design_from_curvature(flat, SpiralParams(thickness=0.002), curved, tell)
+    )
     cut = CutParams(tabs=2, lead_in=0.002)
     made = counter.of(lambda tell: sheets.make_sheets(spirals, SheetParams(nesting="FAST"), tell, cut=cut))
     counter.of(lambda tell: export.write(made, folder / f"{quads}", export.FORMATS, progress=tell))

@@ -22,7 +22,7 @@ from flexmaps.engine.params import ConnectorParams, CutParams, LayoutParams, She
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes
 
@@ -71,7 +71,7 @@ def case(request):
     flat = flatten.flatten(layout, LayoutParams())
     params, count = SpiralParams(clockwise=name == "saddle"), len(mesh.quads)
     width = _widths(pattern, count, params.width_min, params.width_max)
-    made = design.make_fabricable(flat, params, width, np.random.default_rng(12).uniform(0.0, 8.0, count))
+    made = fabricable.make_fabricable(flat, params, width, np.random.default_rng(12).uniform(0.0, 8.0, count))
     cut = sheets.make_sheets(made, SheetParams(nesting="FAST"), cut=CutParams(kerf_outline=KERF, kerf_holes=KERF))
     return mesh, made, cut
 
@@ -85,7 +85,7 @@ def test_what_is_drawn_is_what_was_asked_for(case):
     _, made, _ = case
     spread = np.ptp(made.width, axis=1) / (made.params.width_max - made.params.width_min)
     assert np.median(spread) > 0.5 and not len(made.thin)
-    assert np.median(made.twist) > 1.0 and not len(design.unfabricable_quads(made))
+    assert np.median(made.twist) > 1.0 and not len(fabricable.unfabricable_quads(made))
 
 
 def test_panels_are_whole_and_can_be_cut(case):
@@ -231,7 +231,7 @@ def test_the_film_of_the_assembly_is_finite(pattern):
     mesh, layout = _layout("saddle")
     flat = flatten.flatten(layout, LayoutParams())
     width = _widths(pattern, len(mesh.quads), 0.001, 0.002)
-    made = design.make_fabricable(flat, SpiralParams(), width, np.full(len(width), 2.0))
+    made = fabricable.make_fabricable(flat, SpiralParams(), width, np.full(len(width), 2.0))
     count = len(flat.layout.patches)
     table = np.c_[0.4 * np.arange(count), np.zeros((count, 2))]
     pose = target_pose(mesh, flat.corners)

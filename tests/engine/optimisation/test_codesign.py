@@ -30,7 +30,8 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
 from flexmaps.engine.spirals.clearance.room import ClearanceModel
 from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.fabricable import make_fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

@@ -18,7 +18,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 
 
@@ -28,7 +28,7 @@ def wound() -> tuple[Task, SimulatedResult]:
     mesh, pom = shapes.make("dome"), material("pom")
     flat, count = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams()), len(mesh.quads)
     params = SpiralParams(width_min=0.0006)
-    made = design.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
+    made = fabricable.make_fabricable(flat, params, np.full((count, 4), 0.0009), np.full(count, 5.5))
     task = Task(mesh, pom, OptimiseParams(), SimulateParams(), None, None, Work())
     at_rest = simulate(made, mesh, pom, SimulateParams())
     problem = task.problem(made)
@@ -110,7 +110,7 @@ def test_a_result_stays_as_it_is_where_opening_its_slots_is_cancelled(wound, ask
 def test_arms_beside_a_spiral_with_less_twist_have_room_in_the_flat_sheet(wound):
     flat = wound[1].simulation.design.flat
     width = 0.0016 * np.random.default_rng(0).uniform(0.7, 1.5, (len(flat.corners), 4))
-    tight = design.make_fabricable(flat, SpiralParams(width_min=0.0006), width, np.full(len(width), 7.0))
+    tight = fabricable.make_fabricable(flat, SpiralParams(width_min=0.0006), width, np.full(len(width), 7.0))
     every = np.ones(len(width), dtype=bool)
     assert with_room(tight, every, SILENT) is tight
     lacking = 0
@@ -118,7 +118,7 @@ def test_arms_beside_a_spiral_with_less_twist_have_room_in_the_flat_sheet(wound)
         twist = tight.twist.copy()
         twist[quad] *= 0.8
         made = with_room(replace(tight, twist=twist), every, SILENT)
-        fitted = design.make_fabricable(flat, made.params, made.width, made.twist, prove=False)
+        fitted = fabricable.make_fabricable(flat, made.params, made.width, made.twist, prove=False)
         assert not fitted.unlike(made).any()
         lacking += bool((made.twist != twist).any())
     assert lacking  # or this shows nothing

@@ -22,7 +22,8 @@ from flexmaps.engine.optimisation.work import Work
 from flexmaps.engine.params import OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, build_model, simulate
-from flexmaps.engine.spirals.design import SpiralDesign, uniform_design
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh
 

@@ -28,7 +28,8 @@ from flexmaps.engine.simulation.simulate import build_model
 from flexmaps.engine.spirals.clearance.slots import twist_bound
 from flexmaps.engine.spirals.constraints import NO_CONSTRAINTS, Constraints
 from flexmaps.engine.spirals.curves.spiral import same_width
-from flexmaps.engine.spirals.design import SpiralDesign, make_fabricable, uniform_design
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.fabricable import make_fabricable, uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

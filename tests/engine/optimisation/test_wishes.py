@@ -10,7 +10,7 @@ from flexmaps.engine.optimisation.wishes import UNSTRAINED_MESSAGE, Wishes
 from flexmaps.engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import contours, design
+from flexmaps.engine.spirals import contours, fabricable
 from flexmaps.engine.spirals.clearance import slots
 from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design import SpiralDesign
@@ -53,7 +53,7 @@ def test_panel_equals_the_union_of_its_arms(flat_grid, degrees, move, clockwise)
 
 
 def test_area_of_the_curves_is_that_of_the_polygon(flat_grid):
-    made = design.uniform_design(flat_grid(4, 4), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(4, 4), SpiralParams())
     (outline,), (panel,) = made.outlines(), _polygons(made)
     assert outline.outer.area > 0
     assert all(h.area < 0 for h in outline.holes)
@@ -64,7 +64,7 @@ def test_area_of_the_curves_is_that_of_the_polygon(flat_grid):
 def test_thin_and_thick_arms(flat_grid, ratio):
     size = 0.02
     params = SpiralParams(width_min=0.0003, width_max=0.004, twist_max=2 * np.pi)
-    made = design.uniform_design(flat_grid(2, 2, size), params, width=size / ratio, twist=2 * np.pi)
+    made = fabricable.uniform_design(flat_grid(2, 2, size), params, width=size / ratio, twist=2 * np.pi)
     (panel,) = _polygons(made)
     assert panel.is_valid
     assert made.width[0, 0] == pytest.approx(size / ratio)
@@ -76,7 +76,7 @@ def test_wild_designs_come_out_as_one_valid_piece_that_can_be_cut(flat_grid, see
     rng = np.random.default_rng(seed)
     flat = flat_grid(8, 8, move=lambda p: p + rng.uniform(-0.003, 0.003, p.shape))
     params = SpiralParams(clockwise=bool(seed % 2))
-    made = design.design_from_curvature(flat, params, rng.uniform(0, 1, 64))
+    made = fabricable.design_from_curvature(flat, params, rng.uniform(0, 1, 64))
     (panel,) = _polygons(made)
     assert panel.is_valid
     assert panel.geom_type == "Polygon"
@@ -91,7 +91,7 @@ def test_wild_designs_come_out_as_one_valid_piece_that_can_be_cut(flat_grid, see
 
 
 def test_roots_touch_both_edges(flat_grid):
-    made = design.uniform_design(flat_grid(2, 2), SpiralParams(fillet=0.0002))
+    made = fabricable.uniform_design(flat_grid(2, 2), SpiralParams(fillet=0.0002))
     (panel,) = _polygons(made)
     edges = panel.boundary
     for centre in made.roots.centre.reshape(-1, 2):
@@ -101,7 +101,7 @@ def test_roots_touch_both_edges(flat_grid):
 
 def test_sharp_corners_without_fillet(flat_grid):
     params = SpiralParams(fillet=0.0)
-    (panel,) = _polygons(design.uniform_design(flat_grid(2, 2), params, twist=0.0))
+    (panel,) = _polygons(fabricable.uniform_design(flat_grid(2, 2), params, twist=0.0))
     assert panel.is_valid
     w = 0.0015
     assert panel.area == pytest.approx(4 * (2 * 0.02 * w - w * w), rel=1e-9)  # four crosses
@@ -111,7 +111,7 @@ def test_l_shape_and_grid_with_a_hole(flat_grid):
     l_shape = flat_grid(4, 4, without=lambda i, j: i > 1 and j > 1)
     ring = flat_grid(3, 3, without=lambda i, j: i == 1 and j == 1)
     for flat, holes in ((l_shape, 5), (ring, 1)):
-        (panel,) = _polygons(design.uniform_design(flat, SpiralParams()))
+        (panel,) = _polygons(fabricable.uniform_design(flat, SpiralParams()))
         assert panel.is_valid
         assert len(panel.interiors) == holes
 
@@ -121,7 +121,7 @@ def test_panels_side_by_side_along_a_seam_touch_and_do_not_overlap(flat_grid):
     points = rng.uniform(-0.002, 0.002, (30, 2))
     whole, parted = (flat_grid(5, 4, move=lambda p: p + points, cut=cut) for cut in (None, lambda x, y: x == 2))
     curvature = rng.uniform(0, 1, 20)
-    one, two = (design.design_from_curvature(flat, SpiralParams(), curvature) for flat in (whole, parted))
+    one, two = (fabricable.design_from_curvature(flat, SpiralParams(), curvature) for flat in (whole, parted))
     np.testing.assert_allclose(one.twist, two.twist)
     (both,), (left, right) = _polygons(one), _polygons(two)
     assert left.intersection(right).area < 1e-12
@@ -134,7 +134,7 @@ def test_cut_inside_a_patch_leaves_a_slot(flat_grid):
     params = SpiralParams()
     flat = flat_grid(6, 6, cut=lambda x, y: x == 3 and 1 < y < 5)
     assert len(flat.layout.patches) == 1
-    (panel,) = _polygons(design.uniform_design(flat, params, twist=3.0))
+    (panel,) = _polygons(fabricable.uniform_design(flat, params, twist=3.0))
     assert panel.is_valid
     slit = max(panel.interiors, key=lambda r: shapely.Polygon(r).area)
     assert shapely.Polygon(slit).buffer(-0.49 * params.slot_min).geom_type == "Polygon"
@@ -142,21 +142,21 @@ def test_cut_inside_a_patch_leaves_a_slot(flat_grid):
 
 
 def test_every_quad_a_patch(flat_grid):
-    made = design.uniform_design(flat_grid(2, 2, cut=lambda x, y: True), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(2, 2, cut=lambda x, y: True), SpiralParams())
     panels = _polygons(made)
     assert len(panels) == 4
     assert all(p.is_valid and not p.interiors for p in panels)
 
 
 def test_few_nodes(flat_grid):
-    made = design.uniform_design(flat_grid(6, 6), SpiralParams(), width=0.001, twist=2 * np.pi)
+    made = fabricable.uniform_design(flat_grid(6, 6), SpiralParams(), width=0.001, twist=2 * np.pi)
     (outline,) = made.outlines()
     nodes = sum(len(c.points) for c in (outline.outer, *outline.holes))
     assert nodes <= 40 * 4 * 36
 
 
 def test_outlines_stay_within_the_tolerance(flat_grid):
-    made = design.uniform_design(flat_grid(1, 1), SpiralParams(), width=0.0012, twist=5.0)
+    made = fabricable.uniform_design(flat_grid(1, 1), SpiralParams(), width=0.0012, twist=5.0)
     fine, coarse = (made.outlines(t)[0].outer for t in (1e-7, 2e-5))
     line = shapely.LinearRing(fine.sampled(1e-7))
     shapely.prepare(line)
@@ -176,7 +176,7 @@ def test_spirals_without_room_are_named(flat_grid):
 def test_touching_places_are_found(flat_grid):
     # two arms of quads that share but a vertex, driven into each other by a quad squeezed to a sliver
     flat = flat_grid(2, 2)
-    made = design.uniform_design(flat, SpiralParams())
+    made = fabricable.uniform_design(flat, SpiralParams())
     outline = made.outlines()[0]
     assert not len(find_contacts([outline]))
     shifted = contours.Outline(outline.outer, (*outline.holes, outline.holes[0].moved(0.0, np.array([0.001, 0.0]))))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.spirals.clearance import slots
 from flexmaps.engine.spirals.curves import spiral
 from flexmaps.engine.spirals.design_report import design_report
@@ -58,7 +58,7 @@ def test_what_fits_as_it_is_asked_for_stays(flat_grid):
 def test_curvature_decides_linearly(flat_grid):
     flat, params = flat_grid(4, 3, 0.03), SpiralParams(curvature_top=100.0)
     curvature = np.linspace(0.0, 8.0, 12)
-    made = design.design_from_curvature(flat, params, curvature)
+    made = fabricable.design_from_curvature(flat, params, curvature)
     c = curvature / 8.0
     np.testing.assert_allclose(made.width, spiral.same_width(0.002 - c * 0.001))
     np.testing.assert_allclose(made.twist, c * 2 * np.pi)
@@ -68,24 +68,24 @@ def test_curvature_decides_linearly(flat_grid):
 def test_one_sharp_crease_does_not_stiffen_all_the_rest(flat_grid):
     flat = flat_grid(10, 10, 0.03)
     curvature = np.append(np.full(99, 1.0), 100.0)
-    robust = design.design_from_curvature(flat, SpiralParams(), curvature)
-    plain = design.design_from_curvature(flat, SpiralParams(curvature_top=100.0), curvature)
+    robust = fabricable.design_from_curvature(flat, SpiralParams(), curvature)
+    plain = fabricable.design_from_curvature(flat, SpiralParams(curvature_top=100.0), curvature)
     assert robust.width[0, 0] == pytest.approx(0.001)
     assert plain.width[0, 0] == pytest.approx(0.00199)
 
 
 def test_no_curvature_gives_the_stiffest_spirals(flat_grid):
-    made = design.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.zeros(4))
+    made = fabricable.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.zeros(4))
     np.testing.assert_array_equal(made.width, 0.002)
     np.testing.assert_array_equal(made.twist, 0.0)
 
 
 def test_uniform_design_keeps_what_fits_and_unwinds_what_does_not(flat_grid):
     flat = flat_grid(3, 3, 0.02)
-    made = design.uniform_design(flat, SpiralParams(), width=0.0015, twist=5.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), width=0.0015, twist=5.0)
     np.testing.assert_array_equal(made.width, 0.0015)
     np.testing.assert_array_equal(made.twist, 5.0)
-    tight = design.uniform_design(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
+    tight = fabricable.uniform_design(flat_grid(3, 3, 0.01), SpiralParams(), width=0.0015, twist=5.0)
     assert (tight.twist < 4.0).all()
     assert tight.narrowest[0] >= 0.0003 - 1e-9
 
@@ -97,12 +97,12 @@ def test_too_small_quads_are_named(flat_grid):
         return p
 
     with pytest.raises(FlexMapsError, match="too small or too thin") as caught:
-        design.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
+        fabricable.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
     assert caught.value.faces == [4, 5]
 
 
 def test_report_has_the_spread_of_every_descriptor(flat_grid):
-    made = design.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
+    made = fabricable.design_from_curvature(flat_grid(2, 2), SpiralParams(), np.array([0.0, 1.0, 1.0, 1.0]))
     report = design_report(made)
     assert report["count"] == 4
     assert report["width_mm"] == [1.0, 1.25, 2.0]
@@ -119,7 +119,7 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
         p[p[:, 0] > 0.05, 0] = 0.0414
         return p
 
-    made = design.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(3, 2, move=squeezed), SpiralParams())
     assert made.thin.tolist() == [4, 5]
     assert 0.0005 < made.width[4].min() == made.width[4].max() < 0.001
     assert design_report(made)["too_thin"] == 2
@@ -130,7 +130,7 @@ def test_quads_a_little_too_small_get_thinner_arms_and_a_warning(flat_grid):
 def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, clockwise):
     """Other arms keep their roots and arcs, also where one changed design follows another that was never drawn."""
     flat, params = flat_grid(6, 4, 0.02), SpiralParams(clockwise=clockwise)
-    before = design.uniform_design(flat, params, width=0.0012, twist=3.0)
+    before = fabricable.uniform_design(flat, params, width=0.0012, twist=3.0)
     assert before.outlines()
     twist, width = before.twist.copy(), before.width.copy()
     twist[3], width[20, 1] = 2.0, 0.0014
@@ -148,11 +148,11 @@ def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, 
 
 def test_contacts_are_sought_where_spirals_have_changed(flat_grid):
     flat = flat_grid(4, 1, 0.02)
-    before = design.uniform_design(flat, SpiralParams(), width=0.0012, twist=3.0)
+    before = fabricable.uniform_design(flat, SpiralParams(), width=0.0012, twist=3.0)
     assert before.drawn.sound == {0}  # proved
     twist = before.twist.copy()
     twist[1] = 14.0  # arms run through each other
     touching = replace(before, twist=twist).reusing(before)
     assert not touching.drawn.sound
-    mended = design.resolve_contacts(touching)
+    mended = fabricable.resolve_contacts(touching)
     assert mended.twist[1] < 14.0 and mended.drawn.sound == {0}

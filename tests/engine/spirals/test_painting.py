@@ -15,7 +15,8 @@ from flexmaps.engine.params import ChooseParams, OptimiseParams, Settings, Simul
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.clearance.room import ClearanceModel
 from flexmaps.engine.spirals.constraints import Constraints
-from flexmaps.engine.spirals.design import SpiralDesign, unfabricable_quads, uniform_design
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.fabricable import unfabricable_quads, uniform_design
 from flexmaps.engine.spirals.painting import BRUSHES, Canvas, Stroke, paint_spirals
 from flexmaps.engine.spirals.touching import find_contacts
 from flexmaps.engine.surface import shapes

@@ -11,7 +11,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import make_sheets
 from flexmaps.engine.params import SheetParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import FlatPatches
-from flexmaps.engine.spirals import design, painting, solid, wider
+from flexmaps.engine.spirals import fabricable, painting, solid, wider
 from flexmaps.engine.spirals.design_report import design_report
 
 SIZE = 12  # quads along each side: more than a hundred, so that one of them may stay without a spiral
@@ -37,12 +37,12 @@ def needle(flat_grid: Callable[..., FlatPatches]) -> FlatPatches:
 
 
 def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: FlatPatches) -> None:
-    made = design.uniform_design(needle, SpiralParams())
+    made = fabricable.uniform_design(needle, SpiralParams())
     assert np.flatnonzero(made.solid).tolist() == [5 * SIZE + 5]
-    assert not len(design.unfabricable_quads(made))
+    assert not len(fabricable.unfabricable_quads(made))
     far = np.ones(len(made.twist), dtype=bool)
     far[[5 * SIZE + 5, *(np.array([4, 6]) * SIZE + 5), 5 * SIZE + 4, 5 * SIZE + 6]] = False
-    usual = design.uniform_design(needle, SpiralParams()).twist[0]
+    usual = fabricable.uniform_design(needle, SpiralParams()).twist[0]
     assert (made.twist[far] > 0.5 * usual).all()
     (finding,) = made.findings
     assert (finding.code, finding.faces, finding.is_error) == ("no-spiral", (5 * SIZE + 5,), False)
@@ -50,7 +50,7 @@ def test_a_needle_gets_a_solid_hub_and_all_others_keep_what_they_can(needle: Fla
 
 
 def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatches) -> None:
-    made = design.uniform_design(needle, SpiralParams())
+    made = fabricable.uniform_design(needle, SpiralParams())
     outline = made.outlines()[0]
     panel = shapely.Polygon(outline.outer.sampled(1e-6), [hole.sampled(1e-6) for hole in outline.holes])
     assert panel.is_valid
@@ -61,15 +61,15 @@ def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatch
 
 
 def test_it_is_known_again_by_its_widths_alone(needle: FlatPatches) -> None:
-    made = design.uniform_design(needle, SpiralParams())
+    made = fabricable.uniform_design(needle, SpiralParams())
     stored = made.width.astype(np.float32).astype(float)
     assert (solid.without_spiral(stored, made.params) == made.solid).all()
-    again = design.make_fabricable(needle, made.params, stored, made.twist)
-    assert (again.solid == made.solid).all() and not len(design.unfabricable_quads(again))
+    again = fabricable.make_fabricable(needle, made.params, stored, made.twist)
+    assert (again.solid == made.solid).all() and not len(fabricable.unfabricable_quads(again))
 
 
 def test_a_brush_leaves_it_alone(needle: FlatPatches) -> None:
-    made = design.uniform_design(needle, SpiralParams())
+    made = fabricable.uniform_design(needle, SpiralParams())
     for brush in ("stiffer", "softer", "smooth", "width"):
         assert (painting.paint_spirals(made, brush, np.ones(len(made.twist))).solid == made.solid).all()
 
@@ -80,7 +80,7 @@ def test_more_than_one_in_a_hundred_are_refused_with_a_count_that_would_do(
     one, two = needled(2, 2, 0.08), needled(8, 8, 0.08)
     flat = flat_grid(SIZE, SIZE, move=lambda points: two(one(points)))
     with pytest.raises(FlexMapsError, match="no room for the arms of 2 quads") as caught:
-        design.uniform_design(flat, SpiralParams())
+        fabricable.uniform_design(flat, SpiralParams())
     assert set(caught.value.faces) == {2 * SIZE + 2, 8 * SIZE + 8}
     assert caught.value.quads is not None and caught.value.quads < SIZE**2
 
@@ -94,10 +94,10 @@ def test_neighbours_make_room_and_outlines_stay(flat_grid: Callable[..., FlatPat
     corners = moved.corners @ np.array([1.0, 1j])
     along = np.roll(corners, -1, axis=1) - corners
     assert ((np.conj(np.roll(along, 1, axis=1)) * along).imag > 0).all(), "no corner is turned over"
-    made = design.design_from_curvature(flat, SpiralParams(), np.ones(SIZE**2))
+    made = fabricable.design_from_curvature(flat, SpiralParams(), np.ones(SIZE**2))
     assert made.flat is not flat and not made.solid.any()
 
 
 def test_nothing_moves_where_all_have_room(flat_grid: Callable[..., FlatPatches]) -> None:
     flat = flat_grid(4, 4)
-    assert design.design_from_curvature(flat, SpiralParams(), np.ones(16)).flat is flat
+    assert fabricable.design_from_curvature(flat, SpiralParams(), np.ones(16)).flat is flat

@@ -19,7 +19,7 @@ from flexmaps.engine.patches.joining import panel_numbers, steps
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.surface import shapes
 
 pdfium = pytest.importorskip("pypdfium2")
@@ -70,7 +70,7 @@ def test_the_sheet_says_what_to_do(tmp_path):
     cut = flat.layout.cut.copy()
     cut[trace.middle_line(flat.layout, 0)] = True
     flat = flatten.flatten(type(flat.layout)(mesh, cut), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams())
+    made = fabricable.uniform_design(flat, SpiralParams())
     on_sheets = sheets.make_sheets(made, SheetParams(nesting="FAST"))
     figures = estimates.estimate(on_sheets, made, MATERIALS["acrylic"])
     path = assembly_sheet.write(made, on_sheets, figures, tmp_path / "assembly.pdf", "A saddle (large)")
@@ -107,7 +107,7 @@ def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
 
 
 def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
-    spirals = design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=1.0)
+    spirals = fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=1.0)
     made = sheets.make_sheets(spirals, SheetParams(nesting="FAST"))
     one, *rest = made.connections.connectors
     tab = replace(one, made=replace(one.made, kind="tab"))
@@ -127,7 +127,7 @@ def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):
 
 def test_steps_beyond_the_pictures_are_told_in_words(flat_grid, monkeypatch):
     flat = flat_grid(6, 6, cut=lambda x, y: True)
-    spirals = design.uniform_design(flat, SpiralParams())
+    spirals = fabricable.uniform_design(flat, SpiralParams())
     made = sheets.make_sheets(spirals, SheetParams(nesting="FAST", labels=False))
     figures = estimates.estimate(made, spirals, MATERIALS["pom"])
     monkeypatch.setattr(assembly_sheet, "SHOWN", 10 * 36)

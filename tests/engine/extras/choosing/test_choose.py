@@ -23,7 +23,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.shortfall import angle_defects
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals.design import design_from_spirals
+from flexmaps.engine.spirals.fabricable import design_from_spirals
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.symmetry import keeping, symmetries

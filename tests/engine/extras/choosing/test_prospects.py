@@ -16,7 +16,7 @@ from flexmaps.engine.optimisation.reach import find_limits
 from flexmaps.engine.params import Settings, SimulateParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.folds import SHARP, turns
 from flexmaps.engine.surface.checking.topology import sides_of

@@ -17,7 +17,7 @@ from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.joining import steps
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -29,7 +29,7 @@ def dome():
     """Two panels with four seams, and where they rest."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     return made, simulate(made, mesh, POM, SimulateParams()).equilibrium.pose
 
 

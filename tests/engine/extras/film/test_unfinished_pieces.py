@@ -22,7 +22,7 @@ from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.simulation.simulate import build_model, simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 
@@ -34,7 +34,7 @@ def piece(name: str, model: str):
     """A design, its simulation and its stages."""
     mesh = shapes.make(name)
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     params = SimulateParams(model=model)
     simulation = simulate(made, mesh, POM, params)
     assert simulation.equilibrium.converged
@@ -236,7 +236,7 @@ def test_parts_of_a_model_are_its_joints(name):
     """The energy of a part is that of its joints in the whole; weaker joints have their share of it."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(), twist=3.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), twist=3.0)
     model, pose = build_model(assembly_from_design(made), POM, name), target_pose(mesh, flat.corners)
     each = model.expand(model.start(pose)).per_joint
     hubs = np.random.default_rng(0).permutation(len(mesh.quads))[:120]

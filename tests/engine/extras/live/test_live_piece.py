@@ -18,7 +18,8 @@ from flexmaps.engine.patches.flattening.flatten import FlatPatches, flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.patches.tracing.trace import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals.design import SpiralDesign, uniform_design
+from flexmaps.engine.spirals.design import SpiralDesign
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.workers import Workers

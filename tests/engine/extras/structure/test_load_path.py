@@ -19,7 +19,7 @@ from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface.mesh import QuadMesh
 from scipy.integrate import trapezoid
 

@@ -26,7 +26,7 @@ from flexmaps.engine.patches.flattening.flatten import flatten
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.runs import job, report, report_page
 from flexmaps.engine.simulation.simulate import Simulation, simulate
-from flexmaps.engine.spirals.design import uniform_design
+from flexmaps.engine.spirals.fabricable import uniform_design
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 

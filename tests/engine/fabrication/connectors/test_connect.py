@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import Cancelled, FlexMapsError
-from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.connectors import connect as connectors
 from flexmaps.engine.fabrication.connectors.shape import head, key, size, socket
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.progress import Progress
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.spirals.touching import find_contacts
 
 fit = sys.modules["flexmaps_connector_gaps"].fit
@@ -21,7 +21,7 @@ KINDS = ["dovetail", "key", "tab"]
 
 def _halves(flat_grid, twist, *, clockwise=False, size=0.02, rows=3):
     flat = flat_grid(4, rows, size, cut=lambda x, _: x == 2)
-    return design.uniform_design(flat, SpiralParams(clockwise=clockwise), width=0.0012, twist=twist)
+    return fabricable.uniform_design(flat, SpiralParams(clockwise=clockwise), width=0.0012, twist=twist)
 
 
 def _polygons(made):
@@ -117,23 +117,23 @@ def test_the_slot_at_seams_leaves_room_for_dovetails_beside_strongly_wound_arms(
     flat = flat_grid(4, 4, 0.022, move=lambda p: p * [share, 1.0], cut=lambda x, _: x == 2)
     kinds = []
     for slot in (0.0, SpiralParams.slot_seam):
-        made = design.uniform_design(flat, SpiralParams(slot_seam=slot), width=0.001, twist=6.0)
+        made = fabricable.uniform_design(flat, SpiralParams(slot_seam=slot), width=0.001, twist=6.0)
         found = connectors.connect(made, ConnectorParams(connector="dovetail"))
         kinds.append(found.report["connector_kinds"])
     assert kinds == [{"tab": 4}, {"dovetail": 4}]
     assert np.abs(fit(made, found, 0.0001).least - found.clearance).max() < 1e-6
     # no more is unwound than has to be, and nothing elsewhere
-    plain = design.uniform_design(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
+    plain = fabricable.uniform_design(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
     assert (made.twist > 0.75 * plain.twist).all()
     assert ((made.twist < plain.twist) == (np.arange(16) // 4 % 3 > 0)).all()
     # what was wound before, or by hand, can still be cut
-    assert not len(design.unfabricable_quads(design.SpiralDesign(flat, SpiralParams(), plain.width, plain.twist)))
+    assert not len(fabricable.unfabricable_quads(design.SpiralDesign(flat, SpiralParams(), plain.width, plain.twist)))
 
 
 def test_small_quads_keep_their_spirals_beside_seams(flat_grid):
     flat = flat_grid(4, 3, 0.008, cut=lambda x, _: x == 2)
-    made = design.uniform_design(flat, SpiralParams(), width=0.001, twist=6.0)
-    plain = design.uniform_design(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), width=0.001, twist=6.0)
+    plain = fabricable.uniform_design(flat, SpiralParams(slot_seam=0.0), width=0.001, twist=6.0)
     assert (made.twist > 0.5 * plain.twist).all() and (plain.twist > 1.0).all()
 
 
@@ -179,7 +179,7 @@ def test_arms_elsewhere_are_as_before(flat_grid):
 
 def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
     flat = flat_grid(6, 4, cut=lambda x, y: x == 3 and y < 2)
-    made = design.uniform_design(flat, SpiralParams(), width=0.0012, twist=1.0)
+    made = fabricable.uniform_design(flat, SpiralParams(), width=0.0012, twist=1.0)
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert len(found.outlines) == 1
     assert len(found.connectors) == 2
@@ -192,7 +192,7 @@ def test_cut_inside_a_panel_gets_keys_where_its_sides_touch(flat_grid):
 
 def test_joints_without_room_for_a_dovetail_get_ends_for_glue(flat_grid):
     flat = flat_grid(4, 3, 0.004, cut=lambda x, _: x == 2)
-    made = design.uniform_design(flat, SpiralParams(width_min=0.0006, width_max=0.001, fillet=0.0001), twist=0.5)
+    made = fabricable.uniform_design(flat, SpiralParams(width_min=0.0006, width_max=0.001, fillet=0.0001), twist=0.5)
     found = connectors.connect(made, ConnectorParams(connector="dovetail", thinnest=0.0015))
     assert [c.kind for c in found.connectors] == ["tab"] * 3
     for polygon, plain in zip(_polygons(found), made.outlines(), strict=True):
@@ -220,7 +220,7 @@ def test_clearance_that_lets_everything_slip_is_refused(flat_grid):
 
 
 def test_mill_too_thick_for_the_corners_is_refused(flat_grid):
-    made = design.uniform_design(
+    made = fabricable.uniform_design(
         flat_grid(4, 2, 0.03, cut=lambda x, _: x == 2), SpiralParams(slot_min=0.0012, fillet=0.0006), twist=1.0
     )
     mill = CutParams(kerf_outline=0.001, kerf_holes=0.001)
@@ -260,7 +260,7 @@ def test_sheets_with_keys_labels_and_kerf(flat_grid):
         connectors=ConnectorParams(connector="key"),
         cut=CutParams(kerf_outline=0.0002, kerf_holes=0.0001),
     )
-    block = sheets.sheets_report(result)
+    block = sheets_report.sheets_report(result)
     assert (block["panels"], block["sheets"], block["connectors"]) == (2, 2, 3)
     assert block["kerf_mm"] == [0.2, 0.1]
     loose = result.paths_on_sheet(1)

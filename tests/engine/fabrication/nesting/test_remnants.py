@@ -156,7 +156,7 @@ def test_a_remnant_smaller_than_every_panel_is_refused(tmp_path: Path) -> None:
 
 def test_a_piece_on_a_remnant(tmp_path: Path) -> None:
     """The sheet's files show the remnant's edge; its price is not paid again."""
-    from flexmaps.engine.fabrication import estimates, sheets
+    from flexmaps.engine.fabrication import estimates, sheets_report
     from flexmaps.engine.fabrication.writers import dxf
     from flexmaps.engine.materials import MATERIALS
     from flexmaps.engine.params import CostParams, Settings, with_values
@@ -168,7 +168,7 @@ def test_a_piece_on_a_remnant(tmp_path: Path) -> None:
     result = job.run(PolygonMesh.from_quads(surfaces.make("quad", 0.06)), settings)
     made = result.sheets
     assert made is not None and result.design is not None and made.packing.remnants
-    assert sheets.sheets_report(made)["remnants"] == ["a"]
+    assert sheets_report.sheets_report(made)["remnants"] == ["a"]
     dxf.write(made, 0, tmp_path / "out.dxf")
     lines = [e for e in ezdxf.readfile(tmp_path / "out.dxf").modelspace() if e.dxf.layer == "SHEET" and e.closed]
     assert sorted(round(shapely.Polygon([p[:2] for p in e]).area) for e in lines) == [1600, AREA + 1600]

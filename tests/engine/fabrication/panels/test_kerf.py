@@ -10,7 +10,7 @@ from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.connectors.shape import rounded
 from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.spirals.touching import find_contacts
 
@@ -71,7 +71,7 @@ def test_open_curve_keeps_its_ends():
 
 @pytest.fixture(scope="module")
 def made(flat_grid):
-    return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
+    return fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=4.0)
 
 
 @pytest.mark.parametrize(

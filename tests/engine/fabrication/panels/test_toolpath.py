@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.fabrication import sheets
+from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.connectors.shape import head, size, socket
 from flexmaps.engine.fabrication.panels import toolpath
 from flexmaps.engine.fabrication.panels.kerf import relieved, without_short
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 fit = sys.modules["flexmaps_connector_gaps"].fit
@@ -23,13 +23,13 @@ RING = Curve(np.array([[0.01, 0.0], [-0.01, 0.0]]), np.ones(2))
 
 @pytest.fixture(scope="module")
 def made(flat_grid):
-    return design.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
+    return fabricable.uniform_design(flat_grid(4, 3, cut=lambda x, _: x == 2), SpiralParams(), twist=2.0)
 
 
 @pytest.fixture(scope="module")
 def milled(flat_grid):
     flat = flat_grid(4, 3, 0.05, cut=lambda x, _: x == 2)
-    return design.uniform_design(
+    return fabricable.uniform_design(
         flat, SpiralParams(width_max=0.003, slot_min=0.0031, fillet=0.00155), width=0.003, twist=0.5
     )
 
@@ -78,11 +78,11 @@ def test_lead_ins_lie_in_the_waste(made):
         assert run.points[-1] == pytest.approx(run.points[1], abs=1e-12)
     assert led + runs.without_lead == len(runs.inner) + len(runs.outer)
     assert led > 0.9 * len(runs.inner)
-    assert sheets.sheets_report(result)["lead_ins_left_out"] == runs.without_lead
+    assert sheets_report.sheets_report(result)["lead_ins_left_out"] == runs.without_lead
 
 
 def test_slots_without_room_have_no_lead_in(flat_grid):
-    wound = design.uniform_design(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
+    wound = fabricable.uniform_design(flat_grid(3, 3, 0.006), SpiralParams(), width=0.001, twist=1.0)
     result = sheets.make_sheets(wound, FAST, cut=CutParams(lead_in=0.02))
     runs = result.runs(0)
     assert runs.without_lead == len(runs.inner)
@@ -226,6 +226,6 @@ def test_mill_too_thick_for_the_slots_names_the_faces(made, milled):
 
 
 def test_slots_as_wide_as_the_mill_will_do(flat_grid):
-    spirals = design.uniform_design(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
+    spirals = fabricable.uniform_design(flat_grid(4, 3, 0.05), SpiralParams(fillet=0.0015), width=0.002, twist=3.0)
     assert not len(spirals.narrower(0.003))
     assert spirals.narrower(0.0031).tolist() == list(range(12))

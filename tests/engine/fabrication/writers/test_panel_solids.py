@@ -14,14 +14,16 @@ from flexmaps.engine.fabrication.panels.panel import Panel
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.fabrication.writers import panel_solids as solid_files
 from flexmaps.engine.params import SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 
 @pytest.fixture(scope="module")
 def made(flat_grid):
     flat = flat_grid(5, 3, cut=lambda x, y: x == 2)
-    return sheets.make_sheets(design.uniform_design(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST"))
+    return sheets.make_sheets(
+        fabricable.uniform_design(flat, SpiralParams(thickness=0.0015)), SheetParams(nesting="FAST")
+    )
 
 
 def lost(panel: Panel) -> float:

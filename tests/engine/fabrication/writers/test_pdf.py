@@ -7,7 +7,7 @@ import pytest
 from flexmaps.engine.fabrication import sheets
 from flexmaps.engine.fabrication.writers import export, pdf
 from flexmaps.engine.params import SheetParams, SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.curves.arcs import Curve
 
 pdfium = pytest.importorskip("pypdfium2")
@@ -21,7 +21,7 @@ def _drawn(data, dots_per_mm=10.0):
 
 
 def test_page_sizes_are_the_sheets(flat_grid, tmp_path):
-    made = design.uniform_design(flat_grid(3, 3, 0.03, cut=lambda x, y: x == 1), SpiralParams())
+    made = fabricable.uniform_design(flat_grid(3, 3, 0.03, cut=lambda x, y: x == 1), SpiralParams())
     cut = sheets.make_sheets(made, SheetParams(sheet_width=0.2, sheet_height=0.11, nesting="FAST"))
     (path,) = export.write(cut, tmp_path / "sheet", ("pdf",))
     assert path.name == "sheet-01.pdf"

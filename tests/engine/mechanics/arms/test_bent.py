@@ -17,7 +17,7 @@ from flexmaps.engine.params import ConnectorParams, LayoutParams, SimulateParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.spirals.curves.spiral import LEFT, RIGHT, edge_points, opposite_sides
 from flexmaps.engine.surface import shapes
 from scipy.spatial.transform import Rotation
@@ -37,7 +37,7 @@ def dome(request):
     """A dome of wound spirals in several patches, in its equilibrium."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
+    made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=3.5)
     found = simulate(made, mesh, material("pom"), SimulateParams())
     assert found.equilibrium.converged
     return made, found.equilibrium.pose

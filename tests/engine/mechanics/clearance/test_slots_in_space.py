@@ -15,7 +15,7 @@ from flexmaps.engine.params import LayoutParams, SimulateParams, SpiralParams
 from flexmaps.engine.patches.flattening import flatten
 from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import design, fabricable
 from flexmaps.engine.spirals.curves.spiral import LEFT, RIGHT, centre_line, edge_points
 from flexmaps.engine.surface import shapes
 from scipy.spatial import cKDTree
@@ -65,7 +65,7 @@ def dome(request):
     """A dome of wound spirals in several patches, simulated."""
     mesh = shapes.make("dome")
     flat = flatten.flatten(trace.trace(mesh, LayoutParams()), LayoutParams())
-    made = design.uniform_design(flat, SpiralParams(clockwise=request.param), twist=4.5)
+    made = fabricable.uniform_design(flat, SpiralParams(clockwise=request.param), twist=4.5)
     return simulate(made, mesh, material("pom"), SimulateParams())
 
 
@@ -74,7 +74,7 @@ def test_flat_slots_are_those_between_polygons(flat_grid, clockwise):
     rng = np.random.default_rng(4)
     flat = flat_grid(3, 3, 0.02, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape))
     width, twist = np.repeat(rng.uniform(0.0008, 0.0016, 9), 4).reshape(9, 4), rng.uniform(6.0, 8.0, 9)
-    made = design.make_fabricable(flat, replace(PARAMS, clockwise=clockwise), width, twist)
+    made = fabricable.make_fabricable(flat, replace(PARAMS, clockwise=clockwise), width, twist)
     arms = bend_arms(made, flat_pose(made))
     found = slots_in_space(made, arms)
     own = 4 * len(width)

@@ -14,7 +14,7 @@ from flexmaps.engine.mechanics.assembly import Assembly, Pose
 from flexmaps.engine.mechanics.elastic import sum_joint_vectors
 from flexmaps.engine.mechanics.rods.rod_model import RodModel
 from flexmaps.engine.params import SpiralParams
-from flexmaps.engine.spirals import design
+from flexmaps.engine.spirals import fabricable
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -70,7 +70,7 @@ def net(flat_grid) -> tuple[Assembly, Pose]:
     flat = flat_grid(5, 4, move=lambda p: p + rng.uniform(-0.002, 0.002, p.shape), cut=lambda x, y: x == 2)
     corners = flat.corners
     found = assembly.assembly_from_design(
-        design.uniform_design(flat, SpiralParams(thickness=0.002), width=0.0015, twist=1.0)
+        fabricable.uniform_design(flat, SpiralParams(thickness=0.002), width=0.0015, twist=1.0)
     )
     centres = np.zeros((len(corners), 3))
     centres[:, :2] = corners.mean(axis=1)

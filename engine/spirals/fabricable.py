@@ -1,0 +1,259 @@
+"""Designs whose spirals can be cut: starts from equal widths, from curvatures and near given spirals (FlexMaps section 7)."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Bool, Float, Int
+from ..errors import FlexMapsError
+from ..params import SpiralParams
+from ..patches.flattening.flatten import FlatPatches
+from ..progress import SILENT, Progress
+from .clearance import slots
+from .clearance.opening import open_gaps
+from .clearance.room import ClearanceModel
+from .constraints import NO_CONSTRAINTS, Constraints
+from .curves.spiral import opposite_sides, same_width
+from .design import SpiralDesign
+from .solid import fewer_quads, refuse_many, set_solid, without_room, without_spiral
+from .touching import nearest_quads
+from .wider import enlarge_quads
+
+NO_ROOM = "There is no room for the arms of {} quads however thin and straight; make those quads more regular"
+
+
+def uniform_design(
+    flat: FlatPatches, params: SpiralParams, *, width: float | None = None, twist: float | None = None
+) -> SpiralDesign:
+    """Make a design of equal spirals; where a quad lacks room, arms become thinner and twists smaller.
+
+    Parameters
+    ----------
+    flat, params : flat patches, and settings of the spirals
+    width : metres; default is the middle of the allowed range
+    twist : radians; default is half of the largest
+
+    Raises
+    ------
+    FlexMapsError : with the faces that are far too small for the smallest width
+    """
+    width = 0.5 * (params.width_min + params.width_max) if width is None else width
+    twist = 0.5 * params.twist_max if twist is None else twist
+    count = len(flat.corners)
+    return make_fabricable(flat, params, np.full((count, 4), float(width)), np.full(count, float(twist)))
+
+
+def design_from_curvature(
+    flat: FlatPatches,
+    params: SpiralParams,
+    curvature: Float[np.ndarray, " quads"],
+    progress: Progress = SILENT,
+) -> SpiralDesign:
+    """Make the curvature-adjusted start (FlexMaps section 7): higher curvature gives thinner arms and more twist.
+
+    Parameters
+    ----------
+    flat, params : flat patches, and settings of the spirals
+    curvature : RMS curvature, 1/m
+    progress : called with the fraction done; may cancel
+
+    Raises
+    ------
+    FlexMapsError : with the faces that are far too small for the smallest width
+    """
+    return design_from_spirals(flat, params, *curvature_adjusted(params, curvature), progress)
+
+
+def design_from_spirals(
+    flat: FlatPatches,
+    params: SpiralParams,
+    width: Float[np.ndarray, "quads 4"],
+    twist: Float[np.ndarray, " quads"],
+    progress: Progress = SILENT,
+    *,
+    constraints: Constraints = NO_CONSTRAINTS,
+) -> SpiralDesign:
+    """Make a start near given widths (metres) and twists (radians) that can be cut and meets the constraints.
+
+    If quads have no room, move the flat points near them; the design then has its own flat patches.
+
+    Parameters
+    ----------
+    flat, params : flat patches, and settings of the spirals
+    width, twist : metres, radians
+    progress : called with the fraction done; may cancel
+    constraints : quads whose spirals are to be straight, or as wide as possible
+
+    Raises
+    ------
+    FlexMapsError : with the faces that are far too small for the smallest width
+    """
+    width, twist, straight = width.copy(), twist.copy(), constraints.straight
+    twist[straight] = 0.0
+    mesh = flat.layout.mesh
+    width[straight] = np.where(mesh.border[mesh.quad_edges[straight]], params.width_max, width[straight])
+    width[constraints.wide] = params.width_max
+    result: SpiralDesign | FlexMapsError
+    try:
+        result = make_fabricable(flat, params, width, twist, progress=progress.part(0.0, 0.5))
+    except FlexMapsError as error:
+        result = error
+    tight = np.array(result.faces) if isinstance(result, FlexMapsError) else np.flatnonzero(result.solid)
+    if len(tight):
+        moved = enlarge_quads(flat, tight, progress.part(0.5, 0.6))
+        with suppress(FlexMapsError):  # the error about the original patches is more helpful
+            retry = make_fabricable(moved, params, width, twist, progress=progress.part(0.6, 1.0))
+            result = retry if retry.solid.sum() < len(tight) else result
+    if isinstance(result, SpiralDesign):
+        return result
+    raise result
+
+
+def curvature_adjusted(
+    params: SpiralParams, curvature: Float[np.ndarray, " quads"]
+) -> tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]:
+    """Return widths (metres) and twists (radians) for an RMS curvature C (1/m), without checks whether they can be cut.
+
+    Both are linear in c = C / C_max. C_max is the percentile ``params.curvature_top`` of the curvature, where the publication
+    takes the maximum (100): a single sharp crease would leave c near 0 on the rest of the surface.
+
+    Parameters
+    ----------
+    params : ranges of widths and twists
+    curvature : 1/m
+    """
+    curvature = np.asarray(curvature, dtype=float)
+    top = float(np.percentile(curvature, params.curvature_top))
+    c = np.clip(curvature / top, 0.0, 1.0) if top > 0.0 else np.zeros_like(curvature)
+    width = params.width_max - c * (params.width_max - params.width_min)
+    return same_width(width), params.twist_min + c * (params.twist_max - params.twist_min)
+
+
+def make_fabricable(
+    flat: FlatPatches,
+    params: SpiralParams,
+    width: Float[np.ndarray, "quads 4"],
+    twist: Float[np.ndarray, " quads"],
+    *,
+    prove: bool = True,
+    free: Bool[np.ndarray, " quads"] | None = None,
+    progress: Progress = SILENT,
+) -> SpiralDesign:
+    """Make a design near given widths and twists that can be cut, joints and neighbours included.
+
+    Parameters
+    ----------
+    flat, params : flat patches, and settings of the spirals
+    width, twist : metres, radians
+    prove : draw the finished outlines and repair the few places that still touch
+    free : spirals that may change; default is all
+    progress : called with the fraction done; may cancel
+
+    Raises
+    ------
+    FlexMapsError : with the faces that are far too small for the smallest width
+    """
+    free = np.ones(len(twist), dtype=bool) if free is None else free
+    low, high = slots.width_range(flat, params)
+    small = without_room(flat, params)
+    refuse_many(np.flatnonzero(small & free), len(twist), slots.too_small(flat, params, np.flatnonzero(small)))
+    if prove:  # quads with solid hubs may have room in these flat patches
+        width = np.where((free & ~small & without_spiral(width, params))[:, None], low[:, None], width)
+    most = np.where(free, high, np.inf)
+    width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
+    twist = np.where(free, np.minimum(twist, params.twist_max), twist)
+    width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
+    shut = room.closed(width, twist) & free
+    if shut.any():  # a good first guess for spirals with far too much twist
+        twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
+    spirals = open_gaps(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))
+    design = SpiralDesign(flat, params, *spirals)
+    return resolve_contacts(design, progress.part(0.6, 1.0), free=free) if prove else design
+
+
+def unfabricable_quads(design: SpiralDesign, quads: Bool[np.ndarray, " quads"] | None = None) -> Int[np.ndarray, " n"]:
+    """Return the quads whose spiral cannot be cut: not finite, too thin, too wide, or with too much twist.
+
+    Parameters
+    ----------
+    design : spirals that a user or an older version may have made
+    quads : check only the slots beside these quads; default is all
+    """
+    low, high = slots.width_range(design.flat, design.params)
+    finite = np.isfinite(design.width).all(axis=1) & np.isfinite(design.twist)
+    width, twist = np.where(finite[:, None], design.width, low[:, None]), np.where(finite, design.twist, 0.0)
+    slack = 1e-3  # for rounding, and for limits from iterations
+    least, most = (1.0 - slack) * np.minimum(low, slots.MIN_WIDTH_SHARE * design.params.width_min), (1.0 + slack) * high
+    fits = (width.min(axis=1) >= least) & (width.max(axis=1) <= most)
+    fits &= (twist >= -slack) & (twist <= (1.0 + slack) * design.params.twist_max)
+    # arms without room for connectors can be glued, and spirals outside the model's range can be cut
+    room = ClearanceModel.from_flat(design.flat, replace(design.params, slot_seam=0.0)).by_gaps
+    spirals = np.clip(width, 0.1 * low[:, None], high[:, None]), np.clip(twist, 0.0, None)
+    terms = room.terms(*spirals, below=-slack, quads=quads)
+    fits[terms.arms[:, [0, 2]] // 4] = False
+    fits |= without_spiral(width, design.params) & (twist <= slack)
+    return np.flatnonzero(~(finite & fits))
+
+
+def resolve_contacts(
+    design: SpiralDesign, progress: Progress = SILENT, rounds: int = 60, free: Bool[np.ndarray, " quads"] | None = None
+) -> SpiralDesign:
+    """Draw the outlines, and unwind the spirals around every place where outlines still touch; most designs have none.
+
+    Parameters
+    ----------
+    design : spirals without closed gaps, as of ``open_gaps``
+    progress : called with the fraction done; may cancel
+    rounds : most repetitions
+    free : spirals that may change; default is all
+
+    Raises
+    ------
+    FlexMapsError : with the faces where even straight and thin arms touch
+    """
+    mate = opposite_sides(design.flat.layout.mesh)[0]
+    thinnest = slots.MIN_WIDTH_SHARE * design.params.width_min
+    free = np.ones(len(design.twist), dtype=bool) if free is None else free
+    start, culprits = design, np.empty(0, dtype=np.int64)
+    for turn in range(rounds):
+        part = progress.part(turn / rounds, (turn + 1) / rounds)
+        culprits, where = _culprits(design, part)
+        if not len(culprits):
+            return design
+        # unwind first, neighbours too, because they determine the joints' direction; then thin the arms
+        beside = np.union1d(culprits, mate[culprits])
+        still = (design.twist == 0.0) | ~free
+        straight = culprits[still[culprits] & still[mate[culprits]].all(axis=1) & (free & ~design.solid)[culprits]]
+        beside = beside[free[beside]]
+        twist, width = design.twist.copy(), design.width.copy()
+        twist[beside] = np.where(twist[beside] < 0.3, 0.0, 0.75 * twist[beside])
+        width[straight] = np.maximum(0.85 * width[straight], thinnest)
+        if (twist == design.twist).all() and (width == design.width).all():
+            # nothing can be unwound any further: the quad nearest to each place gets a solid hub
+            worst = culprits if where is None else nearest_quads(design.flat, where, 1)
+            given_up = np.zeros(len(twist), dtype=bool)
+            given_up[worst] = True
+            given_up &= free & ~design.solid
+            if not given_up.any():
+                break
+            culprits = np.flatnonzero(given_up | design.solid)
+            refuse_many(culprits, len(twist), NO_ROOM.format(len(culprits)))
+            # restore the spirals that were unwound for these quads
+            begun = set_solid(design.params, start.width, start.twist, given_up | design.solid)
+            restored = make_fabricable(design.flat, design.params, *begun, prove=False, free=free, progress=part)
+            width, twist = restored.width, restored.twist
+        design = replace(design, twist=twist, width=width).reusing(design)
+    raise FlexMapsError(NO_ROOM.format(len(culprits)), faces=culprits, quads=fewer_quads(len(design.twist)))
+
+
+def _culprits(design: SpiralDesign, progress: Progress) -> tuple[Int[np.ndarray, " n"], np.ndarray | None]:
+    """Return the quads whose slots have no root, else the quads where outlines touch and the places (as ``find_contacts``)."""
+    progress(0.0, "roots of the slots")
+    culprits = np.flatnonzero(design.roots.missed.any(axis=1))
+    if len(culprits):
+        return culprits, None
+    where = design.drawn.contacts(design.outlines(progress=progress.part(0.0, 0.8)), progress.part(0.8, 1.0))
+    return (nearest_quads(design.flat, where) if len(where) else culprits), where
