@@ -16,7 +16,7 @@ from ..engine.runs import job
 from ..engine.runs.outputs import LAYOUTS, SheetPlan
 from ..engine.runs.piece import Piece
 from ..engine.surface.far import near
-from ..engine.surface.files.meshio import SHAPE
+from ..engine.surface.formats.meshio import SHAPE
 from .pieces import Supports, Tell, go_on, go_to, guard_of, load, progress_of, remnants_of
 from .steps import sheets, spirals
 
@@ -79,7 +79,7 @@ def export(
 def _together(pieces: Sequence[Piece], progress: Progress) -> Batch:
     """Nest several pieces on common sheets, after running the stages that they still lack up to the spirals."""
     registry.need("together")
-    from ..engine.extras.together.together import nest_together
+    from ..engine.extras.together.nest_together import nest_together
 
     shares = [progress.part(0.7 * k / len(pieces), 0.7 * (k + 1) / len(pieces)) for k in range(len(pieces))]
     ready = [go_to(piece, "design", share) for piece, share in zip(pieces, shares, strict=True)]

@@ -23,7 +23,7 @@ from ..engine.surface.checking.overlaps import overlaps
 from ..engine.surface.checking.sewing import border_sides, sewn
 from ..engine.surface.checking.topology import sides_of
 from ..engine.surface.far import about_middle
-from ..engine.surface.files import meshio
+from ..engine.surface.formats import meshio
 from ..engine.surface.mesh import PolygonMesh, QuadMesh
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Any
 from ..engine.fabrication.writers import export
 from ..engine.own_files import Guard
 from ..engine.runs import report_page
-from ..engine.surface.files.meshio import SHAPE
+from ..engine.surface.formats.meshio import SHAPE
 
 PAGES = {"compare", "structure", "report"}  # commands that write the report's page into their folder
 

@@ -12,7 +12,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.fabrication.nesting.remnants import SEPARATOR
 from ..engine.params import RemeshParams, goal_values
 from ..engine.surface import shapes
-from ..engine.surface.files.meshio import SHAPE
+from ..engine.surface.formats.meshio import SHAPE
 from .guarding import guarded
 
 KEEP = {"choose", "optimise", "explore"}  # commands that return what they have so far when stopped

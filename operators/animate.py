@@ -14,7 +14,7 @@ from .continued import Continuation, ContinuedStage
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
-    from ..engine.extras.film.film import Film
+    from ..engine.extras.film.assembly_film import Film
     from ..engine.mechanics.assembly import Pose
     from ..engine.params import ObjectSettings
     from ..engine.runs.result import Result
@@ -45,7 +45,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> MadeFilm:
             from ..engine.display import arrange
             from ..engine.display.panel_mesh import DETAILS
-            from ..engine.extras.film import film as assembly_film
+            from ..engine.extras.film import assembly_film
             from ..engine.extras.film.film_params import FilmParams
             from ..engine.runs.outputs import DesignVersion
 

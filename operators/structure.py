@@ -16,7 +16,7 @@ from .stage import AtOnce, OnObject
 if TYPE_CHECKING:
     from ..bridge.store.snapshot import Snapshot
     from ..bridge.store.surface import ObjectSurface
-    from ..engine.extras.structure.structure import Structure
+    from ..engine.extras.structure.analysis import Structure
     from ..engine.runs.result import Result
 
 

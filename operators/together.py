@@ -38,7 +38,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
         from ..bridge.hosts import job_folder, letters
         from ..bridge.store import snapshot
         from ..engine import files
-        from ..engine.extras.together.together import nest_together
+        from ..engine.extras.together.nest_together import nest_together
         from ..engine.fabrication.writers import export
 
         objects = _selected(context)

@@ -27,7 +27,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import Remaining
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench
 from rows import Row, at_most, row

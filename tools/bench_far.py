@@ -21,7 +21,7 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.real_sheets import tolerance_band
 from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.surface.files.meshio import read
+from flexmaps.engine.surface.formats.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench
 from rows import Row, at_least, at_most, row

@@ -29,7 +29,7 @@ from flexmaps.engine.mechanics import loads
 from flexmaps.engine.params import ChooseParams, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.symmetry import symmetries
 from flexmaps.engine.workers import Workers

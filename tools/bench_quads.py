@@ -23,7 +23,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
 from harness import Bench

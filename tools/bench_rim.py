@@ -31,7 +31,7 @@ from flexmaps.engine.runs.stages import BY_HAND
 from flexmaps.engine.spirals.fabricable import make_fabricable
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
-from flexmaps.engine.surface.files.meshio import read
+from flexmaps.engine.surface.formats.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench
 from rows import Table, at_least, at_most, row

@@ -29,7 +29,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.overlaps import overlaps
 from flexmaps.engine.surface.checking.sewing import sewn
 from flexmaps.engine.surface.checking.topology import sides_of
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing.bodies import without_crumbs
 from flexmaps.engine.surface.welding import welded

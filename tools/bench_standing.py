@@ -31,7 +31,7 @@ from flexmaps.engine.fabrication.writers import dxf
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import Bench
 from rows import Table, at_least, at_most, row

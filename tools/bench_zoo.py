@@ -29,7 +29,7 @@ import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from rows import Row, Table, row
 from zoo import summary, trial
 

@@ -16,7 +16,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings, SheetParams
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 
 CORPUS = Path(__file__).parents[1] / "tests" / "corpus"
 ODD = (

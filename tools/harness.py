@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from rows import Row, Table, row
 

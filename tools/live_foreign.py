@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from live_brush import spiralled, strokes
 from live_cases import given_of, of_mesh, stroke

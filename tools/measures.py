@@ -1,4 +1,4 @@
-"""``measures`` of tools/dev.py: code metrics: upward imports, lengths of files and functions, constants without a comment.
+"""``measures`` of tools/dev.py: code metrics: upward imports, lengths of files and functions, constants without a comment, names.
 
 ``tests/tools/test_measures.py`` requires that it finds none.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import re
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -22,7 +24,7 @@ ROOMS = (
     "engine/params",
     "engine/surface",
     "engine/surface/checking",
-    "engine/surface/files",
+    "engine/surface/formats",
     "engine/surface/quadrangulation",
     "engine/surface/remeshing",
     "engine/patches",
@@ -266,6 +268,75 @@ def _lacks_parameters(function: ast.FunctionDef, own: int) -> bool:
     return text is None or "Parameters\n---" not in text
 
 
+def names_twice() -> list[Place]:
+    """Return classes of one name in the package, modules of ``engine`` with the name of another module or folder, functions ``of``.
+
+    Folders may share a name: clearances of flat and of bent arms are in folders of their rooms.
+    """
+    places: dict[str, list[Place]] = {}
+    modules = [path for path in sources("engine") if path.name != "__init__.py"]
+    folders = {path.parent.name for path in sources("engine") if path.name == "__init__.py"}
+    for path in modules:
+        places.setdefault(path.stem, []).append(Place(path.relative_to(ROOT).as_posix(), 1, f"module {path.stem}"))
+    found = [place for name, some in places.items() if len(some) > 1 or name in folders for place in some]
+    classes: dict[str, list[Place]] = {}
+    for path in package():
+        file = path.relative_to(ROOT).as_posix()
+        found += [
+            Place(file, node.lineno, "function of")
+            for node in statements(path)
+            if isinstance(node, ast.FunctionDef) and node.name == "of"
+        ]
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ClassDef):
+                classes.setdefault(node.name, []).append(Place(file, node.lineno, f"class {node.name}"))
+    return found + [place for some in classes.values() if len(some) > 1 for place in some]
+
+
+REFERENCE = re.compile(r"``([A-Za-z_][\w.]*)``")  # names that a docstring refers to
+WORD = re.compile(r"[A-Za-z_]\w*")
+
+
+def dangling() -> list[Place]:
+    """Return names in double backquotes in docstrings, a part of which occurs nowhere in the code: neither as a name nor in a string."""
+    files = [*package(), *sources(DATABASE)]
+    texts = [(path, node, text) for path in files for node, text in _docstrings(path)]
+    known = set(sys.stdlib_module_names) | {part for path in [*files, *sources(*BESIDE)] for part in dotted(path)}
+    for path in [*files, *sources("tools")]:
+        own = {id(node) for _, node, _ in ((path, *pair) for pair in _docstrings(path))}
+        for node in ast.walk(tree(path)):
+            if id(node) not in own:
+                known.update(_words(node))
+    return [
+        Place(path.relative_to(ROOT).as_posix(), node.lineno, f"no {name}")
+        for path, node, text in texts
+        for name in REFERENCE.findall(text)
+        if not set(WORD.findall(name)) <= known
+    ]
+
+
+def _docstrings(path: Path) -> Iterator[tuple[ast.Constant, str]]:
+    """Yield the docstrings of a file with their nodes."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body:
+            first = node.body[0]
+            if (
+                isinstance(first, ast.Expr)
+                and isinstance(first.value, ast.Constant)
+                and isinstance(first.value.value, str)
+            ):
+                yield first.value, first.value.value
+
+
+def _words(node: ast.AST) -> Iterator[str]:
+    """Yield the names that a node of the syntax tree holds itself, and the words of a text."""
+    for _, value in ast.iter_fields(node):
+        if isinstance(value, str):
+            yield from WORD.findall(value)
+        elif isinstance(value, list):
+            yield from (one for one in value if isinstance(one, str))
+
+
 def _numeric(value: ast.AST) -> bool:
     """Return whether an expression contains a number, apart from list indices."""
     if isinstance(value, ast.Subscript):
@@ -285,6 +356,8 @@ FAULTS = {
     f"files over {FILE} lines": long_files,
     f"functions over {FUNCTION} lines": long_functions,
     "numbers without a comment": bare_numbers,
+    "names that stand twice": names_twice,
+    "references to no name": dangling,
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import ezdxf
 import ezdxf.units
 import numpy as np
-from flexmaps.engine.extras.together.together import nest_together
+from flexmaps.engine.extras.together.nest_together import nest_together
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.params import ObjectSettings, Settings, with_values
 from flexmaps.engine.runs import job

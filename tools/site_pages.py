@@ -46,12 +46,12 @@ FUNCTIONS = {
     "Files": ("export", "report", "share", "calibration_sheet", "calibrated", "run"),
 }
 TYPES = {
-    "What the functions give": ("api.Piece", "engine.runs.result.Result", "api.Finding", "api.Calibration", "engine.exploring.explore.Exploration"),
+    "What the functions give": ("api.Piece", "engine.runs.result.Result", "api.Finding", "api.Calibration", "engine.extras.exploring.explore.Exploration"),
     "Meshes": ("api.QuadMesh", "api.PolygonMesh"),
     "Inside a result": (
         "engine.patches.layout.PatchLayout", "engine.patches.flattening.flatten.FlatPatches", "engine.spirals.design.SpiralDesign",
-        "engine.simulation.simulate.Simulation", "engine.optimisation.optimise.Optimisation", "engine.structure.structure.Structure",
-        "engine.scanning.compare.Comparison", "engine.fabrication.sheets.CutSheets",
+        "engine.simulation.simulate.Simulation", "engine.optimisation.optimise.Optimisation", "engine.extras.structure.analysis.Structure",
+        "engine.extras.scanning.compare.Comparison", "engine.fabrication.sheets.CutSheets",
     ),
     "Errors": ("api.FlexMapsError", "api.Cancelled"),
 }  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 from flexmaps.engine.extras.choosing.judge import FlatLayout, LayoutProblem, judge
 from flexmaps.engine.extras.live.given import LiveInput
 from flexmaps.engine.extras.live.live_piece import LivePiece
-from flexmaps.engine.extras.structure.structure import without_loads
+from flexmaps.engine.extras.structure.analysis import without_loads
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes

@@ -19,7 +19,7 @@ from . import collection, materials, meshes, preview
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ...engine.extras.film.film import Film, Track
+    from ...engine.extras.film.assembly_film import Film, Track
 
 KIND, ROOT = "film", "Assembly"
 LAST = "flexmaps_last_frame"  # key on the empty: its last frame

@@ -27,7 +27,7 @@ from . import choices, collection, colouring, flat_panels, materials, meshes, on
 if TYPE_CHECKING:
     from ...engine.extras.choosing.choice import Choice
     from ...engine.extras.scanning.compare import Comparison
-    from ...engine.extras.structure.structure import Structure
+    from ...engine.extras.structure.analysis import Structure
 
 
 def read_blend(path: str | Path) -> PolygonMesh:

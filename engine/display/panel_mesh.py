@@ -1,6 +1,6 @@
 """The panels as a bendable mesh: every arm a bar of true rectangular section, every hub a plate.
 
-The faces are made once per design; the vertices follow from the arms of any pose (``bent_arms``). The mesh is built
+The faces are made once per design; the vertices follow from the arms of any pose (``mechanics.arms.bent``). The mesh is built
 from sections, because triangulating a sheet with thousands of holes would take minutes.
 """
 

@@ -13,8 +13,8 @@ from .settings import (
     values_in_shown_units,
     with_values,
 )
-from .spirals import ConnectorParams, SpiralParams
-from .surface import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
+from .spiral_params import ConnectorParams, SpiralParams
+from .surface_params import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
 
 __all__ = [
     "ORDERED_ACROSS_SECTIONS",

@@ -14,8 +14,8 @@ from .fields import SHOWN, Params, describe_numbers, is_number, quote, refuse_if
 from .physics import LoadParams, MaterialParams, OptimiseParams, SimulateParams
 from .pictures import PageParams, PreviewParams, RenderParams
 from .production import BaseParams, CostParams, CutParams, ExportParams, SheetParams
-from .spirals import ConnectorParams, SpiralParams
-from .surface import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
+from .spiral_params import ConnectorParams, SpiralParams
+from .surface_params import ChooseParams, LayoutParams, RegulariseParams, RemeshParams
 
 P = TypeVar("P", bound=Params)
 

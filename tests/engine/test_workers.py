@@ -168,4 +168,4 @@ def test_a_package_of_another_name_is_found(root, tmp_path):
     told = subprocess.run(
         [sys.executable, "-P", "-c", program], capture_output=True, text=True, cwd=tmp_path, check=False
     )
-    assert told.stdout.split() == ["bl_ext.here.flexmaps.engine.params.surface", "0.02"], told.stderr
+    assert told.stdout.split() == ["bl_ext.here.flexmaps.engine.params.surface_params", "0.02"], told.stderr

@@ -16,6 +16,8 @@ FAULTS = (
     "files over 400 lines",
     "functions over 60 lines",
     "numbers without a comment",
+    "names that stand twice",
+    "references to no name",
 )
 
 
@@ -70,6 +72,11 @@ def test_a_house_in_order(house: Path, measures: ModuleType) -> None:
         ("files over 400 lines", "tools/long.py", "\n" * 401, ["tools/long.py:401"]),
         ("functions over 60 lines", "tests/long.py", "def f():\n" + "    f()\n" * 60, ["tests/long.py:1"]),
         ("numbers without a comment", "engine/numbers.py", "A = 1\n\nB, C = (2, 3.5)\n", ["engine/numbers.py:1", "engine/numbers.py:3"]),
+        ("names that stand twice", "engine/surface/files.py", "", ["engine/files.py:1", "engine/surface/files.py:1"]),
+        ("names that stand twice", "engine/check/surface.py", "", ["engine/check/surface.py:1"]),
+        ("names that stand twice", "api/pieces.py", "class A: ...\n\nclass A: ...\n", ["api/pieces.py:1", "api/pieces.py:3"]),
+        ("names that stand twice", "api/pieces.py", "def f():\n    def of(): ...\n", ["api/pieces.py:2"]),
+        ("references to no name", "engine/lost.py", "\"\"\"See ``files.LARGEST`` and ``files.gone``.\"\"\"\n", ["engine/lost.py:1"]),
     ],
 )  # fmt: skip
 def test_what_is_out_of_order_is_named(

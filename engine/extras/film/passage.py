@@ -13,7 +13,7 @@ from ...mechanics.assembly import Pose, nearest_rotation
 from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...spirals.design import SpiralDesign
-from .film import CLOSING, Shots, shoot
+from .assembly_film import CLOSING, Shots, shoot
 from .unfinished_pieces import at_once, find_stages
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...surface.files.meshio import PARSERS, SUFFIXES
-from ...surface.files.text import RawMesh
+from ...surface.formats.meshio import PARSERS, SUFFIXES
+from ...surface.formats.text import RawMesh
 
 MOST = 60_000  # maximum number of points: 30 per spiral for a piece of 2,000, which resolves the waviness of a spiral
 FEWEST = 100  # minimum number of points

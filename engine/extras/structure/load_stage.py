@@ -20,8 +20,8 @@ from ...progress import Progress
 from ...runs.outputs import SimulatedShape, StageOutput, made_by
 from ...runs.result import Result
 from ...spirals.design import SpiralDesign
-from . import cases, load_plots, structure
-from .structure import Structure
+from . import analysis, cases, load_plots
+from .analysis import Structure
 from .structure_params import StructureParams
 
 PLOTS = ("loads", "utilisation")
@@ -56,7 +56,7 @@ def run(result: Result, shape: SimulatedShape, settings: Settings, progress: Pro
     """
     wanted = settings.section(StructureParams)
     plan = cases.plan(wanted.cases, wanted.combinations)
-    found = structure.analyse(
+    found = analysis.analyse(
         shape.simulation,
         plan,
         wanted,

@@ -386,7 +386,7 @@ def _flexibilities(
     """Flexibilities of pieces, (1 + P, S, N) each: stretch per force; turn in the sheet, out of it, along the arm per
     moment."""
 
-    def of(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
+    def flex(value: np.ndarray, by_width: np.ndarray) -> np.ndarray:
         out = by_width * width
         out[0] = value
         return _times(length, out)
@@ -397,4 +397,4 @@ def _flexibilities(
     twisting = 2.0 * (1.0 + material.poisson) / (material.youngs * w**4 * inertia)
     bend, lift = 12.0 * soft / w**2, 12.0 * soft / height**2
     by_width = twisting * (slope * height / (inertia * w) - 4.0) / w
-    return of(soft, -soft / w), of(bend, -3.0 * bend / w), of(lift, -lift / w), of(twisting, by_width)
+    return flex(soft, -soft / w), flex(bend, -3.0 * bend / w), flex(lift, -lift / w), flex(twisting, by_width)

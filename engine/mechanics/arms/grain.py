@@ -76,18 +76,18 @@ class SectionFlexibility:
         s11, s16, s66, s55 = _rotated_compliances(known, angle)
         area, inertia = 1.0 / (width * height), 12.0 / (width * height**3)
 
-        def of(value: np.ndarray, factor: np.ndarray, power: int) -> np.ndarray:
+        def per_section(value: np.ndarray, factor: np.ndarray, power: int) -> np.ndarray:
             return np.stack([value[0] * factor, -power * value[0] * factor / width, value[1] * factor])
 
-        stretch, mixed = of(s11, area, 1), of(s16, area, 1)
-        slide, rise = of(SHEAR_FACTOR * s66, area, 1), of(SHEAR_FACTOR * s55, area, 1)
-        bend, lift = of(s11, 12.0 / (height * width**3), 3), of(s11, inertia, 1)
+        stretch, mixed = per_section(s11, area, 1), per_section(s16, area, 1)
+        slide, rise = per_section(SHEAR_FACTOR * s66, area, 1), per_section(SHEAR_FACTOR * s55, area, 1)
+        bend, lift = per_section(s11, 12.0 / (height * width**3), 3), per_section(s11, inertia, 1)
         # S16^2 / S11, and S66 without it
         shared = np.stack([s16[0] ** 2, 2.0 * s16[0] * s16[1]])
         shared = np.stack([shared[0] / s11[0], (shared[1] - shared[0] * s11[1] / s11[0]) / s11[0]])
         left = s66 - shared
-        twist = _torsion(left, s55, width, height) + of(0.25 * shared, inertia, 1)
-        return cls(stretch, slide, mixed, rise, bend, lift, twist, of(-0.5 * s16, inertia, 1))
+        twist = _torsion(left, s55, width, height) + per_section(0.25 * shared, inertia, 1)
+        return cls(stretch, slide, mixed, rise, bend, lift, twist, per_section(-0.5 * s16, inertia, 1))
 
     @classmethod
     def of_held(

@@ -100,7 +100,7 @@ class PatchProblem:
             np.minimum.at(self._held, np.repeat(self.patch_of, 4), self.place[self._flat_corners])
 
     def factor(
-        self, weights: Float[np.ndarray, " quads"], springs: Springs | None = None
+        self, weights: Float[np.ndarray, " quads"], springs: SideSprings | None = None
     ) -> Float[np.ndarray, "band vertices"]:
         """Return the banded Cholesky factor of the weighted Laplacian; one vertex per patch is fixed, which only removes the shift.
 
@@ -151,7 +151,7 @@ class PatchProblem:
         factor: Float[np.ndarray, "band vertices"],
         weights: Float[np.ndarray, " quads"],
         rotation: Complex[np.ndarray, "quads 4"],
-        springs: Springs | None = None,
+        springs: SideSprings | None = None,
     ) -> Complex[np.ndarray, " vertices"]:
         """Return the points that fit the rotations best, in the weighted least-squares sense.
 
@@ -267,7 +267,7 @@ class PatchProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class Springs:
+class SideSprings:
     """Soft constraints on side vectors along the outline.
 
     ends : flat vertices at start and end

@@ -13,7 +13,7 @@ from ...params import LayoutParams
 from ...progress import Progress
 from ..layout import PatchLayout
 from ..loops import NEXT
-from .arap import FlatPatch, PatchProblem, Springs, minimax, settle
+from .arap import FlatPatch, PatchProblem, SideSprings, minimax, settle
 from .outline import simple
 
 ROUNDS = 24  # rounds for a whole layout, of which the best state is kept; not measured
@@ -207,7 +207,7 @@ def _relax(
     factor: np.ndarray | None = None
     for _ in range(2):
         vector = work.flat.points[ends[:, 1]] - work.flat.points[ends[:, 0]]
-        springs = Springs(ends, wanted * vector / np.maximum(np.abs(vector), 1e-300), stiff)
+        springs = SideSprings(ends, wanted * vector / np.maximum(np.abs(vector), 1e-300), stiff)
         if factor is None:
             factor = problem.factor(work.weights, springs)
         work.flat = problem.patch(problem.global_step(factor, work.weights, work.flat.rotation, springs))

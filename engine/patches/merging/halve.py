@@ -15,7 +15,7 @@ from ...progress import Progress
 from ...surface.symmetry import Symmetry, keeping
 from ..flattening.flatten import flatten
 from ..layout import PatchLayout
-from ..splitting.runs import chord_areas, straight_runs
+from ..splitting.straight_runs import chord_areas, straight_runs
 from .board import Board
 from .straighten import badness
 

@@ -23,7 +23,7 @@ from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
 from ..flattening.flattening_report import forced_notes, symmetry_kept
 from ..layout import PatchLayout, alone
-from .runs import StraightRuns, chord_areas, straight_runs
+from .straight_runs import StraightRuns, chord_areas, straight_runs
 
 ANGLES = 60  # directions per half turn in which a piece is tried on the sheet: 3 degrees apart
 CHECKED = 40  # number of runs examined closely, best first; not measured, bounds the time

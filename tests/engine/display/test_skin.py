@@ -8,7 +8,7 @@ from flexmaps.engine.display import arrange
 from flexmaps.engine.display.panel_mesh import PanelMesh, panel_mesh
 from flexmaps.engine.display.rim_mesh import RimMesh
 from flexmaps.engine.display.skin import Skin, detail_of
-from flexmaps.engine.extras.film import film, passage, unfinished_pieces
+from flexmaps.engine.extras.film import assembly_film, passage, unfinished_pieces
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
@@ -134,7 +134,7 @@ def test_hubs_come_together_as_in_the_film(piece, resting):
         else unfinished_pieces.at_once(made, pose)
     )
     actors = passage.Hubs(made)
-    shots = film.shoot(made, pose, table, found, actors)
+    shots = assembly_film.shoot(made, pose, table, found, actors)
     assert [track.patch for track in shots.tracks] == [step.panel for step in steps(layout)]
     for track in shots.tracks:
         hubs = layout.patches[track.patch]
@@ -151,7 +151,7 @@ def test_every_seam_is_closed_once_and_in_the_order_of_the_assembly_sheet(piece)
     made, pose = piece
     layout = made.flat.layout
     found = unfinished_pieces.at_once(made, pose)
-    shots = film.shoot(made, pose, arrange.on_table(made, pose), found, passage.Hubs(made))
+    shots = assembly_film.shoot(made, pose, arrange.on_table(made, pose), found, passage.Hubs(made))
     times = passage.closings(made, shots)
     assert np.isfinite(times).all() and (times[:, 0] < times[:, 1]).all()
     joint = np.cumsum(~layout.mesh.border) - 1

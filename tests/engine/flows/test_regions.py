@@ -20,7 +20,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import by_hand, job
 from flexmaps.engine.surface import curvature, shapes
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import regularise
 

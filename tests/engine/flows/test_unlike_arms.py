@@ -11,7 +11,7 @@ import svgelements
 import trimesh
 from flexmaps.engine.display import arrange, solids
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
-from flexmaps.engine.extras.film import film as assembly_film
+from flexmaps.engine.extras.film import assembly_film
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
 from flexmaps.engine.fabrication.writers.panel_solids import TOLERANCE, extruded

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.surface import curvature, shapes
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 
 

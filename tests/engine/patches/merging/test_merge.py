@@ -18,7 +18,7 @@ from flexmaps.engine.patches.tracing import trace
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise
 from flexmaps.engine.surface.symmetry import keeping, symmetries

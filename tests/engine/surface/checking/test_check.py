@@ -9,7 +9,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking import geometry as check_geometry
 from flexmaps.engine.surface.checking.topology import sides_of
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -15,7 +15,7 @@ from flexmaps.engine.surface.checking.overlaps import overlaps
 from flexmaps.engine.surface.checking.sewing import sewn, t_junctions
 from flexmaps.engine.surface.checking.topology import bodies, inconsistent, sides_of
 from flexmaps.engine.surface.far import about_middle, coarse_step
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.welding import welded
 

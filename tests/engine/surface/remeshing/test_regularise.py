@@ -11,7 +11,7 @@ from flexmaps.engine.progress import Progress
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.geometry import breadth
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import QuadMesh
 from flexmaps.engine.surface.remeshing import regularise as regularising
 from flexmaps.engine.surface.remeshing.guide import Guide, distances, samples

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface.checking import check
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 
 VERTICES = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0.5)]
 FACES = [(0, 1, 4, 3), (1, 2, 5, 4)]

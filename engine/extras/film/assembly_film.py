@@ -2,7 +2,7 @@
 
 The order is that of ``joining.steps``. After every few joints the joined part has its shape at rest (``unfinished_pieces``): an
 equilibrium of the panels present, floating and without weight. Between two stages hubs turn evenly, and joints closed
-in the first stay closed (``blend``). Arms are bent anew in every shape as in ``bent_arms``; arms of a seam that is
+in the first stay closed (``blend``). Arms are bent anew in every shape as in ``mechanics.arms.bent``; arms of a seam that is
 being closed gradually take up their final wrench, so that their tips meet as it closes.
 """
 

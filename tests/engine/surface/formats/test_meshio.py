@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
-from flexmaps.engine.surface.files import meshio
+from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.together.together import nest_together
+from flexmaps.engine.extras.together.nest_together import nest_together
 from flexmaps.engine.fabrication.panels import lettering
 from flexmaps.engine.fabrication.panels.labels import panel_name, seam_labels
 from flexmaps.engine.fabrication.writers import export, parts

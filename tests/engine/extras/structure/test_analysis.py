@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
+from flexmaps.engine.extras.structure.analysis import YEAR, Structure, analyse
 from flexmaps.engine.extras.structure.cases import plan
-from flexmaps.engine.extras.structure.structure import YEAR, Structure, analyse
 from flexmaps.engine.extras.structure.structure_params import StructureParams
 from flexmaps.engine.fabrication import joints
 from flexmaps.engine.fabrication.connectors.connect import connect

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
-from flexmaps.engine.extras.film import film as assembly_film
+from flexmaps.engine.extras.film import assembly_film
 from flexmaps.engine.extras.film.blend import Blend
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
