@@ -1,4 +1,4 @@
-"""How figures are shown to people."""
+"""Format of figures in texts for users."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Outcome: last state, expansion about the last state expanded, and the reason for the end, a constant of this module."""
+    """Outcome: last state, the last expansion computed, and the reason for the end, a constant of this module."""
 
     state: Any
     here: Local

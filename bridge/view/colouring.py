@@ -55,11 +55,11 @@ KINDS = {
         "flexmaps_slot", "Slots", "mm", "Gaps", "Narrowest gap beside the arms of every spiral in the simulated shape"
     ),
     "REACH": Kind(
-        "flexmaps_reach", "What limits the match", "", "Limits", "What keeps every spiral from bending as the target does"
+        "flexmaps_reach", "What limits the match", "", "Limits", "Reason why each spiral does not bend as the target does"
     ),
     "UTILISATION": Kind(
         "flexmaps_utilisation", "Utilisation", "%", "Loads",
-        "The most that the arms of every spiral carry under the load cases, against what they bear",
+        "Largest strain of every spiral's arms under the load cases, as a share of the limit",
     ),
     "SCAN": Kind(
         "flexmaps_scan", "Distance of the scan", "mm", "Scan",

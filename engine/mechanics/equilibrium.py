@@ -53,7 +53,7 @@ STATUS = {
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """Where an assembly rests.
+    """Equilibrium of an assembly.
 
     pose : of the hubs; energy : joules, elastic energy minus the work of the forces; per_joint : (m,) elastic joules
     converged : True only at a minimum with a residual within the tolerance

@@ -1,4 +1,4 @@
-"""Where supports hold an assembly: every held flat quad is fitted to its quad of the target."""
+"""Poses of the supported hubs: every supported flat quad is fitted to its quad of the target."""
 
 from __future__ import annotations
 

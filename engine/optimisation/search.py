@@ -32,8 +32,8 @@ Stage = Callable[["StageResult", Progress], "StageResult"]
 # converge first, and surfaces end farther from their target after the same work
 FIRST_STOP = 0.45
 # Largest number of steps with the flat shapes before a few of the spirals alone, and their stopping share. Steps of the spirals cost a
-# third, and lead flat shapes away from their limits, whose barriers are then set anew. With four times six steps in a row, a hyperbolic
-# paraboloid of 196 spirals came to 0.14 mm in the time in which it now comes to 0.07
+# third, and lead flat shapes away from their limits, whose barriers are then set anew. After four rounds of six steps in a row, a hyperbolic
+# paraboloid of 196 spirals was 0.14 mm from its target; with these, 0.07 mm after the same time
 FLAT_STEPS, FLAT_STOP = 6, 5e-3
 # largest number of such cycles, and the share of the objective that one must bring for the next
 MAX_CYCLES, CYCLE_GAIN = 20, 0.05
@@ -99,7 +99,7 @@ class StageResult:
 
     @property
     def strained(self) -> bool:
-        """Whether any arm is strained so far beyond its limit that a message would say so."""
+        """Whether the largest strain exceeds the limit so far that users get a message."""
         return self._largest_strain > STRAIN_MARGIN * OVERSTRAIN_SHARE
 
     @property

@@ -148,8 +148,8 @@ class SheetParams(Params):
         "Unit of lengths in drawings of remnants that name none",
         choices=(
             ("mm", "Millimetres", "As most programs of makers write"),
-            ("cm", "Centimetres", "As some drawing programs write"),
-            ("m", "Metres", "As programs of architects write"),
+            ("cm", "Centimetres", "Used by some drawing programs"),
+            ("m", "Metres", "Used by programs for architecture"),
             ("in", "Inches", "As programs in imperial units write"),
             ("pt", "Points", "1/72 inch"),
             ("px", "Pixels", "1/96 inch, as browsers read SVG"),

@@ -1,4 +1,4 @@
-"""What users do themselves: they mark seams, change spirals and take another one of the proposed layouts."""
+"""Outputs that users make by hand: they mark seams, change spirals and take another proposed layout."""
 
 from __future__ import annotations
 

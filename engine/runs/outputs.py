@@ -1,4 +1,4 @@
-"""What the stages begin with and their outputs, each of which holds what it was made from.
+"""Inputs and outputs of the stages; each output holds what it was made from.
 
 An output is never changed; a stage that does better than an earlier one makes an output of its own.
 """
@@ -51,7 +51,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class UserInput:
-    """What the user sets on single quads, or brings along; None where there is nothing of a kind.
+    """Data that the user sets on single quads or loads from files; None if there are none of a kind.
 
     supports : quads that are held at their places in the target
     force : newtons on each quad

@@ -95,7 +95,7 @@ def writers(block: str) -> tuple[Stage, ...]:
 
 
 def blocks_describing(members: Iterable[str]) -> set[str]:
-    """Return the blocks that describe some members."""
+    """Return the blocks of report.json that describe products of stages."""
     named = set(members)
     return {block for stage in TABLE if named.intersection(stage.makes) for block in stage.blocks}
 

@@ -1,4 +1,4 @@
-"""What has been drawn and measured of a design, or is known from the design that it was made from."""
+"""Cache of a design's drawings and measurements; some are copied from the design that it was made from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which layout of patches to make: proposals judged by the shape that the assembled panels take."""
+"""Comparison of layouts: proposals are judged by the shape that the assembled panels take."""
 
 from ...runs.stage import PHYSICS, SEARCH, Stage
 

@@ -1,4 +1,4 @@
-"""Layouts with as many panels as a given one: its seams shifted, or a new cut in exchange for a seam."""
+"""Layouts with as many panels as a present one: with shifted seams, or with a new cut in exchange for a seam."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .judge import Idea, JudgedLayout, LayoutProblem
 from .moves import cuts, fixable_mismatch, weakest, with_images
 
 ROWS = (1, 2, 4)  # quads by which a seam is moved; not measured: far enough to matter, few enough to try
-JOINED = 6  # seams that are tried against a cut; not measured, it bounds the time
+JOINED = 6  # seams that are joined in exchange for a cut, one at a time; not measured, bounds the time
 TRIED = 24  # largest number of ideas to lay flat: 24 with 1,000 quads take some 10 s
 
 
@@ -56,7 +56,7 @@ def _moved(layout: PatchLayout, symmetries: Sequence[Symmetry]) -> Iterator[Idea
 
 
 def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The quads on either side of a seam, whose edges are in order, and which of their sides lie on it."""
+    """Return the quads on either side of a seam, whose edges are in order, and which of their sides lie on it."""
     ends = mesh.edges[seam]
     start = ends[:, 0].copy()
     if len(seam) > 1:
@@ -65,7 +65,9 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
         for k in range(1, len(seam)):
             start[k] = ends[k - 1].sum() - start[k - 1]
     quads, sides = mesh.edge_quads[seam], mesh.edge_sides[seam]
-    along = mesh.quads[quads, sides] == start[:, None]  # the quad on whose side the seam runs the way its corners do
+    along = (
+        mesh.quads[quads, sides] == start[:, None]
+    )  # the quad whose corners follow one another in the direction of the seam
     for way in (along, ~along):
         which = way.argmax(axis=1)[:, None]
         yield np.take_along_axis(quads, which, 1)[:, 0], np.take_along_axis(sides, which, 1)[:, 0]
@@ -74,7 +76,7 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
 def _rows(
     layout: PatchLayout, quads: Int[np.ndarray, " edges"], sides: Int[np.ndarray, " edges"], rows: int
 ) -> Int[np.ndarray, " some"] | None:
-    """The quads of some rows beside a seam; None where another seam or the border lies within them."""
+    """Return the quads in some rows beside a seam; None where another seam or the border lies within them."""
     mesh, closed, taken = layout.mesh, layout.cut | layout.mesh.border, []
     for _ in range(rows):
         taken.append(quads)

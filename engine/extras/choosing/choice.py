@@ -17,7 +17,7 @@ from .judge import JudgedLayout
 # share of a sheet that panels fill: true nesting fills 0.43 to 0.55 of it
 FILLED = 0.5
 PROPOSALS, LEAST_SHOWN = 6, 3  # largest and smallest number of proposals to show: more are hard to compare
-STRIDE = 1.6  # times the panels of the proposal before that the next one has at most, where there are such layouts
+STRIDE = 1.6  # largest ratio of the numbers of panels of consecutive proposals, if there are layouts between them
 INITIAL = "as it was"  # origin of the layout with which choosing began
 
 
@@ -25,8 +25,8 @@ INITIAL = "as it was"  # origin of the layout with which choosing began
 class Proposal:
     """A layout with its match, and with estimates of making it.
 
-    judged : what its panels do; where it is not ``proved``, as is predicted
-    sheets : about how many; cut, join : seconds, cut None for materials that no laser cuts, and where nobody has drawn it
+    judged : match and strains; predicted if it is not ``proved``
+    sheets : estimated number; cut, join : seconds; cut is None if no laser cuts the material, or the panels were not drawn
     """
 
     judged: JudgedLayout
@@ -49,12 +49,12 @@ class Proposal:
 
     @property
     def proved(self) -> bool:
-        """Whether its figures are those of a search, not predicted."""
+        """Whether a search gave its figures; otherwise they are predicted."""
         return self.judged.proved
 
     @property
     def symmetric(self) -> bool:
-        """Whether it keeps one of the surface's symmetries at least."""
+        """Whether it keeps at least one of the surface's symmetries."""
         return self.judged.laid.symmetric > 1
 
     def report(self) -> dict[str, Any]:
@@ -103,10 +103,10 @@ def proposal(judged: JudgedLayout, settings: Settings, material: Material) -> Pr
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The proposals, fewest panels first, and which of them was taken.
+    """The proposals, fewest panels first, and the number of the present one.
 
-    reached : whether that holds the goal; note : a sentence on what was chosen, or on what stands in the way
-    finished : False where somebody stopped the search; judged : how many layouts were judged
+    reached : whether it meets the goal; note : sentence on the choice, or on why the goal was missed
+    finished : False if the user stopped the search; judged : number of layouts judged
     """
 
     proposals: tuple[Proposal, ...]
@@ -144,7 +144,7 @@ def front(judged: list[JudgedLayout]) -> list[JudgedLayout]:
 
 
 def worth_showing(made: list[Proposal], best: Proposal) -> list[Proposal]:
-    """Return the proposals worth showing, fewest panels first: the taken one, the given one, and the way to the nearest."""
+    """Return the proposals worth showing, fewest panels first: the chosen one, the initial one, and some of those with fewer panels than the nearest."""
     given = [one for one in made if one.judged.laid.origin == INITIAL]
     symmetric = sorted((one for one in made if one.symmetric), key=lambda one: one.rms)[:1]
     nearest = {id(one) for one in front([one.judged for one in made])}

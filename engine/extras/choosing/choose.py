@@ -1,11 +1,11 @@
-"""Choosing a layout: many ways to cut a surface are laid flat, the promising ones judged by the shape that they take, and
-changed where that shape says so.
+"""Choosing a layout: flatten many layouts of a surface, judge the promising ones by the shape that their panels take, and change
+them where that shape misses the target.
 
 The paper leaves open which cuts are the best ("we believe that ... automatic cutting is an interesting avenue", FlexMaps
 section 10). Geometry alone cannot tell: a layout with less distortion may snap into another shape, and one with more may come
-nearer because its spirals can be softer. So the match of every layout that is compared is predicted from its shape at rest, and
-searched for where that promises most.
-What is done is counted, never timed: the result is the same on every machine and with any number of processes.
+nearer because its spirals can be softer. So the match of every compared layout is predicted from its shape at rest, and the
+most promising layouts are optimised. The work is limited by counts, not by the clock: the result is the same on every machine
+and with any number of processes.
 """
 
 from __future__ import annotations
@@ -53,32 +53,34 @@ from .moves import IDEAS, merge_across_seams, moves
 from .predict import PredictionStart
 from .prospects import WORTH
 
-# Distortion limits, as shares of the layout's own, under which the surface is merged anew: each leads to more panels
+# Distortion limits, as shares of the present limit, under which the surface is merged anew: smaller ones lead to more panels
 LADDER = (0.4, 0.15, 0.06, 0.03)
 Sketch = tuple[str, np.ndarray]  # a name, and (E,) bool where it is cut
-# What else merging does otherwise where as many panels are wanted as there are: a nearer limit, shapes more or less compact, wider
+# Further variants of merging if the number of panels is to stay: a limit nearer to the present one, more or less compact panels, wider
 # necks. Each takes 0.2 to 4 s and leads to another layout on four of eight surfaces, on three to one that comes nearer
 SHARES, COMPACT, NECK = (0.8, 0.6, 0.4), (0.9, 1.4), 2
 MOST_PARTS = 8  # strips, rings or petals; not measured, it bounds the time
-MOST_PANELS = 3  # times as many as there are now, where their number is free; not measured, it bounds the time
-CURVED = 2.0  # times the curvature that the given layout's panels take up: over seven surfaces none with more lay flat
+MOST_PANELS = 3  # largest ratio to the present number of panels, if the number is free; not measured, bounds the time
+CURVED = 2.0  # largest ratio of the curvature within panels to that of the initial layout: over seven surfaces none with more lay flat
 SETTLED = 0.6  # share of the layouts to judge before any is changed
 TURNS = 3  # number of times that the best layouts are changed
 BASES = 2  # layouts that are changed in a turn
-PROVED = 2  # layouts that get a long search beside the given one, as many as there are cores at least
-# Seconds that a long search takes for one that its work counts: only what is told of the time that is left depends on it
+PROVED = 2  # layouts that get a long search besides the initial one; at least the number of cores
+# Ratio of the seconds that a long search takes to the seconds that its work counts for; only the time left that users see depends on it
 SLOWER = 4.0
-# Times the distance asked for within which a search goes on: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
+# A search goes on if it ends within this many times the required distance: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
 CLOSE = 1.3
-SMALL = 500  # quads up to which as many searches go on at once as are wanted, else one: a minute has room for those
+SMALL = (
+    500  # largest number of quads for several further searches at once; more quads get one, so that they take a minute
+)
 BEGUN = 0.05  # share of the progress for the given layout; not measured
 # Shares of the rest by which layouts are laid flat, judged, changed, and filled in; the rest are long searches. Seconds on 512 and 986 quads
 # with as many long searches as there may be, so that the time left hardly rises
 SHARES_OF_TIME = 0.22, 0.3, 0.38, 0.42
-# The same where the given layout was optimised, so that layouts are laid flat without a long search beside. Replayed with the
+# These shares if the initial layout was optimised, so that no long search runs while layouts are flattened. Replayed with the
 # seconds of 12 surfaces of 240 to 800 quads the time left rises 1.5 times at most; with those above, up to six times. Smaller shares tell longer times, which rise less
 SHARES_IF_OPTIMISED = 0.1, 0.4, 0.55, 0.58
-FILLED = 2  # layouts between two proposals that are looked for
+FILLED = 2  # number of layouts to look for between two proposals
 
 
 def choose(
@@ -89,31 +91,31 @@ def choose(
     together: Together | None = None,
     reached: Simulation | None = None,
 ) -> Choice:
-    """Return the layout that serves the goal best, and others worth looking at.
+    """Return the layout that meets the goal best, and others worth showing.
 
     Parameters
     ----------
     piece : the surface, how it is held, and what it is made of
-    given : the present layout, which is one of the proposals
+    given : the initial layout, which is one of the proposals
     params : the goal
-    together : runs a function on many things, perhaps in several processes, and gives the results in the same order
-    reached : the given layout at rest, where its spirals are optimised; it stays unless another one comes nearer, or holds the goal
+    together : calls a function with each of several arguments, perhaps in several processes; results are in the order of the arguments
+    reached : equilibrium of the initial layout, if its spirals are optimised; it stays unless another one comes nearer, or meets the goal
 
     Returns
     -------
-    The best so far where it is stopped.
+    The choice; the best so far if the user cancels
 
     Raises
     ------
-    Cancelled : it is stopped before anything was judged
-    FlexMapsError : not even the given layout takes a shape
+    Cancelled : the user cancels before any layout was judged
+    FlexMapsError : not even the initial layout has an equilibrium
     """
     search = LayoutSearch(piece, params, together or Workers(1))
     first = FlatLayout(given, INITIAL, 1 + len(keeping(piece.symmetries, given.layout.cut)))
     finished = True
     if reached is not None:
         search.proved[key(first)] = found = judge_optimised(first, reached)
-        search.piece = replace(piece, spirals=found.spirals)  # predictions begin with them too
+        search.piece = replace(piece, spirals=found.spirals)  # predictions start from them too
     try:
         _begin(search, first, progress.part(0.0, BEGUN))
         if params.near:
@@ -161,15 +163,15 @@ def _sought(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None
 
 
 def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Judge the given layout: by a short search where others are compared with it by such, else by its prediction.
+    """Judge the initial layout as the others are judged: by a short search or by its prediction.
 
-    Where it was searched before, that is what it comes to.
+    If it was optimised before, that result is used.
     """
     piece, reached = search.piece, search.proved.get(key(first))
     if reached is not None:
         progress(0.0, search.said)
     if not search.params.near and piece.settings.simulate.model != "rod":
-        with suppress(FlexMapsError):  # a short search fails too, and is told
+        with suppress(FlexMapsError):  # a short search fails as well, and its error is shown
             search.start = PredictionStart.from_layout(piece, first.flat, progress.quiet())
             search.expected = 1.0
     began = time.monotonic()
@@ -186,9 +188,9 @@ def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
 
 
 def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
-    """Lay out what geometry finds, and meanwhile give the given layout a long search.
+    """Flatten the layouts that geometry suggests, while a long search runs for the initial layout.
 
-    What that makes of the prediction tells what to expect of the others, whose long searches start from its spirals.
+    The ratio of its result to its prediction calibrates the other predictions; their long searches start from its spirals.
     """
     piece, mesh, quick = search.piece, search.piece.mesh, search.known[key(first)]
     sketches = [*along_folds(mesh), *planes(mesh, piece.symmetries), *equal_cuts(mesh, MOST_PARTS, piece.symmetries)]
@@ -212,7 +214,7 @@ def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> Non
 
 
 def _promising(search: LayoutSearch, sketches: list[Sketch]) -> list[Sketch]:
-    """Return as many sketches as may be judged: those first that leave less curvature within panels than all of as few cuts."""
+    """Return as many sketches as may be judged, the Pareto front of few cuts and little curvature within panels first."""
     mesh = search.piece.mesh
     worth = [(int(cut.sum()), panel_curvature(PatchLayout(mesh, cut & ~mesh.border))) for _, cut in sketches]
     ranked = sorted(range(len(sketches)), key=lambda k: (sum(_beats(other, worth[k]) for other in worth), worth[k], k))
@@ -240,9 +242,9 @@ def _fits(laid: FlatLayout, panels: int, limit: float) -> bool:
 
 
 def _ranked(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
-    """Layouts in fronts, those first that no other has both fewer joints and less distortion than, from few to many joints.
+    """Sort layouts into Pareto fronts of few joints and little distortion, each from few to many joints.
 
-    Where only the distance counts, those with less distortion come first.
+    If only the distance counts, sort by distortion.
     """
     if search.params.goal == "panels":
         return sorted(found, key=lambda one: _worth(one)[1:])
@@ -255,7 +257,7 @@ def _ranked(search: LayoutSearch, found: list[FlatLayout]) -> list[FlatLayout]:
 
 
 def _spread(ordered: list[FlatLayout]) -> list[FlatLayout]:
-    """Reorder so that few of the first ones go from end to end: the ends, then the middle of the largest gap, and so on."""
+    """Reorder so that the first few are spread over the whole range: both ends, then the middle of the largest gap, and so on."""
     taken = sorted({0, len(ordered) - 1})
     while len(taken) < len(ordered):
         left, right = max(pairwise(sorted(taken)), key=lambda gap: gap[1] - gap[0])
@@ -295,7 +297,7 @@ def _done(
 
 
 def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> bool:
-    """Change the best layouts where they miss the target; return whether that has improved or may still improve them."""
+    """Change the best layouts where they miss the target; return whether a change improved them, or may still do so."""
     before = search.key(search.judged[0])
     ideas: list[Idea] = []
     share = 2 * max(1, round(search.left / (2 * TURNS)))  # an even number keeps two cores busy
@@ -311,7 +313,7 @@ def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> boo
         else:
             ideas += changes
     ideas = ideas if counted else ideas[: BASES * share]
-    batch = max(len(ideas), 1) if counted else share  # what is ranked has to be laid flat first
+    batch = max(len(ideas), 1) if counted else share  # layouts are flattened before they are ranked
     sound: list[FlatLayout] = []
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
@@ -327,10 +329,10 @@ def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> boo
 
 
 def _prove(search: LayoutSearch, progress: Progress) -> None:
-    """Give the best layouts a long search; where none holds the goal, go on with the nearest, and with what may hold it still.
+    """Give the best layouts a long search; if none meets the goal, continue the nearest, and others that may still meet it.
 
-    In a piece of many quads one after another, as long as the next is still expected to serve the goal better. Else several at
-    once, whether there are as many cores or not, so that the result is the same.
+    Pieces of many quads are searched one after another, as long as the next is expected to meet the goal better; others several
+    at once, whatever the number of cores, so that the result is the same.
     """
     together = PROVED if len(search.piece.mesh.quads) <= SMALL else 1
     searched: list[FlatLayout] = []
@@ -346,7 +348,7 @@ def _prove(search: LayoutSearch, progress: Progress) -> None:
 
 
 def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
-    """Return layouts that are expected to serve the goal better than all that were searched for; with a number of panels, the best others."""
+    """Return layouts that are expected to meet the goal better than all searched ones; if the number of panels is fixed, the best unsearched ones."""
     found: Iterable[JudgedLayout] = search.judged
     if search.params.goal != "panels":
         found = takewhile(lambda one: one.share < LONG, found)
@@ -354,7 +356,7 @@ def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
 
 
 def _undecided(search: LayoutSearch) -> list[FlatLayout]:
-    """Return the nearest layout of those that had one long search, where another one decides whether it is taken."""
+    """Return the nearest layout that had one long search, if a second search decides whether it is chosen; else None."""
     nearest = min((one for one in search.proved.values() if one.share < WHOLE), key=lambda one: one.eased, default=None)
     if nearest is None:
         return []
@@ -364,13 +366,13 @@ def _undecided(search: LayoutSearch) -> list[FlatLayout]:
 
 
 def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
-    """Judge layouts between two proposals of which the next has far more panels: the larger one's panels joined."""
+    """Fill large gaps between proposals with layouts made by joining panels of the larger one."""
     made = list(islice(_between(search), FILLED))
     search.judge(made, progress, more=True)
 
 
 def _between(search: LayoutSearch) -> Iterator[FlatLayout]:
-    """Yield layouts that nobody has judged, of more panels than one proposal and far fewer than the next."""
+    """Yield layouts not judged yet, with more panels than one proposal and far fewer than the next."""
     for few, many in pairwise(front(search.judged)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
         made = merge_across_seams(search.piece, many, most) if many.laid.panels > most else None

@@ -27,7 +27,7 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
     search.expected = 1.0
     drawn_one = next((one for one in judged if one.cut_length is not None), None)
-    if drawn_one is not None:  # seams hardly change what is cut
+    if drawn_one is not None:  # seams hardly change the length of cuts
         judged = [
             one if one.share else replace(one, cut_length=drawn_one.cut_length, contours=drawn_one.contours)
             for one in judged
@@ -49,8 +49,8 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
 
 
 def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) -> JudgedLayout:
-    """The best. Where no goal is held, or only the distance counts, what comes hardly nearer is not worth more work."""
-    # a prediction may promise too much, so that what was searched for comes first
+    """Return the best layout. If none meets the goal, or only the distance counts, a slightly nearer one does not justify more work."""
+    # a prediction may be too good, so searched layouts come first
     best = next((one for one in judged if one.share), judged[0])
     if search.params.goal != "panels" and search.holds(best):
         return best
@@ -68,7 +68,7 @@ def pick(search: LayoutSearch, judged: list[JudgedLayout], first: FlatLayout) ->
 
 
 def may_replace_initial(search: LayoutSearch, one: JudgedLayout) -> bool:
-    """Return whether a layout would be taken in place of the given one if a search brought what is expected; true where that was not optimised."""
+    """Return whether a layout would replace the initial one if a search met its prediction; true if the initial one was not optimised."""
     given = next((other for other in search.proved.values() if other.share >= WHOLE), None)
     if given is None:
         return True

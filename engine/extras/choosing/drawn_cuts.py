@@ -16,20 +16,20 @@ from ...surface.checking.topology import sides_of
 from ...surface.mesh import PolygonMesh, QuadMesh
 from ...surface.symmetry import Symmetry, close_under, keeping
 
-FAMILIES = 4  # families that are tried, those with the longest lines first; not measured, it bounds the time
-ALIKE = 0.7  # share of its lines that a family may have in common with one before it
-# layouts made symmetric that are tried in each way, those with the fewest cuts first; not measured, it bounds the time
+FAMILIES = 4  # number of families to try, longest lines first; not measured, bounds the time
+ALIKE = 0.7  # largest share of its lines that a family may have in common with an earlier one
+# number of symmetrised layouts to try of each kind, fewest cuts first; not measured, bounds the time
 COMPLETED = 2
-OPENINGS = 3  # rounds of opening what is no disk and adding the images; one mends most
-LEAST = 4  # lines of a family: fewer are no family but a coincidence
+OPENINGS = 3  # rounds of opening patches that are not disks and adding the images; one suffices for most
+LEAST = 4  # smallest number of lines of a family: fewer are parallel by coincidence
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
     """Parallel lines that one strip of quads crosses.
 
-    lines : number of every line crossed, in order; at : metres along the strip where that is, from its beginning
-    length : metres of the whole strip; closed : whether it comes back to where it began
+    lines : number of every line crossed, in order; at : position of each crossing, metres along the strip
+    length : of the strip, metres; closed : whether it ends where it begins
     """
 
     lines: Int[np.ndarray, " crossed"]
@@ -38,7 +38,7 @@ class Family:
     closed: bool
 
     def equal(self, parts: int, first: int = 0) -> Int[np.ndarray, " chosen"]:
-        """The lines nearest to those that divide the strip into equal parts; of a closed one ``first`` is one of them."""
+        """Return the lines nearest to those that divide the strip into equal parts, from ``first`` if it is closed."""
         if self.closed:
             places = (self.at[first] + self.length * np.arange(parts) / parts) % self.length
         else:
@@ -78,9 +78,9 @@ def families(mesh: QuadMesh) -> list[Family]:
 
 
 def _strips(mesh: QuadMesh) -> Iterator[tuple[list[int], bool]]:
-    """Yield each strip of quads: the edges that it crosses, in order, and whether it is closed."""
+    """Yield each strip of quads as the edges that it crosses, in order, and whether it is closed."""
     seen = np.zeros(len(mesh.edges), dtype=bool)
-    # those that begin at the border first, so that none is entered in its middle
+    # strips that begin at the border first, so that none is entered in its middle
     for edge in (*np.flatnonzero(mesh.border).tolist(), *np.flatnonzero(~mesh.border).tolist()):
         if seen[edge]:
             continue
@@ -114,10 +114,10 @@ def _family(mesh: QuadMesh, strip: list[int], closed: bool, line_of: np.ndarray)
 def equal_cuts(
     mesh: QuadMesh, most: int, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Equal strips, rings and petals of up to so many parts, each with its name and where it is cut, (E,) bool.
+    """Yield divisions into equal strips, rings and petals up to a number of parts: name and cut edges, (E,) bool.
 
-    Closed families begin at a line that lies in a mirror plane, where there is one, so that what is symmetric stays so.
-    A second family's lines, once or twice, open those that would be tubes.
+    Closed families begin at a line in a mirror plane, if there is one, so that symmetry is kept. Parts that would be tubes are
+    opened along one or two lines of a second family.
     """
     line_of, found = lines_of(mesh), families(mesh)
     plane = np.zeros(int(line_of.max()) + 1, dtype=bool)
@@ -149,7 +149,7 @@ def in_plane(mesh: QuadMesh, symmetry: Symmetry) -> Int[np.ndarray, " some"]:
 
 
 def along_folds(mesh: QuadMesh) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """Yield cuts along the edges that are sharper than spirals bend, where there are any."""
+    """Yield cuts along the edges that are sharper than spirals can bend, if there are any."""
     polygons = PolygonMesh.from_quads(mesh)
     cut = (turns(polygons, sides_of(polygons)) > SHARP) & ~mesh.border
     if cut.any():
@@ -185,7 +185,7 @@ def drop_images(
 def symmetric_variants(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Iterator[tuple[str, Bool[np.ndarray, " edges"]]]:
-    """A layout made symmetric: with its images, or one half of it on both sides of a mirror plane; a name and (E,) bool each."""
+    """Yield symmetric layouts made from one: with its images, or with one half on both sides of a mirror plane; name and (E,) bool."""
     ways: dict[str, dict[bytes, np.ndarray]] = {"as it was, with its images": {}, "one half, mirrored": {}}
     images, halves = ways.values()
     for symmetry in symmetries:
@@ -193,7 +193,7 @@ def symmetric_variants(
         images[found.tobytes()] = found
         if symmetry.mirrors:
             middle = mesh.vertices[mesh.edges].mean(axis=1)
-            # twice the part across the plane of what lies between an edge and its image tells on which side it is
+            # the vector from an edge's image to the edge, across the plane, gives the side on which it lies
             side = (middle - middle[symmetry.edges]) @ symmetry.normal
             for way in (1.0, -1.0):
                 found = _opened(np.where(way * side >= 0.0, cut, cut[symmetry.edges]), mesh, symmetry)
@@ -206,9 +206,9 @@ def symmetric_variants(
 def open_symmetrically(
     cut: Bool[np.ndarray, " edges"], mesh: QuadMesh, symmetries: Sequence[Symmetry]
 ) -> Bool[np.ndarray, " edges"] | None:
-    """Symmetric cuts whose tubes and rings are opened in images of one cut, with the fewest of them.
+    """Return symmetric cuts whose tubes and rings are opened by the fewest images of one cut.
 
-    None where one symmetry at least is left when they are opened anywhere, and where there is none to begin with.
+    None if opening them anywhere keeps a symmetry, or if the cuts are not symmetric.
     """
     kept = keeping(symmetries, cut)
     if not kept or keeping(kept, make_disks(PatchLayout(mesh, cut)).cut):

@@ -1,4 +1,4 @@
-"""Laying one layout flat, and judging it by the shape of its assembled panels after a short optimisation."""
+"""Flatten a layout, and judge it by the shape of its assembled panels after a short optimisation."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from .drawn_cuts import open_symmetrically
 # a short search, and at 0.33, 0.22, 0.09 and 0.06 % after 12 s of a long one: the order is the same
 SHORT, LONG = 0.15, 0.35
 WHOLE = 1.0  # share of patience recorded for a piece that Optimise has optimised
-# Power of the strain's excess by which a long search promises too much. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
-# 1.12 times the strain that is borne, and whole searches, which bring that down, at 0.86 and 1.15 %
+# Exponent by which excess strain predicts how much farther a whole search ends than a long one. Two layouts of a cone ended at 0.60 and 0.90 % with 1.26 and
+# 1.12 times the strain limit, and whole searches, which reduce the strain, at 0.86 and 1.15 %
 EASED = 2
-# Quads for which a short search is meant, and the least share of it for fewer: the same number of steps then takes less. With the
-# same time a dome of 48 quads was searched to a millionth of its size
+# Number of quads for which a short search has its full patience, and the smallest share of it for fewer quads, whose steps take less
+# time. With the full patience a dome of 48 quads was searched to a millionth of its size
 QUADS, LEAST = 1000, 0.25
 
 
@@ -43,7 +43,7 @@ class LayoutProblem:
     """Data common to all layouts of a surface.
 
     mesh : the target; supports : (k,) int or None; force : (F, 3) newtons or None
-    symmetries : of the mesh, none where layouts need not be symmetric
+    symmetries : of the mesh; empty if layouts need not be symmetric
     spirals : widths (F, 4) metres and twists (F,) radians from which searches start, of a layout that was optimised; or None
     """
 
@@ -62,9 +62,9 @@ class LayoutProblem:
 
 @dataclass(frozen=True, eq=False)
 class Idea:
-    """Where a surface could be cut, (E,) bool, and how somebody came upon that, in a few words.
+    """A possible set of cuts, (E,) bool, and its origin in a few words.
 
-    even : what is no disk is opened as symmetrically as the cuts are
+    even : open patches that are not disks with the symmetries of the cuts
     """
 
     cut: Bool[np.ndarray, " edges"]
@@ -74,7 +74,7 @@ class Idea:
 
 @dataclass(frozen=True, eq=False)
 class FlatLayout:
-    """An idea laid flat, every panel within its sheet."""
+    """A flattened idea; every panel fits its sheet."""
 
     flat: FlatPatches
     origin: str
@@ -103,12 +103,12 @@ class FlatLayout:
 class JudgedLayout:
     """Match, strains and making figures of a layout's assembled panels.
 
-    rms, largest : distance from the target as a share of its size; strain : share of what the material bears
-    blame : (F,) how much every quad's bending differs from the target's, squared metres; kind : index into ``reach.REASON_NAMES``
-    advice : what limits the match, in a sentence; closed : slots that close, None where nobody has looked
-    share : of the patience that it was given; 0 where the match is predicted, not searched for
-    cut_length : metres of cuts, without connectors; contours : how many closed curves they are; None where nobody has drawn them
-    spirals : widths and twists, as in ``LayoutProblem``; flat : the panels as the search has left them, which may move their flat shapes
+    rms, largest : distance from the target as a share of its size; strain : largest, as a share of the limit
+    blame : (F,) squared difference between every quad's bending and the target's, square metres; kind : index into ``reach.REASON_NAMES``
+    advice : what limits the match, in a sentence; closed : number of closed slots; None if not counted
+    share : of the optimiser's patience that its search had; 0 if the match is predicted
+    cut_length : of cuts without connectors, metres; contours : number of closed curves; None if the panels were not drawn
+    spirals : widths and twists, as in ``LayoutProblem``; flat : the panels after the search, which may change their flat shapes
     """
 
     laid: FlatLayout
@@ -137,10 +137,10 @@ class JudgedLayout:
 
 
 def lay_flat(piece: LayoutProblem, idea: Idea, most: float = np.inf, progress: Progress = SILENT) -> FlatLayout | None:
-    """An idea laid flat: what is no disk is opened, crumbs are joined, what is larger than a sheet is cut. None where that
-    cannot be, or where it would be no other than one that is not ``even``.
+    """Flatten an idea: open patches that are not disks, join tiny ones, cut those larger than a sheet. None if that fails, or if
+    an ``even`` idea gives the same cuts as without ``even``.
 
-    most : radians of curvature that a panel may take up; what has more is not tried
+    most : largest curvature within a panel, radians; ideas with more give None
     """
     layout, sheet = piece.settings.layout, piece.settings.sheet
     try:
@@ -172,9 +172,9 @@ def judge(
     progress: Progress = SILENT,
     thorough: bool | None = None,
 ) -> JudgedLayout | None:
-    """A layout judged with this share of the optimiser's patience; None where it takes no shape at all.
+    """Judge a layout by a search with a share of the optimiser's patience; return None if it has no equilibrium.
 
-    It starts from the piece's spirals, or from those that the curvature asks for.
+    The search starts from the piece's spirals, or from the curvature-adjusted ones.
 
     Parameters
     ----------
@@ -182,8 +182,8 @@ def judge(
     laid : one of its layouts
     share : of the optimiser's patience
     progress : called with the fraction done; may cancel
-    thorough : whether several starts are tried where the piece has no spirals, and slots that close minded and counted; by default in
-        long searches alone
+    thorough : open and count closed slots, and try several starts if the piece has no spirals; default is only in searches with a
+        share above ``SHORT``
     """
     settings, quick = piece.settings, share <= SHORT
     thorough = not quick if thorough is None else thorough
@@ -220,7 +220,7 @@ def judge(
 
 
 def judge_optimised(laid: FlatLayout, found: Simulation) -> JudgedLayout:
-    """Judge a layout whose spirals are optimised already.
+    """Judge a layout whose spirals are already optimised.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def judge_shape(
     Parameters
     ----------
     laid : the layout
-    found, limits : its spirals at rest, and what keeps them from the target
+    found, limits : its equilibrium, and the reasons why it misses the target
     share : of the optimiser's patience that the search has had
     thorough : whether closed slots are counted
     """

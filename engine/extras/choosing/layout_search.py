@@ -20,12 +20,12 @@ from .predict import PredictionStart, judge_by_prediction
 
 Together = Callable[[Callable[[Any], Any], Sequence[Any], Progress, str], list[Any]]
 
-# Seconds of processor for all predictions together, and what one takes: a part of a second, and so much a quad
+# Processor seconds for all predictions together, and for one: a constant part, and a part per quad
 BUDGET, ONE, QUAD = 16.0, 0.4, 2.2e-3
 PUNCTUAL = 0.6  # share of the expected time after which the progress bar slows down
-# Seconds that a layout takes to judge for one of the given one, by the clock: 1.6 to 2.8 on six surfaces, with two at once
+# Ratio of the time to judge a layout to that of the initial layout, by the clock: 1.6 to 2.8 on six surfaces, with two at once
 HARDER = 2.0
-FEWEST, MOST = 6, 32  # layouts that are judged at least and at most
+FEWEST, MOST = 6, 32  # smallest and largest number of layouts to judge
 SEARCH_SCATTER = (
     0.03  # share of a distance by which two searches of the same layout differ at most, and which counts as the same
 )
@@ -40,14 +40,16 @@ class LayoutSearch:
     piece: LayoutProblem
     params: ChooseParams
     together: Together
-    start: PredictionStart | None = None  # of predictions; None where short searches judge
-    reference: float = np.inf  # of the given layout after a long search
-    expected: float = EXPECTED  # what a long search leaves of what is predicted, or what a short one ends with
+    start: PredictionStart | None = None  # start of predictions; None if short searches judge
+    reference: float = np.inf  # distance of the initial layout after a long search
+    expected: float = (
+        EXPECTED  # ratio of the distance after a long search to the predicted one, or to that after a short search
+    )
     pace: float = 0.0  # seconds that the last long search took
-    first: float = 0.0  # seconds that the given layout took to judge, by the clock
+    first: float = 0.0  # seconds to judge the initial layout, by the clock
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)
     proved: dict[bytes, JudgedLayout] = field(default_factory=dict)
-    waiting: list[FlatLayout] = field(default_factory=list)  # laid flat, not judged yet, the most promising first
+    waiting: list[FlatLayout] = field(default_factory=list)  # flattened but not judged yet, most promising first
 
     @property
     def one(self) -> float:
@@ -70,7 +72,7 @@ class LayoutSearch:
         return sorted((one for one in latest.values() if one is not None), key=self.key)
 
     def distance(self, one: JudgedLayout) -> float:
-        """The RMS distance that a long search left, or may well leave, with strains that are borne; in the end, what was found."""
+        """Return the RMS distance after a long search, or the expected one, with strains within the limit; at the end, the result."""
         return one.eased if one.share >= LONG else self.expected * one.rms
 
     @property
@@ -94,7 +96,7 @@ class LayoutSearch:
         return self.key(one)[0] == 0.0
 
     def next(self, share: float) -> list[FlatLayout]:
-        """The most promising layouts, as many as a share of what is left; one at least is symmetric, where any is."""
+        """Return the most promising layouts, a share of the number left; at least one is symmetric, if any is."""
         taken = self.waiting[: int(share * self.left)]
         symmetric = next((one for one in self.waiting if one.symmetric > 1), None)
         if taken and symmetric is not None and not any(one.symmetric > 1 for one in taken):
@@ -102,7 +104,7 @@ class LayoutSearch:
         return taken
 
     def judge(self, laid: Iterable[FlatLayout], progress: Progress, *, more: bool = False) -> None:
-        """Judge layouts that are not known yet, as many as there still may be, or ``more``: by predictions where there is a start."""
+        """Judge new layouts, up to the number left or ``more``: by predictions if there is a start, else by short searches."""
         fresh = list({key(one): one for one in laid if self.unknown(one)}.values())
         fresh = fresh if more else fresh[: max(self.left, 0)]
         way = partial(judge, self.piece) if self.start is None else partial(judge_by_prediction, self.piece, self.start)
@@ -128,9 +130,9 @@ class LayoutSearch:
         self.piece = replace(self.piece, spirals=given.spirals)
 
     def prove(self, laid: Sequence[FlatLayout], progress: Progress) -> None:
-        """Judge known layouts by a long search, or go on from the spirals of the one that they have had.
+        """Judge known layouts by a long search, which continues an earlier one.
 
-        Those that lose their shape by it are known as such, or stay as they were.
+        If a search loses the equilibrium, that is recorded for the layout, or its earlier judgement stays.
         """
         tries = []
         for one in laid:
@@ -156,7 +158,7 @@ def clocked_progress(progress: Progress, seconds: float, ahead: float | None = N
     ----------
     progress : to report to
     seconds : expected duration of the work
-    ahead : share of the work by which the clock may run ahead of what is reported; None where reports tell nothing
+    ahead : share of the work by which the clock may run ahead of the reports; None to ignore reports
     """
     report, began, whole = progress.report, time.monotonic(), progress.hi - progress.lo
     if report is None or seconds <= 0.0:

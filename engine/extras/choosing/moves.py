@@ -1,4 +1,4 @@
-"""Changes of a layout where the shape at rest says that one is needed: cuts, darts and joins, symmetric ones together."""
+"""Changes of a layout where its equilibrium misses the target: cuts, darts and joins, together with their symmetric images."""
 
 from __future__ import annotations
 
@@ -16,16 +16,14 @@ from ...surface.symmetry import Symmetry, keeping
 from .judge import FlatLayout, Idea, JudgedLayout, LayoutProblem, lay_flat
 
 PLACES = 3  # vertices from which cuts and darts are tried, and seams that are opened; not measured, it bounds the time
-IDEAS = 2  # cuts that are tried at a time where somebody waits: each takes as long as a support
+IDEAS = 2  # cuts to try at a time while a user waits: each takes as long as a support
 # reasons that limit a spiral's match (see ``reach``) and that another cut can remove
 MENDED = tuple(REASON_NAMES.index(name) for name in ("unstable", "distorted", "stretched"))
-OTHERWISE = (
-    0.25  # how much the other reasons count beside those; chosen so that places without any of them are found too
-)
+OTHERWISE = 0.25  # weight of the other reasons; above 0 so that places with other reasons alone are found too
 
 
 def moves(piece: LayoutProblem, judged: JudgedLayout, *, fewer: bool, more: bool) -> Iterator[Idea]:
-    """Layouts like a judged one: ``more`` cuts and darts where it is to blame, ``fewer`` cuts where nothing is lost by that.
+    """Return changes of a judged layout: with ``more`` cuts and darts where it misses the target, with ``fewer`` cuts elsewhere.
 
     Every change comes with its images under the symmetries which the layout keeps.
     """
@@ -103,7 +101,7 @@ def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
     chosen: list[int] = []
     for vertex in order.tolist():
         near = np.linalg.norm(mesh.vertices[chosen] - mesh.vertices[vertex], axis=1) if chosen else np.zeros(0)
-        if (near > 3.0 * mesh.median_edge).all():  # another place, not the same one again
+        if (near > 3.0 * mesh.median_edge).all():  # keep chosen places apart
             chosen.append(vertex)
         if len(chosen) == PLACES:
             break
@@ -111,7 +109,7 @@ def _places(layout: PatchLayout, blame: np.ndarray) -> list[int]:
 
 
 def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]]:
-    """The straight lines from a vertex inside of a patch to its outline; those that end at an irregular vertex are left out."""
+    """Return the straight lines from a vertex inside a patch to its outline; those that end at an irregular vertex are left out."""
     mesh = layout.mesh
     outline = (layout.cut_degree > 0) | mesh.on_border
     for quad, side in np.argwhere(mesh.quads == vertex).tolist():
@@ -127,7 +125,7 @@ def _rays(layout: PatchLayout, vertex: int) -> Iterator[Int[np.ndarray, " some"]
 
 
 def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) -> FlatLayout | None:
-    """Return a judged layout with seams opened until it has at most so many panels, within the limits; None where those forbid it.
+    """Join panels of a judged layout until it has at most a number of panels, within the limits; None if these forbid it.
 
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
     """

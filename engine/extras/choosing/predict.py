@@ -1,13 +1,13 @@
-"""How near a layout can come to its target, predicted without a search.
+"""Prediction of how near a layout can come to its target, without a search.
 
-The spirals that the curvature asks for, or those of a layout that was optimised, are brought to rest. One Gauss-Newton step of spirals and
+The curvature-adjusted spirals, or those of an optimised layout, are brought to equilibrium. One Gauss-Newton step of spirals and
 flat shapes, within all bounds, leads to a second equilibrium; the prediction is the distance after another step from there if hubs moved
-linearly with the design. A search takes more steps, each of which may be expected to shrink the distance by the same share. What limits strains
-is left out.
+linearly with the design. A search takes more steps, each of which is expected to reduce the distance by the same factor. Limits of strains are
+left out.
 
 Over 88 layouts of 21 surfaces its rank correlation with what searches reach is 0.91, and 68 % of predictions are within a factor of 1.5; of
-67 layouts predicted with the spirals of another layout that was optimised, 0.94 and 81 %. With one equilibrium, which takes half of the
-time, the former are 0.78 and 60 %. `bench layout --match` tells.
+67 layouts predicted with the spirals of another, optimised layout, 0.94 and 81 %. With one equilibrium, which takes half of the
+time, the former are 0.78 and 60 %. ``bench layout --match`` measures them.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from ...surface import curvature
 from .judge import FlatLayout, JudgedLayout, LayoutProblem, judge_shape
 
 ROUNDS = 80  # of conjugate gradients in the step; most end after 30 to 60
-DAMPING = 1e-4  # share of the objective that going from end to end along one coordinate costs
+DAMPING = 1e-4  # penalty, as a share of the objective, on a step over the whole range of one coordinate
 
 
 @dataclass(frozen=True, eq=False)
 class PredictionStart:
-    """What predictions for all layouts of a piece begin with.
+    """Start of the predictions for all layouts of a piece.
 
-    spirals : widths (F, 4) metres and twists (F,) radians of a design that can be cut; space : of its designs
+    spirals : widths (F, 4) metres and twists (F,) radians of a design that can be cut; space : its design space
     """
 
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]]
@@ -50,7 +50,7 @@ class PredictionStart:
 
     @classmethod
     def from_layout(cls, piece: LayoutProblem, flat: FlatPatches, progress: Progress = SILENT) -> PredictionStart:
-        """Return the spirals of the piece, else those that the curvature asks for, as far as they can be cut in one layout."""
+        """Return the spirals of the piece, or the curvature-adjusted ones, changed where they cannot be cut in a layout."""
         settings = piece.settings
         wanted = piece.spirals or curvature_adjusted(settings.spiral, curvature.rms_curvature(piece.mesh))
         design = make_fabricable(flat, settings.spiral, *wanted, prove=False, progress=progress)
@@ -71,12 +71,12 @@ def predict(
     ----------
     piece : the surface, how it is held, and what it is made of
     flat : one of its layouts
-    start : made of any layout of the piece, saves half of the time; of this one by default
+    start : made from any layout of the piece, which saves half of the time; default is made from this layout
     further : steps of a search after the second, each expected to shrink the distance by the same share as the second
 
     Returns
     -------
-    A share of the size of the surface; infinite where the layout takes no shape, or its quads have no room for spirals.
+    A share of the size of the surface; infinite if the layout has no equilibrium, or its quads have no room for spirals.
     """
     try:
         return _predicted(*_rest(piece, flat, start or PredictionStart.from_layout(piece, flat), progress), further)
@@ -87,12 +87,12 @@ def predict(
 def judge_by_prediction(
     piece: LayoutProblem, start: PredictionStart, laid: FlatLayout, progress: Progress = SILENT
 ) -> JudgedLayout | None:
-    """Return a layout judged by its prediction, not by a search; None where it takes no shape.
+    """Return a layout judged by its prediction, not by a search; None if it has no equilibrium.
 
     Parameters
     ----------
     piece : the surface, how it is held, and what it is made of
-    start : made of any layout of the piece
+    start : made from any layout of the piece
     laid : the layout
     """
     try:
@@ -125,7 +125,7 @@ def _rest(
 
 
 def _predicted(design: SpiralDesign, point: FlatPoint, further: int = 0) -> float:
-    """Return the distance that is predicted, as a share of the size; infinite where the point is not an equilibrium.
+    """Return the predicted distance as a share of the size; infinite if the point is not an equilibrium.
 
     further : steps after the second, each of which shrinks the distance by the share by which the second does
     """

@@ -38,12 +38,17 @@ def planks(
 ) -> list[tuple[Curve, np.ndarray]]:
     """Return the outlines of the planks, counter-clockwise, metres, and the rows of the slots in each.
 
-    slots : corners
-    margin : metres of material around the slots
-    clearance : metres all around a dovetail
-    wall : minimum metres between a slot and a dovetail
+    Parameters
+    ----------
+    slots : corners of every slot, metres
+    margin : material around the slots, metres
+    clearance : gap around a dovetail, metres
+    wall : least distance between a slot and a dovetail, metres
+    sheet : size of the sheets
 
-    Raises ``FlexMapsError`` where slots form no ring, or it cannot be cut.
+    Raises
+    ------
+    FlexMapsError : the slots do not form a ring, or the ring cannot be divided into planks
     """
     import shapely
 

@@ -127,7 +127,7 @@ def strain_by_rest_shape(
 
 
 def strained_arms(assembly: Assembly, material: Material) -> StrainedArms:
-    """Both arms of every joint, joint by joint."""
+    """Return both arms of every joint, in the order of the joints."""
     shape, cut = rest_shapes(assembly, material), assembly.cut
     mate, sign = _mates(assembly)
     numbers = np.zeros((len(mate), NUMBERS))

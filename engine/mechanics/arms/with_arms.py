@@ -1,4 +1,4 @@
-"""Which elastic models know the arms of their joints."""
+"""Access to the arms of an elastic model, if it knows those of its joints."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ class ArmGeometry:
         (count, 2 V) derivatives
         """
         middle = 0.5 * (self.corners[own, 0] + self.corners[own, 1])
-        # place = middle + turn (q - middle there), where turn depends on the directions of both sides
+        # place = middle + turn (q - middle of ``there``); the rotation turn depends on the directions of both sides
         about = (np.conj(way) * 1j * (place - middle)).real[:, None]
         g = about * self._side(own) + 0.5 * way[:, None]
         along = (self.corners[own, 1] - self.corners[own, 0]) / (self.corners[there, 1] - self.corners[there, 0])
