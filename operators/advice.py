@@ -55,7 +55,7 @@ class Advised(ContinuedStage["Made"]):
 
         blocks = notes.read(obj.data)
         if states.read_states(obj, bpy.context.scene)["reach"].kind != states.DONE:
-            raise FlexMapsError("What was advised is out of date; press Simulate or Optimise first")
+            raise FlexMapsError("The advice is out of date; press Simulate or Optimise first")
         amount = advice.read_advice(obj.data)[self.remedy]
         assert amount is not None
         self._amount, self._figures = amount, blocks["equilibrium"]

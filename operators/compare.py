@@ -30,7 +30,7 @@ class Asked:
     )
     unit: bpy.props.EnumProperty(  # type: ignore[valid-type]
         name="Unit",
-        description="Of the numbers in the scan's file",
+        description="Unit of the numbers in the scan's file",
         items=[
             ("GUESS", "Guess", "Metres or millimetres, whichever comes nearer the piece's size"),
             ("mm", "Millimetres", ""),

@@ -16,7 +16,10 @@ PAINTS = (
     ("along", "Along", "Arms along the stroke wider and those across it thinner: stiff that way, soft the other; with Ctrl the other way round"),
     ("protect", "Protect", "Optimise and every other brush leave these spirals exactly as they are; with Ctrl not any longer"),
 )  # fmt: skip
-FROM = (("stiffness", "Stiffness", "As stiff as the numbers say: 0 the softest, 1 the stiffest"), *PAINTS)
+FROM = (
+    ("stiffness", "Stiffness", "Stiffness relative to the allowed range: 0 is the softest, 1 the stiffest"),
+    *PAINTS,
+)
 
 
 def sources(self: bpy.types.PropertyGroup, context: bpy.types.Context, text: str) -> list[str]:
@@ -47,7 +50,7 @@ class BrushSettings(bpy.types.PropertyGroup):
     )
     strength: FloatProperty(  # type: ignore[valid-type]
         name="Strength",
-        description="How much one stroke changes; Shift F changes it in the view",
+        description="Change by one stroke; Shift F adjusts it in the view",
         default=0.5,
         min=0.0,
         max=1.0,

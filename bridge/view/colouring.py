@@ -30,19 +30,19 @@ class Kind(NamedTuple):
 KINDS = {
     "PATCH": Kind("flexmaps_patch", "Panels", "", "Panels", "One colour per panel"),
     "ENERGY": Kind("flexmaps_energy", "Distortion E", "", "Distortion", "Distortion of every quad when it is flattened"),
-    "SQUARE": Kind("flexmaps_square", "Distance from a square", "", "Squareness", "How far every quad is from a square"),
+    "SQUARE": Kind("flexmaps_square", "Distance from a square", "", "Squareness", "Difference of every quad from a square"),
     "STIFFNESS": Kind(
         "flexmaps_stiffness", "Stiffness of the arms", "N\u00b7mm/rad", "Stiffness",
-        "How stiff the arms of the spirals are against bending, in the mean",
+        "Mean bending stiffness of the arms of every spiral",
     ),
     "WIDTH": Kind("flexmaps_width", "Width", "mm", "Arm width", "Mean width of the spirals' arms"),
     "ANISOTROPY": Kind(
         "flexmaps_width", "Anisotropy", "%", "Anisotropy",
-        "How unlike the two pairs of opposite arms are; the bars are as long as each pair is wide",
+        "Difference between the two pairs of opposite arms; the length of a bar is the width of a pair",
     ),
     "TWIST": Kind("flexmaps_twist", "Twist", "\N{DEGREE SIGN}", "Twist", "Twist of the spirals"),
     "DISTANCE": Kind(
-        "flexmaps_distance", "Distance to target", "mm", "Distance", "How far the simulated shape is from the target"
+        "flexmaps_distance", "Distance to target", "mm", "Distance", "Distance of the simulated shape from the target"
     ),
     "STRAIN_ENERGY": Kind(
         "flexmaps_strain_energy", "Strain energy", "mJ", "Energy", "Elastic energy in every spiral of the simulated shape"
@@ -63,7 +63,7 @@ KINDS = {
     ),
     "SCAN": Kind(
         "flexmaps_scan", "Distance of the scan", "mm", "Scan",
-        "How far the built piece, scanned, is from the simulated shape",
+        "Distance of the scanned piece from the simulated shape",
     ),
 }  # fmt: skip
 ITEMS = [("NONE", "No colours", "No colours"), *((kind, one.name, one.explanation) for kind, one in KINDS.items())]

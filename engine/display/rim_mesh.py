@@ -93,7 +93,7 @@ class RimMesh:
         return self.centre + self.line + self.side
 
     def faces(self, base: int) -> tuple[list[np.ndarray], Int[np.ndarray, " faces"]]:
-        """Return triangles and walls, and their quads; vertices, above and below in turn, begin at ``base``."""
+        """Return the triangles above and below with the walls, and the quad of each; upper and lower vertices alternate from ``base`` on."""
         above = base + 2 * self.triangles
         a, b = base + 2 * self.walls.T
         walls = np.stack([a + 1, b + 1, b, a], axis=1)

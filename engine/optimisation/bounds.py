@@ -27,8 +27,8 @@ PROBE_ITERATIONS = 5  # of conjugate gradients in such a short solve
 MAX_BACKTRACKS = 6  # halvings of a projected step until the model decreases
 MIN_GAIN = 0.05  # share of the decrease so far that a round must bring for another one to follow
 CG_PRECISION = 0.1  # norm of the residual, as a share of the right-hand side, at which conjugate gradients stop
-# Tikhonov term where clearances are restored. Nearly parallel rows that lack unlike amounts would else ask for moves many times as
-# long as the step: on a surface of 986 quads these undid half of every step, with this term 3 to 10 %
+# Tikhonov term of the least-squares problem that restores clearances. Without it, nearly parallel rows with different residuals lead to
+# moves many times as long as the step: on a surface of 986 quads these undid half of every step, with this term 3 to 10 %
 RESTORE_RIDGE = 0.1
 OVERSHOOT = 1.0 + RESTORE_RIDGE  # factor on the missing clearance that makes up for the Tikhonov term on a single gap
 MAX_RESTORATIONS = 8  # largest number of rounds that open closed gaps again along the slopes of their clearances

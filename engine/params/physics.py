@@ -15,7 +15,7 @@ class MaterialParams(Params):
     material: str = setting(
         "pom",
         "Material",
-        "What the sheet is made of: stiffness, weight and the strain it bears",
+        "Material of the sheet: stiffness, weight and the strain it bears",
         choices=(
             *((key, m.name, m.source) for key, m in MATERIALS.items()),
             ("custom", "Custom", "The values below"),
@@ -34,12 +34,14 @@ class MaterialParams(Params):
     shear: float = setting(
         0.0,
         "Shear modulus",
-        "Of a custom material with a grain, in the plane of the sheet; 0 takes the same share of Young's modulus as in plywood",
+        "Shear modulus of a custom material with a grain, in the plane of the sheet; 0 takes the same share of Young's modulus as in plywood",
         low=0.0,
         high=1e12,
         unit="Pa",
     )
-    density: float = setting(1185.0, "Density", "Of a custom material, in kg per cubic metre", low=1.0, high=3e4)
+    density: float = setting(
+        1185.0, "Density", "Density of a custom material, in kg per cubic metre", low=1.0, high=3e4
+    )
     strain_limit: float = setting(
         0.02,
         "Strain limit",
@@ -61,7 +63,7 @@ class MaterialParams(Params):
     lasts: str = setting(
         "days",
         "Lasts",
-        "How long the piece has to last: it decides the strain that arms may reach, everywhere",
+        "Time that the piece has to last; it sets the strain that arms may reach, in all stages",
         choices=(
             ("days", "For days", "Up to what the material bears for a short time, as the published pieces were made"),
             ("years", "For years", "Up to what the material bears for years, where that is known; its source stands with the material"),
@@ -100,7 +102,7 @@ class SimulateParams(Params):
     model: str = setting(
         "arm",
         "Elastic model",
-        "How the arms of the spirals deform",
+        "Model of how the arms of the spirals deform",
         choices=(
             ("arm", "Arms", "The full stiffness of every arm, from volumetric finite elements"),
             ("rod", "Rods", "Four stiffnesses a spiral, as published; kept for comparison"),
@@ -152,14 +154,14 @@ class OptimiseParams(Params):
     urge: float = setting(
         1.0,
         "Weight of drag targets",
-        "How much the places to which you dragged spirals count beside the target's shape; 0 ignores them",
+        "Weight of the places to which you dragged spirals, relative to the target's shape; 0 ignores them",
         low=0.0,
         high=100.0,
     )
     smoothness: float = setting(
         0.0,
         "Smoothness",
-        "How much neighbouring spirals should be alike; 0 lets each be as it likes",
+        "Weight of similarity between neighbouring spirals; 0 ignores it",
         low=0.0,
         high=1.0,
     )
@@ -190,7 +192,7 @@ class OptimiseParams(Params):
     patience: float = setting(
         1.0,
         "Patience",
-        "How long the search may last: with 1 at most about 25 s for 1,500 quads and 90 s for 6,000, and less where its steps bring little for their time; 2 doubles both times, 0 sets no limit",
+        "Time limit of the search: 1 allows about 25 s for 1,500 quads and 90 s for 6,000, and ends earlier where steps bring little for their time; 2 doubles both times, 0 sets no limit",
         low=0.0,
         high=1000.0,
     )

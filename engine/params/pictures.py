@@ -15,7 +15,7 @@ class PreviewParams(Params):
     detail: str = setting(
         "MEDIUM",
         "Detail",
-        "How finely the spirals are drawn",
+        "Detail of the spirals",
         choices=(
             ("LINES", "Lines", "Wires along the arms; the lightest"),
             ("COARSE", "Coarse", "True arms and hubs in few pieces; for thousands of spirals"),
@@ -26,7 +26,7 @@ class PreviewParams(Params):
     colour: str = setting(
         "PATCH",
         "Colour",
-        "What the colours of the spirals tell",
+        "Quantity that the colours of the spirals show",
         choices=(
             ("PATCH", "Panels", "One colour per panel"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
@@ -35,7 +35,7 @@ class PreviewParams(Params):
                 "Safety",
                 "Largest strain on the surface of every spiral's arms, without fillets, against what the material bears",
             ),
-            ("DISTANCE", "Distance", "How far every spiral is from the target"),
+            ("DISTANCE", "Distance", "Distance of every spiral from the target"),
             ("MATERIAL", "Material", "The look of the chosen material"),
         ),
     )
@@ -47,10 +47,10 @@ class PreviewParams(Params):
     place: str = setting(
         "BESIDE",
         "Place",
-        "Where the assembled piece is shown",
+        "Place of the assembled piece",
         choices=(
             ("BESIDE", "Beside", "To the left of the model"),
-            ("ON", "On it", "Where the model is, to compare both; hide the model to see all of it"),
+            ("ON", "On it", "At the place of the model, to compare both; hide the model to see the whole piece"),
         ),
     )
 
@@ -62,7 +62,7 @@ class RenderParams(Params):
     finish: str = setting(
         "PATCH",
         "Finish",
-        "What the pieces look like",
+        "Look of the pieces",
         choices=(
             ("PATCH", "Panels", "One colour per panel, so that panels and piece can be compared"),
             ("SHEET", "The sheet's material", "The material that is chosen for the sheet"),
@@ -70,7 +70,7 @@ class RenderParams(Params):
             ("birch", "Birch plywood", "Light wood, its grain along the panels"),
             ("acrylic", "Acrylic", "Clear red"),
             ("pla", "PLA, printed", "Blue, with fine strands"),
-            ("DISTANCE", "Distance", "How far every spiral is from the target"),
+            ("DISTANCE", "Distance", "Distance of every spiral from the target"),
             ("STRAIN_ENERGY", "Energy", "Elastic energy in every spiral"),
             (
                 "SAFETY",
@@ -85,7 +85,7 @@ class RenderParams(Params):
     azimuth: float = setting(
         math.radians(25.0),
         "View from",
-        "Where the camera stands: 0 is in front, a positive angle to the right",
+        "Direction of the camera: 0 is in front, a positive angle to the right",
         low=-2 * math.pi,
         high=2 * math.pi,
         unit="rad",
@@ -93,7 +93,7 @@ class RenderParams(Params):
     elevation: float = setting(
         math.radians(32.0),
         "View from above",
-        "How steeply the camera looks down",
+        "Angle by which the camera looks down",
         low=0.0,
         high=math.pi / 2,
         unit="rad",
@@ -106,7 +106,7 @@ class RenderParams(Params):
         "Animation",
         "Render the frames of the assembly's animation instead: PNG files, or a film if the file ends in .mp4",
     )
-    file: str = setting("//flexmaps-render.png", "File", "Where the picture goes; // is the folder of the .blend file")
+    file: str = setting("//flexmaps-render.png", "File", "File of the picture; // is the folder of the .blend file")
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class PageParams(Params):
     coming: str = setting(
         "RESTING",
         "Assembly",
-        "How the panels come together in the 3D view",
+        "Animation of how the panels come together in the 3D view",
         choices=(
             (
                 "RESTING",

@@ -57,8 +57,8 @@ class CutParams(Params):
         "Unit of SVG",
         "Unit of the sheets in SVG",
         choices=(
-            ("mm", "Millimetres", "As most programs of makers write"),
-            ("in", "Inches", "As programs in imperial units write"),
+            ("mm", "Millimetres", "Most common for laser cutters"),
+            ("in", "Inches", "Used by programs with imperial units"),
         ),
     )
     lead_in: float = setting(
@@ -70,7 +70,7 @@ class CutParams(Params):
         unit="m",
     )
     tabs: int = setting(
-        0, "Holding tabs", "How many bridges hold every panel in its sheet until you break them", low=0, high=50
+        0, "Holding tabs", "Number of bridges that hold every panel in its sheet until you break them", low=0, high=50
     )
     tab_width: float = setting(
         0.001, "Tab width", "Width of a holding tab, the kerf not counted", low=0.0001, high=0.02, unit="m"
@@ -86,7 +86,7 @@ class SheetParams(Params):
     margin: float = setting(0.005, "Margin", "Free border of the sheet", low=0.0, high=0.5, unit="m")
     spacing: float = setting(0.003, "Spacing", "Free distance between panels", low=0.0, high=0.1, unit="m")
     tolerance: float = setting(
-        0.00001, "Curve tolerance", "How far arcs may stray from the true outline", low=1e-6, high=0.001, unit="m"
+        0.00001, "Curve tolerance", "Largest distance of the arcs from the true outline", low=1e-6, high=0.001, unit="m"
     )
     labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
     label_height: float = setting(
@@ -119,7 +119,7 @@ class SheetParams(Params):
         "Continue if panels that almost fill a sheet each take far more sheets than their area needs",
     )
     rotation: str = setting(
-        "FREE", "Rotation", "How the panels may be turned on the sheet",
+        "FREE", "Rotation", "Rotations allowed for panels on the sheet",
         choices=(
             ("FREE", "Any", "Any angle"),
             ("QUARTER", "Quarter turns", "Every panel's longer side along or across the sheet"),
@@ -127,7 +127,7 @@ class SheetParams(Params):
         ),
     )  # fmt: skip
     nesting: str = setting(
-        "TRUE", "Nesting", "How the panels are laid on the sheets",
+        "TRUE", "Nesting", "Method of laying the panels on sheets",
         choices=(
             ("TRUE", "Tight", "Search for the fewest sheets and the largest rest of the last one, as long as the time limit allows"),
             ("FAST", "Quick", "Quarter turns only, without a search"),
@@ -147,10 +147,10 @@ class SheetParams(Params):
         "Unit of drawings",
         "Unit of lengths in drawings of remnants that name none",
         choices=(
-            ("mm", "Millimetres", "As most programs of makers write"),
+            ("mm", "Millimetres", "Most common for laser cutters"),
             ("cm", "Centimetres", "Used by some drawing programs"),
             ("m", "Metres", "Used by programs for architecture"),
-            ("in", "Inches", "As programs in imperial units write"),
+            ("in", "Inches", "Used by programs with imperial units"),
             ("pt", "Points", "1/72 inch"),
             ("px", "Pixels", "1/96 inch, as browsers read SVG"),
         ),
@@ -173,7 +173,7 @@ class BaseParams(Params):
     base: str = setting(
         "none",
         "Base",
-        "What the supported spirals stand on; choose it before the spirals are made",
+        "Base of the supported spirals; choose it before the spirals are made",
         choices=(
             ("none", "None", "Nothing is made for the supports"),
             ("plate", "Plate", "One plate with a slot for the foot of every supported spiral"),
@@ -217,16 +217,16 @@ class BaseParams(Params):
 class CostParams(Params):
     """Prices of sheets, machine time and labour, in any currency; 0 leaves a cost out."""
 
-    sheet_price: float = setting(0.0, "Price of a sheet", "What one sheet of the material costs", low=0.0, high=1e6)
+    sheet_price: float = setting(0.0, "Price of a sheet", "Price of one sheet of the material", low=0.0, high=1e6)
     machine_rate: float = setting(
         0.0,
         "Machine, an hour",
-        "What an hour of the laser costs; materials that no laser cuts have none",
+        "Price of an hour of the laser; not counted for materials that a laser cannot cut",
         low=0.0,
         high=1e6,
     )
     labour_rate: float = setting(
-        0.0, "Assembly, an hour", "What an hour of putting the panels together costs", low=0.0, high=1e6
+        0.0, "Assembly, an hour", "Price of an hour of putting the panels together", low=0.0, high=1e6
     )
 
 
@@ -235,7 +235,7 @@ class ExportParams(Params):
     """Files to write, and their folder."""
 
     folder: str = setting(
-        "//flexmaps", "Folder", "Where the files go; // is the folder of the .blend file", folder=True
+        "//flexmaps", "Folder", "Folder of the files; // is the folder of the .blend file", folder=True
     )
     svg: bool = setting(True, "SVG", "Write the sheets as SVG, with a layer and a colour per operation")
     dxf: str = setting(
@@ -262,6 +262,10 @@ class ExportParams(Params):
         ),
     )
     copies: int = setting(
-        1, "Copies", "How often this piece is made, where several are exported on common sheets", low=1, high=1000
+        1,
+        "Copies",
+        "Number of copies of this piece, when several pieces are exported on common sheets",
+        low=1,
+        high=1000,
     )
     guide: bool = setting(True, "Assembly sheet", "Write a PDF that shows how to put the panels together, step by step")

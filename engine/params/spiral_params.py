@@ -71,7 +71,7 @@ class SpiralParams(Params):
     border: str = setting(
         "stubs",
         "Border",
-        "What becomes of the arms that end at an open border, where they have no other arm to meet",
+        "Treatment of the arms that end at an open border, where there is no other arm to join",
         choices=(  # .blend files store the index, so the order must not change
             ("stubs", "Stubs", "They are cut as all others, and end in the air"),
             ("left_out", "Plain", "They are not cut; their hubs have a round end in their place"),
@@ -125,7 +125,7 @@ class ConnectorParams(Params):
     connector: str = setting(
         "dovetail",
         "Connectors",
-        "What holds two arms together where they meet across a cut",
+        "Kind of the connectors that join two arms across a cut",
         choices=(
             ("none", "None", "Plain ends"),
             ("dovetail", "Dovetails", "A head on one panel snaps into a socket of the other"),

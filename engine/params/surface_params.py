@@ -67,11 +67,11 @@ class ChooseParams(Params):
     goal: str = setting(
         "match",
         "Goal",
-        "What the layout shall be chosen for",
+        "Goal of the choice of a layout",
         choices=(
-            ("match", "Match", "As near to the target as Match says, with as few joints as possible"),
-            ("panels", "Panels", "As near to the target as possible with at most this many panels"),
-            ("least", "Least work", "As few joints as possible, but as near to the target as the present layout"),
+            ("match", "Match", "Fewest joints with the target reached within Match"),
+            ("panels", "Panels", "Nearest to the target with at most this many panels"),
+            ("least", "Least work", "Fewest joints without being farther from the target than the present layout"),
         ),
     )
     match: float = setting(

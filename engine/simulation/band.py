@@ -22,7 +22,7 @@ class Tolerance:
 
     @property
     def text(self) -> str:
-        """Phrase for people, with the distances from best to worst."""
+        """Part of the sentence to users: the smaller and the larger distance, or that there is no equilibrium."""
         distances = sorted(one for one in (self.less, self.more) if one is not None)
         if len(distances) < 2:
             return f"no equilibrium found {self.words}"
@@ -42,7 +42,7 @@ class ToleranceBand:
 
     @property
     def text(self) -> str:
-        """Sentence for people."""
+        """Sentence to users."""
         return f"RMS {1e3 * self.rms:.2g} mm from the target; {', '.join(one.text for one in self.tolerances)}."
 
     def report(self) -> dict[str, Any]:

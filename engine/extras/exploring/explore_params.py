@@ -11,7 +11,7 @@ from ...params.fields import Params, setting
 class ExploreParams(Params):
     """Variables and goals when the sidebar explores many candidates."""
 
-    candidates: int = setting(32, "Candidates", "How many are tried at most", low=1, high=10_000)
+    candidates: int = setting(32, "Candidates", "Largest number of candidates to try", low=1, high=10_000)
     ratio: float = setting(
         1.5,
         "Up to times",
@@ -35,4 +35,6 @@ class ExploreParams(Params):
         low=0.001,
         high=100.0,
     )
-    sheets: int = setting(0, "Most sheets", "How many sheets there are; 0 for as many as are needed", low=0, high=1000)
+    sheets: int = setting(
+        0, "Most sheets", "Number of sheets at hand; 0 allows as many as are needed", low=0, high=1000
+    )

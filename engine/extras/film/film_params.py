@@ -11,11 +11,11 @@ from ...params.fields import Params, setting
 class FilmParams(Params):
     """Animation of the assembly."""
 
-    seconds: float = setting(12.0, "Seconds", "How long the animation is", low=1.0, high=600.0)
+    seconds: float = setting(12.0, "Seconds", "Length of the animation", low=1.0, high=600.0)
     film_detail: str = setting(
         "COARSE",
         "Detail",
-        "How finely the spirals are drawn in the animation",
+        "Detail of the spirals in the animation",
         choices=(
             ("COARSE", "Coarse", "Plays smoothly, also with thousands of spirals"),
             ("MEDIUM", "Medium", "Smooth from afar"),

@@ -21,5 +21,9 @@ class StructureParams(Params):
         "", "Combinations", "Sums of cases with factors, with semicolons between them: NAME = 1.35 weight + 1.5 snow"
     )
     factor_max: float = setting(
-        10.0, "Largest factor", "How many times a load may rise before it counts as safe", low=1.0, high=1000.0
+        10.0,
+        "Largest factor",
+        "A load counts as safe if the piece bears this many times its amount",
+        low=1.0,
+        high=1000.0,
     )

@@ -194,7 +194,7 @@ class _Choice:
 
 
 class _Attempts:
-    """Iterator over the attempts of all joints, in order per joint and many joints at once."""
+    """Iterator over the attempts to place connectors: in order at each joint, for many joints at once."""
 
     def __init__(self, space: FreeSpace):
         self.space = space

@@ -131,7 +131,7 @@ class Section:
 
 
 def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Dot products along the last axis."""
+    """Return dot products along the last axis."""
     return np.einsum("...i,...i->...", a, b)
 
 

@@ -39,7 +39,7 @@ MIN_WIDTH_SHARE = 0.5
 # arm width at a solid hub, as a share of the smallest width; it differs from ``MIN_WIDTH_SHARE`` by more than single precision
 SOLID_WIDTH_SHARE = 0.48
 # places on the outer part of an arm where its gap is measured for the largest twist, with a parabola between them; more are slower.
-# On five surfaces of 7,722 quads, with eight sets of widths, 18 places lead to the same twists
+# On five surfaces of 7,722 quads, with eight sets of widths, 18 places give the same twists as these 6
 GAP_PLACES = 6
 NO_NEIGHBOUR = 1.0  # gap that stands for "no neighbour", metres
 
