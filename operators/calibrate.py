@@ -64,12 +64,12 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         description="Ladder that this rung belongs to",
     )
     thickness: _reading("Sheet's thickness (mm)", f"At several places. {several}")  # type: ignore[valid-type]
-    strip_sag: _reading("Strip's sag (mm)", f"How much lower its end comes as the weight is hung on. {several}")  # type: ignore[valid-type]
-    strip_weight: _reading("Strip's weight (g)", "What hung on it; empty: as engraved")  # type: ignore[valid-type]
+    strip_sag: _reading("Strip's sag (mm)", f"Distance by which its end sinks under the weight. {several}")  # type: ignore[valid-type]
+    strip_weight: _reading("Strip's weight (g)", "Weight that hung on it; empty: as engraved")  # type: ignore[valid-type]
     strip_mass: _reading("Strip's own mass (g)", "Weight of the whole strip, for the density")  # type: ignore[valid-type]
-    sag_a: _reading("Sag of spiral A (mm)", f"How far its hub sinks under the weight. {several}")  # type: ignore[valid-type]
-    sag_b: _reading("Sag of spiral B (mm)", f"How far its hub sinks under the weight. {several}")  # type: ignore[valid-type]
-    weights: _reading("Weights of A, B (g)", "Both; empty: as engraved")  # type: ignore[valid-type]
+    sag_a: _reading("Sag of spiral A (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    sag_b: _reading("Sag of spiral B (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
+    weights: _reading("Weights of A, B (g)", "Both weights; empty: as engraved")  # type: ignore[valid-type]
     preset: bpy.props.StringProperty(name="Keep as", description="Name of the preset; empty: none is kept")  # type: ignore[valid-type]
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

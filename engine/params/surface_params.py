@@ -11,7 +11,7 @@ from .fields import Params, setting
 class RemeshParams(Params):
     """Quad remeshing of any mesh in Blender, and the size of the piece."""
 
-    quads: int = setting(500, "Quads", "About how many quads the new mesh has", low=50, high=100_000)
+    quads: int = setting(500, "Quads", "Approximate number of quads of the new mesh", low=50, high=100_000)
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
     crumbs: float = setting(
         0.1,

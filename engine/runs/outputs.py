@@ -90,7 +90,7 @@ class StageOutput:
     settings: Mapping[str, object] = field(default_factory=dict)
 
     def differs(self, settings: Settings) -> bool:
-        """Return whether some of the settings that it was made with are others now."""
+        """Return whether some of the settings that it was made with have changed."""
         return values_of(self.settings, settings) != self.settings
 
     def map_values(self) -> dict[str, np.ndarray]:

@@ -1,8 +1,8 @@
 """Ways to bring a piece nearer to its target, each with the match that a short search reaches.
 
-A short search takes seconds, a prediction half of one: only what is predicted to gain is searched. On cube, cylinder, cone and
-boolean the two agreed on which of twelve ways gain. The full search that follows a press begins where the short one does and goes on for longer, so that it comes at least as near,
-but for what proving the design costs.
+A short search takes seconds, a prediction half of one: only ways that are predicted to help are searched. On cube, cylinder, cone and
+boolean both agreed on which of twelve ways help. The full search after a press has the start of the short one and more time, so it comes at least as near,
+except for what is lost when the outlines are proved.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
 from .moves import IDEAS, weight_by_fixability, with_cuts
 from .predict import PredictionStart, predict
 
-BORDER, ROUND = "border", "round"  # beside ``LOWEST`` and ``CUT``: held at the border, and with rounded folds
+BORDER, ROUND = "border", "round"  # ways besides ``LOWEST`` and ``CUT``: supports at the border, and rounded folds
 WORTH = 0.8  # largest ratio of new to present distance that is worth pressing a button; not measured
 MOST_HELD = 0.5  # largest share of held quads: with more, too little of the piece is left to bend
 
@@ -44,18 +44,18 @@ def prospects(
     force: Float[np.ndarray, "quads 3"] | None = None,
     progress: Progress = SILENT,
 ) -> dict[str, float] | None:
-    """Find what brings an optimised piece nearer, the best first; None where it is near already.
+    """Find ways to bring an optimised piece nearer, the best first; None if it is near already.
 
     Parameters
     ----------
-    found, limits : the piece at rest, and what keeps it from the target
+    found, limits : the equilibrium of the piece, and the reasons why it misses the target
     settings : of the search that found it
     supports, force : as in ``simulate``
 
     Returns
     -------
-    Percent of the size (RMS) by what is done: ``LOWEST`` and ``BORDER`` hold these quads, ``CUT`` cuts where the shape is to blame, ``ROUND``
-    rounds the folds of the target, and is measured from that target.
+    RMS distance in percent of the size for each way: ``LOWEST`` and ``BORDER`` support these quads, ``CUT`` cuts where the shape misses the
+    target, ``ROUND`` rounds the folds of the target; its distance is from the rounded target.
     """
     now = found.match["rms_percent"]
     if not found.equilibrium.converged or now <= wanted_percent(settings.choose):
@@ -83,14 +83,14 @@ def prospects(
 
 
 class _Promise:
-    """Predicts whether another layout, or other supports, bring a piece nearer; with rods, of which nothing is predicted, everything may."""
+    """Predicts whether another layout or other supports bring a piece nearer. There are no predictions for rods: all ways pass."""
 
     def __init__(self, piece: LayoutProblem, flat: FlatPatches) -> None:
         self.start = None if piece.settings.simulate.model == "rod" else PredictionStart.from_layout(piece, flat)
         self.now = predict(piece, flat, self.start) if self.start else np.inf
 
     def gains(self, piece: LayoutProblem, flat: FlatPatches) -> bool:
-        """Return whether it gains enough to be worth a search."""
+        """Return whether the predicted gain is worth a search."""
         return self.start is None or predict(piece, flat, self.start) <= WORTH * self.now
 
 
@@ -107,7 +107,7 @@ def _holding(mesh: QuadMesh) -> list[tuple[str, Int[np.ndarray, " _"]]]:
 def _held(
     found: Simulation, piece: LayoutProblem, supports: Int[np.ndarray, " held"], promise: _Promise, progress: Progress
 ) -> float:
-    """Percent that a short search with these supports comes near; infinite where none is worth it, or nothing comes to rest."""
+    """Return the RMS distance in percent after a short search with these supports; infinite if there is no equilibrium, or the prediction is not near enough."""
     settings = piece.settings
     if not promise.gains(replace(piece, supports=supports), found.design.flat):
         return np.inf
@@ -131,7 +131,7 @@ def _held(
 
 
 def _cut(piece: LayoutProblem, idea: Idea, promise: _Promise, progress: Progress) -> float:
-    """Percent that a short search comes near in another layout; infinite where none is worth it, or it cannot be laid flat."""
+    """Return the RMS distance in percent after a short search of another layout; infinite if it cannot be flattened, or the prediction is not near enough."""
     laid = lay_flat(piece, idea, progress=progress)
     if laid is None or not promise.gains(piece, laid.flat):
         return np.inf

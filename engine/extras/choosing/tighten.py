@@ -24,11 +24,9 @@ from .drawn_cuts import along_folds
 from .judge import Idea, LayoutProblem, lay_flat
 from .predict import PredictionStart, predict
 
-SHARES = (0.5, 0.25)  # of the distortion limit, under which the surface is merged again
-NEARER = (
-    0.9  # a layout replaces another one if it is expected to come at least so much nearer, as a share; not measured
-)
-MOST = 2  # times as many panels as the layout that is replaced, at most
+SHARES = (0.5, 0.25)  # limits under which the surface is merged again, as shares of the distortion limit
+NEARER = 0.9  # largest ratio of the expected distances at which a layout replaces another one; not measured
+MOST = 2  # largest ratio of its panels to those of the layout that it replaces
 # Steps that are added to the two of a prediction. With one, 30 of 51 layouts are within a factor of 1.5 of what a search reaches, and 6 on the wrong
 # side of 1 %, with a rank correlation of 0.88; with none 23, 11 and 0.83; with two as many as with one, but three of 17 that miss 1 % are expected within it
 FURTHER = 1
@@ -38,21 +36,21 @@ FURTHER = 1
 def tighten(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, params: ChooseParams, progress: Progress = SILENT
 ) -> FlatPatches:
-    """Return another layout, cut along folds or merged under tighter limits, if the given one is expected to miss the wanted match.
+    """Return another layout, cut along folds or merged under tighter limits, if the present one is expected to miss the required match.
 
-    A layout along the folds also replaces one with more panels, if it is expected to hold the match too.
+    A layout along the folds also replaces one with more panels, if both are expected to meet the match.
 
     Parameters
     ----------
     piece : the surface, how it is held, and what it is made of
     begun : the patches that ``flat`` was merged from
-    flat : the given layout, merged under the limits in the settings of ``piece``
-    params : the match that is wanted; with any other goal ``flat`` comes back
+    flat : the present layout, merged under the limits in the settings of ``piece``
+    params : the required match; with any other goal ``flat`` is returned
 
     Returns
     -------
-    The first layout that is expected to hold the match, else the one that is expected nearest, of at most ``MOST`` times the panels
-    of ``flat``; ``flat`` itself where no other is better. Its notes have ``expected_percent``, the RMS distance from the target
+    The first layout that is expected to meet the match, else the one that is expected nearest, of at most ``MOST`` times the panels
+    of ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target
     with which a search may end, as a percentage of the size.
     """
     if params.goal != "match" or piece.settings.simulate.model == "rod" or is_flat(piece.mesh):
@@ -88,7 +86,7 @@ def tighten(
 
 
 def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatches]:
-    """Yield the surface cut along its folds, where there are any."""
+    """Yield the surface cut along its folds, if it has any."""
     for name, cut in along_folds(piece.mesh):
         laid = lay_flat(piece, Idea(cut, name), progress=progress.quiet())
         if laid is not None:
@@ -98,7 +96,7 @@ def _along_folds(piece: LayoutProblem, progress: Progress) -> Iterator[FlatPatch
 def _under_tighter_limits(
     piece: LayoutProblem, begun: PatchLayout, flat: FlatPatches, progress: Progress
 ) -> Iterator[FlatPatches]:
-    """Yield the surface merged under tighter and tighter limits, until the next one may have too many panels."""
+    """Yield layouts merged under ever tighter limits, until the next one may have too many panels."""
     limits, last = piece.settings.layout, flat
     for turn, share in enumerate(SHARES):
         if (
@@ -115,5 +113,5 @@ def _panels(flat: FlatPatches) -> int:
 
 
 def _expected(piece: LayoutProblem, flat: FlatPatches, start: PredictionStart, progress: Progress) -> float:
-    """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite where it takes no shape."""
+    """Return the RMS distance with which a search of a layout may end, as a share of the size; infinite without an equilibrium."""
     return predict(piece, flat, start, progress.quiet(), further=FURTHER)

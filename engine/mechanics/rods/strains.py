@@ -46,19 +46,26 @@ def _strains(bend: np.ndarray, torsion: np.ndarray) -> tuple[np.ndarray, ...]:
 def energy(
     springs: Float[np.ndarray, "... 3"], bend: Float[np.ndarray, "... 2"], torsion: Float[np.ndarray, " ..."]
 ) -> Float[np.ndarray, " ..."]:
-    """(...) joules of eq. 3 and 4; springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D; bend : (..., 2); torsion : (...) rad."""
+    """Return the energies of rod ends by eq. 3 and 4, joules.
+
+    Parameters
+    ----------
+    springs : (..., 3) k_b0 / D, k_b1 / D, k_t / D, N m
+    bend : (..., 2) bending angles, rad
+    torsion : (...) rad
+    """
     first, second = _strains(bend, torsion)[:2]
     return 0.5 * (springs[..., 0] * first**2 + springs[..., 1] * second**2 + springs[..., 2] * torsion**2)
 
 
 def slope(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> Float[np.ndarray, "... 3"]:
-    """(..., 3): first derivatives of ``energy`` by x, y and torsion; arguments as there."""
+    """Return the first derivatives (..., 3) of ``energy`` by both bending angles and the torsion; arguments as for ``energy``."""
     strains, slopes = _slopes(bend, torsion)
     return np.einsum("...i,...ij->...j", springs * strains, slopes)
 
 
 def expand(springs: np.ndarray, bend: np.ndarray, torsion: np.ndarray) -> EndEnergy:
-    """``energy`` with its first and second derivatives; arguments as there."""
+    """Return ``energy`` with its first and second derivatives; arguments as for ``energy``."""
     strains, slopes = _slopes(bend, torsion)
     half_sine, half_cosine, x, y = 0.5 * np.sin(torsion), 0.5 * np.cos(torsion), bend[..., 0], bend[..., 1]
     stress = springs * strains
