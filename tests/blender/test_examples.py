@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 import pytest
+from flexmaps.engine.mechanics.arms.beams import path_integrals
 from flexmaps.engine.surface import shapes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -184,3 +186,18 @@ def test_explored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert len(rows) == 7
     assert 0.012 <= taken.mesh.median_edge <= 0.030
     assert example(18)["main"](["shape:strip", "6"]).settings == taken.settings  # all of them are known by now
+
+
+def test_square_spirals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    script = example(19)
+    curve, t, step = script["square_points"], np.linspace(0.05, 0.95, 9), 1e-6
+    before, here, after = (curve(0.02, 0.3, 4.0, np.ones(1), 0.3, t + k * step) for k in (-1, 0, 1))
+    for k in (0, 1):
+        assert (after[k] - before[k]) / (2.0 * step) == pytest.approx(here[k + 1], rel=1e-7)
+    script["main"]()
+    spirals, squares = (numbers(line)[0] for line in capsys.readouterr().out.splitlines())
+    assert squares < 0.9 * spirals  # longer arms are softer
+    assert "<path" in Path("square_spirals/sheet-01.svg").read_text()
+    monkeypatch.setitem(curve.__globals__, "CORNERS", 0.0)
+    assert script["square_integrals"](3.0) == pytest.approx(path_integrals(3.0), rel=1e-12)

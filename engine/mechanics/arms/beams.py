@@ -72,7 +72,7 @@ def path_integrals(twist: float, start: float = 0.0, points: int = 240) -> Float
 
 
 @lru_cache(maxsize=1)
-def _series() -> tuple[np.ndarray, np.ndarray]:
+def integral_series() -> tuple[np.ndarray, np.ndarray]:
     """Chebyshev coefficients (degree + 1, 24) over the twist of the path integrals, and of their derivatives."""
     nodes = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
     samples = np.array([path_integrals(0.5 * (x + 1.0) * LARGEST_TWIST) for x in nodes])
@@ -118,7 +118,7 @@ def beam_tip_compliance(
 
     scale : (n,) s / w; height : (n,) h / w; twist : (n,) radians
     """
-    series, slopes = _series()
+    series, slopes = integral_series()
     x = 2.0 * np.asarray(twist) / LARGEST_TWIST - 1.0
     powers = cheb.chebvander(x, _DEGREE)
     p, dp = series.T @ powers.T, slopes.T @ powers[:, :_DEGREE].T  # (24, n)
