@@ -27,7 +27,7 @@ from flexmaps.engine.params import ChooseParams, Settings, SimulateParams, Spira
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.simulate import build_model, simulate
-from flexmaps.engine.spirals import design as designs
+from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.clearance.room import ClearanceModel
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import shapes
@@ -66,7 +66,7 @@ def test_derivatives_that_are_found_later_are_those_found_at_once(material):
 @pytest.mark.parametrize("degrees", [0, 200])
 def test_a_panel_is_a_strip_beside_the_same_spirals(flat_grid, degrees):
     flat = flat_grid(4, 3, cut=lambda x, y: x == 2.0)
-    whole = designs.uniform_design(flat, RIM, width=0.0015, twist=np.radians(degrees))
+    whole = fabricable.uniform_design(flat, RIM, width=0.0015, twist=np.radians(degrees))
     rim = whole.rim
     assert rim is not None
     for outline, own in zip(whole.outlines(1e-7), range(2), strict=True):
@@ -105,9 +105,9 @@ def test_holes_that_have_no_room_are_refused(wrong):
 
 def test_a_border_that_turns_inwards_too_sharply_is_refused(flat_grid):
     flat = flat_grid(3, 3, without=lambda i, j: i + j == 4)
-    assert designs.uniform_design(flat, RIM, width=0.0015, twist=1.0).rim is not None
+    assert fabricable.uniform_design(flat, RIM, width=0.0015, twist=1.0).rim is not None
     with pytest.raises(FlexMapsError, match="no room there; make it narrower") as error:
-        designs.uniform_design(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
+        fabricable.uniform_design(flat, dataclasses.replace(RIM, rim_width=0.02), width=0.0015, twist=1.0)
     assert set(error.value.faces) <= {5, 7}
 
 
@@ -115,7 +115,7 @@ def test_strips_and_necks_are_beams(flat_grid):
     flat = flat_grid(3, 1)
     plain = dataclasses.replace(RIM, rim_hole=0.0)
     model = ArmModel.from_assembly(
-        assembly_from_design(designs.uniform_design(flat, plain, width=0.0015, twist=1.0)), VERO
+        assembly_from_design(fabricable.uniform_design(flat, plain, width=0.0015, twist=1.0)), VERO
     )
     whole = model.assembly
     straight = np.flatnonzero(np.abs(np.linalg.norm(whole.lever, axis=2).sum(axis=1) - 0.02) < 1e-9)
