@@ -1,4 +1,6 @@
-"""Another curve than the spiral: arms with corners are drawn, cut and simulated as beams (docs/microstructures.md).
+"""Replace the spiral by a curve with corners, from a script: a piece is drawn, simulated and written (docs/microstructures.md).
+
+The stiffness table, the widths of slots and the blends at joints stay those of the spiral: do not cut these sheets.
 
 Run it: blender -b --python examples/19_square_spiral.py
 """
@@ -21,10 +23,13 @@ spiral_points = spiral.curve_points
 
 
 def square_points(radius, angle, wind, slope, share, t):
-    """Points of the arms and their first and second derivatives by t: those of spirals, and what the corners add."""
+    """Return points of the centre lines and their first and second derivatives by t: the spiral's, and the corners' offset.
+
+    Arguments as in ``spiral.curve_points``.
+    """
     p, d1, d2 = spiral_points(radius, angle, wind, slope, share, t)
-    wind = np.where(t > 1.0, 0.0, wind)  # straight beyond the centre
     theta, left = wind * np.minimum(t, 1.0), 1.0 - t
+    wind = np.where(t > 1.0, 0.0, wind)  # straight beyond the centre
     more = CORNERS * (1.0 - np.cos(4.0 * theta))
     more1, more2 = 4.0 * CORNERS * wind * np.sin(4.0 * theta), 16.0 * CORNERS * wind**2 * np.cos(4.0 * theta)
     f, f1, f2 = left * more, left * more1 - more, left * more2 - 2.0 * more1
@@ -33,19 +38,20 @@ def square_points(radius, angle, wind, slope, share, t):
 
 
 def square_integrals(twist, start=0.0, points=240):
-    """What ``beams.path_integrals`` computes, of the arm with corners; u = 1 - t is the distance along the radius."""
+    """Return what ``beams.path_integrals`` returns, for the arm with corners; u = 1 - t is 0 at the hub and 1 at the tip."""
     x, w = beams.gauss(points)
     u, w = start + (1.0 - start) * x, (1.0 - start) * w
     p, d1, _ = square_points(1.0, 0.0, twist, np.zeros(1, dtype=complex), 1.0, 1.0 - u)
     speed = np.abs(d1)
-    t, r, ds = -d1 / speed, 1.0 - p, w * speed
-    bend, torque = r.real * t.real + r.imag * t.imag, r.imag * t.real - r.real * t.imag
+    tangent, r, ds = -d1 / speed, 1.0 - p, w * speed
+    tx, ty = tangent.real, tangent.imag
+    bend, torque = r.real * tx + r.imag * ty, r.imag * tx - r.real * ty
 
     def products(*v):
         return [float(ds @ (v[i] * v[j])) for i in range(len(v)) for j in range(i + 1)]
 
-    in_plane = products(-r.imag, r.real, np.ones_like(u)) + products(t.real, t.imag) + products(-t.imag, t.real)
-    return np.array(in_plane + products(torque, t.real, t.imag) + products(-bend, -t.imag, t.real))
+    in_plane = products(-r.imag, r.real, np.ones_like(u)) + products(tx, ty) + products(-ty, tx)
+    return np.array(in_plane + products(torque, tx, ty) + products(-bend, -ty, tx))
 
 
 def main():

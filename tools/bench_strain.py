@@ -74,9 +74,7 @@ def _of_all(found: list[ArmStrains]) -> list[dict]:
     return [
         at_least("all", "arms within 15 %", 90.0, _share(ratio), {"arms": str(len(ratio))}),
         at_least("all", "those above a third of the limit", 90.0, _share(third), {"arms": str(len(third))}),
-        at_least(
-            "all", "smallest estimate over solid, but for kinks, which are named", 0.8, float(ratio[~named].min())
-        ),
+        at_least("all", "smallest estimate over solid, no kink", 0.8, float(ratio[~named].min())),
         row("all", "arms estimated under 0.8, %", "", round(100.0 * float((ratio < 1.0 - NEAR).mean()), 2), None),
         at_least("all", "rank correlation", 0.95, float(rank.statistic)),
         row(

@@ -1,6 +1,6 @@
-"""Last stage of a search: springs hold every spiral near its place in the target, and are weakened in steps.
+"""Stage after a search that ended far from its target: springs hold every spiral near its place in the target, and are weakened in steps.
 
-A search that begins far from its target can stall in a valley between two shapes of the piece, at 1 to 8 % of the size. Held by springs
+A search that begins far from its target can stall in a valley between two shapes of the piece, at 2 to 8 % of the size. Held by springs
 the piece stays in the target's valley, while spirals and flat shapes change until it rests there by itself. The required stability is
 that of the piece without springs, so that it does not snap when they are gone.
 """
@@ -24,11 +24,11 @@ from .search import Search, StageResult
 FAR_PERCENT = 2.0
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
-# Largest distances from the target, as shares of that before this stage: with springs, or else it is given up, and after a release, for the
-# usual search to go on from there
+# Shares of the distance from the target before this stage: it is given up unless springs bring the piece nearer than the first, and the
+# usual search goes on from a released piece that is nearer than the second
 HOPEFUL, SUCCESS = 0.5, 0.5
-STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches at the start of the stage
-# Work that this stage may add, with springs and after them, as shares of the usual limit of a search
+STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
+# Work that this stage may add, with springs and after them, as shares of the limit of this search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
 HELD = "Held near the target by springs"  # shown with the progress
 
@@ -38,7 +38,7 @@ def continue_far(search: Search, progress: Progress) -> None:
 
     Parameters
     ----------
-    search : that has ended
+    search : a usual search that has ended
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
@@ -49,7 +49,7 @@ def continue_far(search: Search, progress: Progress) -> None:
     if found is not None:
         work.extend(TIME_AFTER_SPRINGS * (work.limit or 0.0), rated=True)
         search.relieve(search.cycled(found, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
-    search.trace.ended = ended
+    search.trace.ended = ended  # how the usual search ended, which is what users are told
 
 
 def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
@@ -66,7 +66,7 @@ def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult
         if not point.equilibrium.converged:
             return None
         point = point.weighed(point.mismatch.value)
-        point = with_problem(point, replace(point.problem, firmness=firmness))
+        point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` takes it away
         begun = held.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
         found = held.together(begun, within.part(0.3, 1.0))
         if found.percent > HOPEFUL * here.percent or task.work.over:
