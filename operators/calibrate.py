@@ -66,7 +66,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
     thickness: _reading("Sheet's thickness (mm)", f"At several places. {several}")  # type: ignore[valid-type]
     strip_sag: _reading("Strip's sag (mm)", f"Distance by which its end sinks under the weight. {several}")  # type: ignore[valid-type]
     strip_weight: _reading("Strip's weight (g)", "Weight that hung on it; empty: as engraved")  # type: ignore[valid-type]
-    strip_mass: _reading("Strip's own mass (g)", "Weight of the whole strip, for the density")  # type: ignore[valid-type]
+    strip_mass: _reading("Strip's own mass (g)", "Mass of the whole strip, for the density")  # type: ignore[valid-type]
     sag_a: _reading("Sag of spiral A (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
     sag_b: _reading("Sag of spiral B (mm)", f"Distance by which its hub sinks under the weight. {several}")  # type: ignore[valid-type]
     weights: _reading("Weights of A, B (g)", "Both weights; empty: as engraved")  # type: ignore[valid-type]

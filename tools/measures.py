@@ -71,7 +71,7 @@ ROOMS = (
 DATABASE = "database"  # makes data/ offline, from the engine alone
 BESIDE = ("tools", "tests", "examples", "presets")  # not in the package; long files and functions count there too
 FILE, FUNCTION = 400, 60  # most lines
-UNDESCRIBED = 0  # most functions that ``undescribed`` may find; lower it whenever some of them get their sections
+UNDESCRIBED = 0  # largest number of functions that ``undescribed`` may find
 
 
 class Place(NamedTuple):
@@ -303,7 +303,7 @@ def dangling() -> list[Place]:
     texts = [(path, node, text) for path in files for node, text in _docstrings(path)]
     known = set(sys.stdlib_module_names) | {part for path in [*files, *sources(*BESIDE)] for part in dotted(path)}
     for path in [*files, *sources("tools")]:
-        own = {id(node) for _, node, _ in ((path, *pair) for pair in _docstrings(path))}
+        own = {id(node) for node, _ in _docstrings(path)}
         for node in ast.walk(tree(path)):
             if id(node) not in own:
                 known.update(_words(node))

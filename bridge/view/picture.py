@@ -64,7 +64,7 @@ def panels(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: 
 
     Raises
     ------
-    FlexMapsError where there are none yet.
+    FlexMapsError : there are none yet.
     """
     with studio(size or SIZE, samples or SAMPLES) as place:
         design = stored_design(obj)
@@ -96,7 +96,7 @@ def shape(obj: bpy.types.Object, path: str | Path, size: Size = None, samples: i
 
     Raises
     ------
-    FlexMapsError where nothing was simulated yet.
+    FlexMapsError : nothing was simulated yet.
     """
     design = stored_design(obj)
     if keys.key_of(obj.data) is None or design is None:
@@ -118,7 +118,7 @@ def overview(obj: bpy.types.Object, path: str | Path) -> None:
 
     Raises
     ------
-    FlexMapsError where a part is not made yet.
+    FlexMapsError : a part is not made yet.
     """
     together(obj, path, RenderParams(pixels_x=SIZE[0], samples=SAMPLES))
 
@@ -137,7 +137,7 @@ def together(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack
 
     Raises
     ------
-    FlexMapsError where a part is not made yet, or no part is asked for.
+    FlexMapsError : a part is not made yet, or no part is asked for.
     """
     design = stored_design(obj)
     if design is None:
@@ -179,7 +179,7 @@ def film(obj: bpy.types.Object, path: str | Path, params: RenderParams, pack: Pa
 
     Raises
     ------
-    FlexMapsError where there is no animation.
+    FlexMapsError : there is no animation.
     """
     shown, scene = animation.existing(obj), bpy.context.scene
     if not shown:

@@ -65,9 +65,8 @@ def _beside(mesh: QuadMesh, seam: Int[np.ndarray, " edges"]) -> Iterator[tuple[n
         for k in range(1, len(seam)):
             start[k] = ends[k - 1].sum() - start[k - 1]
     quads, sides = mesh.edge_quads[seam], mesh.edge_sides[seam]
-    along = (
-        mesh.quads[quads, sides] == start[:, None]
-    )  # the quad whose corners follow one another in the direction of the seam
+    # the quad whose corners follow one another in the direction of the seam
+    along = mesh.quads[quads, sides] == start[:, None]
     for way in (along, ~along):
         which = way.argmax(axis=1)[:, None]
         yield np.take_along_axis(quads, which, 1)[:, 0], np.take_along_axis(sides, which, 1)[:, 0]

@@ -70,9 +70,8 @@ PROVED = 2  # layouts that get a long search besides the initial one; at least t
 SLOWER = 4.0
 # A search goes on if it ends within this many times the required distance: a heart of 400 quads ends at 1.2 %, and at 0.95 after half as long again
 CLOSE = 1.3
-SMALL = (
-    500  # largest number of quads for several further searches at once; more quads get one, so that they take a minute
-)
+# Largest number of quads for several further searches at once; larger pieces get one at a time, so that they take a minute
+SMALL = 500
 BEGUN = 0.05  # share of the progress for the given layout; not measured
 # Shares of the rest by which layouts are laid flat, judged, changed, and filled in; the rest are long searches. Seconds on 512 and 986 quads
 # with as many long searches as there may be, so that the time left hardly rises

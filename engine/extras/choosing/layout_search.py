@@ -42,9 +42,8 @@ class LayoutSearch:
     together: Together
     start: PredictionStart | None = None  # start of predictions; None if short searches judge
     reference: float = np.inf  # distance of the initial layout after a long search
-    expected: float = (
-        EXPECTED  # ratio of the distance after a long search to the predicted one, or to that after a short search
-    )
+    # ratio of the distance after a long search to the predicted one, or to that after a short search
+    expected: float = EXPECTED
     pace: float = 0.0  # seconds that the last long search took
     first: float = 0.0  # seconds to judge the initial layout, by the clock
     known: dict[bytes, JudgedLayout | None] = field(default_factory=dict)

@@ -213,9 +213,8 @@ class RestChanges:
             [_GAP * (self._levers[0] @ np.swapaxes(frames, 2, 3)), self._strains[0][..., 3:]], axis=3
         )
         normal, quarter = frames[..., 2], _quarter(known.turn)[:, None]
-        middle = 0.5 * (
-            normal + SENSES[:, None] * np.cross(quarter, normal)
-        )  # rotation of the half-way frame when an edge rotates about the normal
+        # rotation of the half-way frame when an edge rotates about the normal
+        middle = 0.5 * (normal + SENSES[:, None] * np.cross(quarter, normal))
         change[:, :, 2, :3] = -np.cross(middle, gap[:, None])
         wrench, softened = self._tip_wrenches[:, None, None], self._softened[..., 2, :]
         change = ((change - softened.sum(axis=1)) @ known.at_joint[:, None])[:, None] @ self._compliances[:, :, None]
