@@ -97,6 +97,19 @@ class Progress:
         """Return a progress that can be cancelled but reports nothing, for work within a step."""
         return Progress(stopped=self.stopped)
 
+    def rising(self) -> Progress:
+        """Return this progress for work of several attempts: a fraction below an earlier one is reported as the largest so far."""
+        if self.report is None:
+            return self
+        report, most = self.report, self.lo
+
+        def report_largest(fraction: float, text: str) -> None:
+            nonlocal most
+            most = max(most, fraction)
+            report(most, text)
+
+        return replace(self, report=report_largest)
+
     def showing(self, made: Callable[[Any], Any]) -> Progress:
         """Return this progress for work with other intermediate results, which ``made`` converts before they are shown."""
         if self.shown is None:

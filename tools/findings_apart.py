@@ -25,7 +25,7 @@ TOLD = {
     "quad": {"checks/small-quads"},
     "panel": {"layout/remarks"},
     "folds": {"checks/sharp-folds"},
-    "crossings": {"checks/cuts-itself"},
+    "crossings": {"checks/cuts-itself", "checks/bodies-cross"},
     "missed": {"checks/surface-missed", "checks/bodies-left-out", "checks/bodies-joined"},
 }
 

@@ -18,6 +18,7 @@ WORDS = {
     "doubled-faces": ("Doubled faces: {}", STOPS),
     "t-junction": ("{} at T-junctions", STOPS),
     "cuts-itself": ("Cuts itself", WORSE),
+    "bodies-cross": ("Bodies cross", INFORMATION),
     "double-skin": ("Two skins", WORSE),
     "bodies-left-out": ("Crumbs left out", INFORMATION),
     "bodies-joined": ("Bodies joined", INFORMATION),

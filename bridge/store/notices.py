@@ -177,7 +177,7 @@ def _checks(obj: bpy.types.Object, scene: bpy.types.Scene, findings: list[dict[s
             # a remesh to the same number of quads would give the same quads
             again = code == "surface-missed" or origin.SOURCE in obj
             ways.append(cures.remesh(finer(len(obj.data.polygons)) if again else obj.flexmaps.remesh.quads))
-        if kind != STOPS and code != cures.FOLDS:
+        if kind not in (STOPS, INFORMATION):  # information hinders nothing that could be dismissed
             ways.append(cures.let_go(f"checks/{code}"))
         label = interface(words, len(edges if code == cures.FOLDS else faces))
         made.append(Notice(f"checks/{code}", label, row["message"], kind, faces, edges, tuple(ways)))

@@ -170,7 +170,7 @@ def optimise(
     FlexMapsError : no start has an equilibrium, or the arguments do not fit each other; Cancelled : there is no design yet
     """
     _check(design, target, constraints, wishes)
-    work = Work.for_spirals(len(design.width), params.patience)
+    progress, work = progress.rising(), Work.for_spirals(len(design.width), params.patience)
     task = Task(target, material, params, physics, supports, force, work, constraints, wishes)
     before = _shown_at_rest(task, design, progress) if prove else None
     problem = task.problem(design, progress.at(0.0, "Starting shapes"))

@@ -48,6 +48,7 @@ class Work:
     rated : whether the present stage ends at ``rate``; factor : by which its steps count more, far from the target
     steps : total work after its steps, and their decrease of the objective's logarithm
     cheapest : least work from a step to the proposal of the next one, so far; the next takes at least about as much
+    extended : work done, and the fraction of the progress reached, when the limit was last extended
     """
 
     limit: float | None = None
@@ -59,6 +60,7 @@ class Work:
     factor: float = 1.0
     steps: list[tuple[float, float]] = field(default_factory=list)
     cheapest: float = np.inf
+    extended: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def for_spirals(cls, size: int, patience: float) -> Work:
@@ -103,6 +105,7 @@ class Work:
         seconds : that it may add
         rated : whether the stage ends at ``rate``
         """
+        self.extended = self.done, self.fraction
         self.begin((self.done + seconds) / self.limit if self.limit else 1.0, rated=rated)
 
     def note(self, decrease: float) -> None:
@@ -120,19 +123,28 @@ class Work:
         known = self.steps and self.cheapest < np.inf
         return max(self.done, self.steps[-1][0] + self.cheapest) if known else self.done
 
-    def paced(self, progress: Progress) -> Progress:
-        """Return a progress that follows the work done, as the number of steps is unknown.
+    @property
+    def fraction(self) -> float:
+        """Fraction of the progress that the work done so far stands for, which never falls; 0 without a limit.
 
-        Most searches end well before their limit, at a time that nobody knows. So the progress is the square root of the share of the
-        limit that is used, which runs ahead at first.
+        Most searches end well before their limit, at a time that nobody knows. So it is the square root of the share of the limit
+        that is used, which runs ahead at first. Where the limit is extended, the rest of the bar stands for the work that was added.
         """
-        report, limit = progress.report, self.limit
-        if limit is None or report is None:
+        if self.limit is None:
+            return 0.0
+        before, reached = self.extended
+        left = max(1.0, self.share) * self.limit - before
+        used = min(1.0, (self.done - before) / left) if left > 0.0 else 1.0
+        return reached + (1.0 - reached) * used**0.5
+
+    def paced(self, progress: Progress) -> Progress:
+        """Return a progress that follows the work done, as the number of steps is unknown; unchanged without a limit."""
+        report = progress.report
+        if self.limit is None or report is None:
             return progress
 
         def report_work(_: float, text: str) -> None:
-            share = min(1.0, self.done / (max(1.0, self.share) * limit)) ** 0.5
-            report(progress.lo + (progress.hi - progress.lo) * share, text)
+            report(progress.lo + (progress.hi - progress.lo) * self.fraction, text)
 
         return replace(progress, report=report_work)
 

@@ -21,8 +21,21 @@ class MaterialParams(Params):
             ("custom", "Custom", "The values below"),
         ),
     )
-    youngs: float = setting(2.6e9, "Young's modulus", "Stiffness of a custom material", low=1e6, high=1e12, unit="Pa")
-    poisson: float = setting(0.3, "Poisson's ratio", "Sideways strain of a custom material", low=0.01, high=0.44)
+    youngs: float = setting(
+        2.6e9,
+        "Young's modulus",
+        "How hard a custom material is to stretch and bend; it decides how far weight and forces deform the piece, and does not change its shape without them",
+        low=1e6,
+        high=1e12,
+        unit="Pa",
+    )
+    poisson: float = setting(
+        0.3,
+        "Poisson's ratio",
+        "How much narrower a custom material becomes as it is stretched, as a share of the stretch; most plastics 0.35 to 0.4",
+        low=0.01,
+        high=0.44,
+    )
     across: float = setting(
         0.0,
         "Across the grain",
@@ -161,7 +174,7 @@ class OptimiseParams(Params):
     smoothness: float = setting(
         0.0,
         "Smoothness",
-        "Weight of similarity between neighbouring spirals; 0 ignores it",
+        "Makes neighbouring spirals more alike the larger it is, at the cost of the match; 0 lets each differ",
         low=0.0,
         high=1.0,
     )
@@ -175,7 +188,9 @@ class OptimiseParams(Params):
     open_slots: bool = setting(
         True, "Keep slots open", "Keep the slots between the arms open in the assembled shape, where arms would touch"
     )
-    iterations: int = setting(60, "Steps", "Most steps before the search ends", low=1, high=1000)
+    iterations: int = setting(
+        60, "Steps", "Most steps of the search: fewer end it sooner and farther from the target", low=1, high=1000
+    )
     restart: bool = setting(
         True,
         "Try other starts",
@@ -187,7 +202,11 @@ class OptimiseParams(Params):
         "Also move the vertices of the flat panels a little where that lowers the mismatch: nearer to the target, but two to four times slower. With the elastic model Arms only",
     )
     distortion_limit: float = setting(
-        0.035, "Flat distortion", "Largest ARAP energy of a quad whose flat shape may move", low=0.001, high=1.0
+        0.035,
+        "Flat distortion",
+        "Largest distortion (ARAP energy) that the flat shape of a quad may get: more lets the search move it farther",
+        low=0.001,
+        high=1.0,
     )
     patience: float = setting(
         1.0,
@@ -197,7 +216,11 @@ class OptimiseParams(Params):
         high=1000.0,
     )
     stop: float = setting(
-        1e-3, "Stop at", "Ends when two steps in a row improve the match by less than this share", low=0.0, high=0.5
+        1e-3,
+        "Stop at",
+        "The search ends when two steps in a row each bring the piece nearer to its target by less than this share; a larger share ends sooner and farther from the target. Patience may end it before",
+        low=0.0,
+        high=0.5,
     )
 
 

@@ -73,7 +73,12 @@ class CutParams(Params):
         0, "Holding tabs", "Number of bridges that hold every panel in its sheet until you break them", low=0, high=50
     )
     tab_width: float = setting(
-        0.001, "Tab width", "Width of a holding tab, the kerf not counted", low=0.0001, high=0.02, unit="m"
+        0.001,
+        "Tab width",
+        "Width of a holding tab, the kerf not counted: wider ones hold better and leave more to file off",
+        low=0.0001,
+        high=0.02,
+        unit="m",
     )
 
 
@@ -81,12 +86,45 @@ class CutParams(Params):
 class SheetParams(Params):
     """The sheets to cut, and how panels are placed on them."""
 
-    sheet_width: float = setting(0.6, "Sheet width", "Width of the sheet of material", low=0.01, high=10.0, unit="m")
-    sheet_height: float = setting(0.4, "Sheet height", "Height of the sheet of material", low=0.01, high=10.0, unit="m")
-    margin: float = setting(0.005, "Margin", "Free border of the sheet", low=0.0, high=0.5, unit="m")
-    spacing: float = setting(0.003, "Spacing", "Free distance between panels", low=0.0, high=0.1, unit="m")
+    sheet_width: float = setting(
+        0.6,
+        "Sheet width",
+        "Width of the sheets that you cut from, at most that of the machine's bed; larger panels are divided, see Too large panels",
+        low=0.01,
+        high=10.0,
+        unit="m",
+    )
+    sheet_height: float = setting(
+        0.4,
+        "Sheet height",
+        "Height of the sheets that you cut from, at most that of the machine's bed; larger panels are divided, see Too large panels",
+        low=0.01,
+        high=10.0,
+        unit="m",
+    )
+    margin: float = setting(
+        0.005,
+        "Margin",
+        "Border of the sheet in which nothing is cut: room for clamps and crooked edges; more leaves less room for panels",
+        low=0.0,
+        high=0.5,
+        unit="m",
+    )
+    spacing: float = setting(
+        0.003,
+        "Spacing",
+        "Free distance between panels on the sheet: more keeps thin waste from burning or breaking, and takes more sheet",
+        low=0.0,
+        high=0.1,
+        unit="m",
+    )
     tolerance: float = setting(
-        0.00001, "Curve tolerance", "Largest distance of the arcs from the true outline", low=1e-6, high=0.001, unit="m"
+        0.00001,
+        "Curve tolerance",
+        "Largest distance of the arcs from the true outline: smaller gives smoother outlines and larger files",
+        low=1e-6,
+        high=0.001,
+        unit="m",
     )
     labels: bool = setting(True, "Labels", "Engrave panel and seam labels where there is room")
     label_height: float = setting(
@@ -135,7 +173,11 @@ class SheetParams(Params):
     )  # fmt: skip
     # with 3 s, 16 pieces needed as many sheets, as well filled, as with an earlier search after 8 s
     nesting_seconds: float = setting(
-        3.0, "Nesting seconds", "Longest time that the tight nesting may take", low=0.0, high=86400.0
+        3.0,
+        "Nesting seconds",
+        "Longest time that the tight nesting may take: more often leaves a larger piece of the last sheet",
+        low=0.0,
+        high=86400.0,
     )
     remnants: str = setting(
         "",

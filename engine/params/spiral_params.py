@@ -15,22 +15,48 @@ class SpiralParams(Params):
 
     ORDERED = (("width_min", "width_max"), ("twist_min", "twist_max"))
 
-    thickness: float = setting(0.002, "Thickness", "Thickness of the sheet", low=0.0001, high=0.05, unit="m")
-    width_min: float = setting(0.001, "Smallest width", "Width of the thinnest arm", low=0.0002, high=0.1, unit="m")
-    width_max: float = setting(0.002, "Largest width", "Width of the thickest arm", low=0.0002, high=0.1, unit="m")
+    thickness: float = setting(
+        0.002,
+        "Thickness",
+        "Thickness of the sheet: arms of a thicker one are stiffer and strained more where they bend",
+        low=0.0001,
+        high=0.05,
+        unit="m",
+    )
+    width_min: float = setting(
+        0.001,
+        "Smallest width",
+        "Width of the thinnest arm: thinner arms bend into tighter curves and break more easily",
+        low=0.0002,
+        high=0.1,
+        unit="m",
+    )
+    width_max: float = setting(
+        0.002,
+        "Largest width",
+        "Width of the thickest arm: a wider one keeps flat places stiffer",
+        low=0.0002,
+        high=0.1,
+        unit="m",
+    )
     twist_min: float = setting(
         0.0, "Smallest twist", "Winding angle of the stiffest spiral", low=0.0, high=4 * math.pi, unit="rad"
     )
     twist_max: float = setting(
         2 * math.pi,
         "Largest twist",
-        "Winding angle of the softest spiral, where it can be cut",
+        "Winding angle of the softest spiral, where it can be cut: more lets the piece bend into tighter curves, with more and longer cuts",
         low=0.0,
         high=4 * math.pi,
         unit="rad",
     )
     slot_min: float = setting(
-        0.0003, "Smallest slot", "Narrowest gap between two arms that can be cut", low=0.0, high=0.01, unit="m"
+        0.0003,
+        "Smallest slot",
+        "Narrowest gap between two arms that can be cut: a wider one leaves less room to wind, so that spirals stay stiffer",
+        low=0.0,
+        high=0.01,
+        unit="m",
     )
     slot_seam: float = setting(
         0.0012,
@@ -142,7 +168,11 @@ class ConnectorParams(Params):
         unit="m",
     )
     neck: float = setting(
-        1.0, "Neck", "Width of a connector's neck as a share of the width of its arm", low=0.5, high=2.0
+        1.0,
+        "Neck",
+        "Width of a connector's neck as a share of the width of its arm; 1 is as strong in tension as the arm",
+        low=0.5,
+        high=2.0,
     )
     thinnest: float = setting(
         0.0008,

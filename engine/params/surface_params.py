@@ -11,7 +11,13 @@ from .fields import Params, setting
 class RemeshParams(Params):
     """Quad remeshing of any mesh in Blender, and the size of the piece."""
 
-    quads: int = setting(500, "Quads", "Approximate number of quads of the new mesh", low=50, high=100_000)
+    quads: int = setting(
+        500,
+        "Quads",
+        "About how many quads, and so spirals, the new mesh gets: more follow small features and take longer; at the same size, each has less room",
+        low=50,
+        high=100_000,
+    )
     smooth: bool = setting(True, "Smooth normals", "Follow the smooth shape rather than every small dent")
     crumbs: float = setting(
         0.1,
@@ -21,7 +27,12 @@ class RemeshParams(Params):
         high=1.0,
     )
     edge: float = setting(
-        0.02, "Quad edge", "Median edge length of the quads when the piece is cut", low=0.001, high=1.0, unit="m"
+        0.02,
+        "Quad edge",
+        "Median edge of the quads when the piece is cut, which sets its size: 20 mm are comfortable, 10 mm the least",
+        low=0.001,
+        high=1.0,
+        unit="m",
     )
 
 
@@ -29,7 +40,13 @@ class RemeshParams(Params):
 class RegulariseParams(Params):
     """Regularisation: makes the quads squarer before they are flattened (Pietroni et al. 2015)."""
 
-    iterations: int = setting(60, "Iterations", "Rounds of fitting squares and averaging them", low=0, high=1000)
+    iterations: int = setting(
+        60,
+        "Iterations",
+        "Rounds of fitting squares and averaging them: more make the quads squarer and take longer",
+        low=0,
+        high=1000,
+    )
     boundary: bool = setting(True, "Keep the border", "Move border vertices only along the border of an open surface")
 
 
@@ -38,7 +55,11 @@ class LayoutParams(Params):
     """Limits of the size and shape of panels (FlexMaps section 4)."""
 
     distortion_limit: float = setting(
-        0.035, "Distortion limit", "Largest ARAP energy of a quad in a merged panel", low=0.001, high=1.0
+        0.035,
+        "Distortion limit",
+        "Largest distortion (ARAP energy) of a quad as a panel is laid flat: more gives fewer panels, which match the surface less well",
+        low=0.001,
+        high=1.0,
     )
     compactness_limit: float = setting(
         5.0,
@@ -47,8 +68,20 @@ class LayoutParams(Params):
         low=3.6,
         high=50.0,
     )
-    neck_min: int = setting(2, "Smallest neck", "Fewest quads across any isthmus of a panel", low=1, high=10)
-    patch_min: int = setting(6, "Smallest panel", "Fewest quads in a panel, where the surface allows", low=1, high=1000)
+    neck_min: int = setting(
+        2,
+        "Smallest neck",
+        "Fewest quads across the narrowest place between two cuts of a panel: more gives sturdier panels, and more of them",
+        low=1,
+        high=10,
+    )
+    patch_min: int = setting(
+        6,
+        "Smallest panel",
+        "Fewest quads in a panel, where the surface allows: more leaves no small panels to join by hand",
+        low=1,
+        high=1000,
+    )
     symmetric: bool = setting(
         True, "Keep symmetry", "Give a symmetric surface symmetric quads and a symmetric layout where possible"
     )
@@ -67,7 +100,7 @@ class ChooseParams(Params):
     goal: str = setting(
         "match",
         "Goal",
-        "Goal of the choice of a layout",
+        "What the proposed layouts are chosen by",
         choices=(
             ("match", "Match", "Fewest joints with the target reached within Match"),
             ("panels", "Panels", "Nearest to the target with at most this many panels"),

@@ -42,8 +42,8 @@ class ToleranceBand:
 
     @property
     def text(self) -> str:
-        """Sentence to users."""
-        return f"RMS {1e3 * self.rms:.2g} mm from the target; {', '.join(one.text for one in self.tolerances)}."
+        """Sentence to users. It leaves out the distance with nominal sheets, which stands before it wherever it is shown."""
+        return f"RMS with other sheets: {', '.join(one.text for one in self.tolerances)}."
 
     def report(self) -> dict[str, Any]:
         """Return the entry for the ``equilibrium`` block of report.json, with RMS distances in mm."""

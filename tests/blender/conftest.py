@@ -18,18 +18,26 @@ from flexmaps.engine.surface.mesh import QuadMesh
 
 sys.path.append(str(Path(__file__).parent))  # for what several tests share, in support/
 sys.modules["flexmaps_shapes"].watch("bridge/store", "bridge/view")
-# in fewer quads: several panels are enough here
-shapes.BUILDERS["dome"], shapes.BUILDERS["strip"] = partial(shapes.dome, 6), partial(shapes.strip, 18)
-
 
 _trying: list[bool] = []
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module", autouse=True)
+def small_shapes() -> Iterator[None]:
+    """Make the dome and the strip of fewer quads: several panels are enough here. Tests of other tiers keep the usual ones."""
+    few = {"dome": partial(shapes.dome, 6), "strip": partial(shapes.strip, 18)}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, builder in few.items():
+            patch.setitem(shapes.BUILDERS, name, builder)
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
 def optimise_without_prospects() -> Iterator[None]:
     """Let the button Optimise find nothing that brings a piece nearer, unless a test uses ``tried_prospects``.
 
-    Trying other cuts and supports takes about as long as the search for the spirals itself.
+    Trying other cuts and supports takes about as long as the search for the spirals itself. It holds for the modules of this tier
+    alone: tests of the function itself may run in the same process.
     """
     original = prospects.prospects
 
@@ -50,7 +58,7 @@ def tried_prospects() -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def extension(merge_without_prediction: None, quick_nesting: None, optimise_without_prospects: None) -> Iterator[None]:
+def extension(merge_without_prediction: None, quick_nesting: None) -> Iterator[None]:
     flexmaps.register()
     yield
     flexmaps.unregister()

@@ -43,7 +43,7 @@ def test_the_template_has_all_messages(messages: ModuleType) -> None:
     # one of each place that messages come from: a setting, its explanation, the sidebar, a report, a grey button
     assert {
         "Smallest width",
-        "Width of the thinnest arm",
+        "Width of the thinnest arm: thinner arms bend into tighter curves and break more easily",
         "Distortion, largest",
         "Scaled by {:.4g}",
         "Select a mesh object",

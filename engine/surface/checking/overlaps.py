@@ -4,7 +4,8 @@ code                severity  what it says
 doubled-vertices    error     separate border vertices at one place: the surface is open there
 t-junction          error     a border vertex inside the edge of a neighbour
 doubled-faces       error     a body that coincides with another body
-cuts-itself         warning   a surface that goes through itself
+cuts-itself         warning   a body that goes through itself
+bodies-cross        warning   bodies that go through each other
 double-skin         warning   inner and outer skin of a thin closed shell
 """
 
@@ -41,7 +42,7 @@ def overlaps(mesh: PolygonMesh) -> list[Finding]:
     body = bodies(sides, len(mesh.sizes))
     found = _coincident_faces(mesh, body)
     if not found:
-        found = [*_open_seams(mesh, sides), *_intersections(mesh)]
+        found = [*_open_seams(mesh, sides), *_intersections(mesh, body)]
     return found + _double_skin(mesh, sides, body)
 
 
@@ -123,17 +124,24 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     return [finding("double-skin", text, faces, severity="warning")]
 
 
-def _intersections(mesh: PolygonMesh) -> list[Finding]:
-    """Report faces that intersect other faces."""
-    faces, point = crossing(mesh)
-    if not len(faces):
-        return []
-    text = f"The surface cuts itself: {named(faces)} go through others, at {_spot(point)}; move the parts apart, or join closed bodies with Quad remesh"
-    return [finding("cuts-itself", text, faces, severity="warning")]
+def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[Finding]:
+    """Report faces that intersect other faces: of their own body, where the piece is in its own way, or of other bodies."""
+    pairs, points = crossing(mesh)
+    apart = body[pairs[:, 0]] != body[pairs[:, 1]]
+    found = []
+    if not apart.all():
+        faces, spot = np.unique(pairs[~apart]), _spot(points[~apart][0])
+        text = f"The surface cuts itself: {named(faces)} go through others, at {spot}; sheets cannot, so the piece touches itself there: move the parts apart"
+        found.append(finding("cuts-itself", text, faces, severity="warning"))
+    if apart.any():
+        faces, spot = np.unique(pairs[apart]), _spot(points[apart][0])
+        text = f"The surface cuts itself where bodies go through each other: {named(faces)}, at {spot}. Each body is made by itself; where you want to put one into the other, move them apart or join them first, with the modifier Boolean"
+        found.append(finding("bodies-cross", text, faces, severity="warning"))
+    return found
 
 
-def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.ndarray, " 3"]]:
-    """Return the faces, ascending, that intersect faces without a common corner, and the place of the first intersection."""
+def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, "pairs 2"], Float[np.ndarray, "pairs 3"]]:
+    """Return pairs of faces without a common corner that intersect each other, each pair at least once, and a place of each."""
     from shapely import STRtree, box
 
     face, rows = fans(mesh)
@@ -157,20 +165,20 @@ def crossing(mesh: PolygonMesh) -> tuple[Int[np.ndarray, " faces"], Float[np.nda
     level = level[_coplanar_overlap(p[a[level]], p[b[level]], NEAR * short_edge(mesh))]
     points[level], hit[level] = p[b[level]].mean(axis=1), True
     along = _crossing_along_edges(mesh)
-    found = np.unique(np.concatenate([face[a[hit]], face[b[hit]], along]))
-    corners = mesh.corners[np.isin(np.repeat(np.arange(len(mesh.sizes)), mesh.sizes), along)]
-    points = np.concatenate([points[hit], mesh.vertices[corners]])
-    return found, points[0] if len(found) else np.zeros(3)
+    starts = np.cumsum(mesh.sizes) - mesh.sizes
+    pairs = np.concatenate([np.stack([face[a[hit]], face[b[hit]]], axis=1), along])
+    return pairs, np.concatenate([points[hit], mesh.vertices[mesh.corners[starts[along[:, 0]]]]])
 
 
-def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, " faces"]:
-    """Return the faces, ascending, at coincident edges of two faces each, where parts of the surface cross along an edge."""
+def _crossing_along_edges(mesh: PolygonMesh) -> Int[np.ndarray, "pairs 2"]:
+    """Return pairs of faces at coincident edges of two faces each, where parts of the surface cross along an edge."""
     sides = sides_of(mesh)
     place = sides_of(replace(mesh, corners=places(mesh)[mesh.corners])).edge
-    inner = np.bincount(sides.edge)[sides.edge] == 2
-    pairs = np.unique(np.stack([place[inner], sides.edge[inner]]), axis=1)[0]
-    several = np.bincount(pairs, minlength=int(place.max()) + 1) > 1
-    found: Int[np.ndarray, " faces"] = np.unique(sides.face[inner & several[place]])
+    inner = np.flatnonzero(np.bincount(sides.edge)[sides.edge] == 2)
+    order = inner[np.lexsort([sides.edge[inner], place[inner]])]
+    following = np.roll(order, -2)  # every one of these edges has two sides, which come one after the other
+    beside = (place[order] == place[following]) & (sides.edge[order] != sides.edge[following])
+    found: Int[np.ndarray, "pairs 2"] = np.stack([sides.face[order[beside]], sides.face[following[beside]]], axis=1)
     return found
 
 

@@ -37,12 +37,13 @@ def hill() -> tuple[SpiralDesign, QuadMesh]:
 
 
 class Watcher:
-    """Records the texts of the progress, and the last of them at every shape that is shown; may cancel at the first springs."""
+    """Records the progress, and its last text at every shape that is shown; may cancel at the first springs."""
 
     def __init__(self, *, cancels: bool):
-        self.cancels, self.texts, self.shown = cancels, [""], list[str]()
+        self.cancels, self.fractions, self.texts, self.shown = cancels, [0.0], [""], list[str]()
 
-    def report(self, _: float, text: str) -> None:
+    def report(self, fraction: float, text: str) -> None:
+        self.fractions.append(fraction)
         self.texts.append(text)
         if self.cancels and text == continuation.HELD:
             raise Cancelled
@@ -80,3 +81,10 @@ def test_springs_bring_a_search_on_that_ends_far_from_its_target() -> None:
 def test_shapes_that_springs_hold_are_not_shown() -> None:
     watcher = fitted(cancels=False)[1]
     assert continuation.HELD in watcher.texts and watcher.shown and continuation.HELD not in watcher.shown
+
+
+def test_progress_never_goes_back_and_moves_while_springs_hold_the_piece() -> None:
+    watcher = fitted(cancels=False)[1]
+    assert watcher.fractions == sorted(watcher.fractions)
+    held = [part for part, text in zip(watcher.fractions, watcher.texts, strict=True) if text == continuation.HELD]
+    assert held[0] < held[-1] < watcher.fractions[-1]

@@ -229,7 +229,9 @@ def test_a_surface_through_another(way: tuple[float, float, float], share: float
     radius = np.linalg.norm(mesh.vertices - middle, axis=1).max()
     step = 2 * radius * share * np.array(way) / np.linalg.norm(way)
     found = [
-        one for one in overlaps(joined(mesh, replace(mesh, vertices=mesh.vertices + step))) if one.code == "cuts-itself"
+        one
+        for one in overlaps(joined(mesh, replace(mesh, vertices=mesh.vertices + step)))
+        if one.code == "bodies-cross"
     ]
     if share < 0.95 or share > 1.0:
         assert bool(found) == (share < 1.0)
@@ -280,17 +282,32 @@ THEMSELVES = {
     "a figure of eight that crosses along edges": strip(
         lambda u, v: (0.1 * np.sin(2 * np.pi * u), 0.1 * np.sin(4 * np.pi * u), 0.1 * v), 40, 5, closed=True
     ),
+}
+BODIES = {
     "sheets with ends beside each other": joined(FLOOR, sheet(0.003)),
     "sheets that cross along edges": joined(FLOOR, sheet(0.0)),
 }
 
 
-@pytest.mark.parametrize("name", THEMSELVES)
+@pytest.mark.parametrize("name", [*THEMSELVES, *BODIES])
 def test_a_surface_through_itself_is_named_and_not_sewn(name: str) -> None:
-    mesh = THEMSELVES[name]
+    mesh = (THEMSELVES | BODIES)[name]
     made = sewn(mesh)
     assert not made.cured and made.corners is mesh.corners
-    assert codes(mesh) == {"cuts-itself"}
+    assert codes(mesh) == {"cuts-itself" if name in THEMSELVES else "bodies-cross"}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_a_body_through_itself_is_told_apart_from_bodies_through_each_other(name: str) -> None:
+    """Each finding names the faces of its own kind."""
+    own = THEMSELVES["a figure of eight that crosses along edges"]
+    aside = replace(own, vertices=own.vertices + np.array([1.0, 0.0, 0.0]))
+    found = {one.code: one for one in overlaps(joined(BODIES[name], aside))}
+    sheets = len(BODIES[name].sizes)
+    assert set(found) == {"cuts-itself", "bodies-cross"}
+    assert min(found["cuts-itself"].faces) >= sheets > max(found["bodies-cross"].faces)
+    halves = np.array(found["bodies-cross"].faces) < len(FLOOR.sizes)
+    assert halves.any() and not halves.all()  # faces of both
 
 
 def test_a_half_that_faces_the_other_way_is_turned_over() -> None:
