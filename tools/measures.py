@@ -41,6 +41,7 @@ ROOMS = (
     "engine/mechanics/rods",
     "engine/simulation",
     "engine/optimisation",
+    "engine/optimisation/goals",
     "engine/fabrication/panels",
     "engine/fabrication/connectors",
     "engine/fabrication/nesting",

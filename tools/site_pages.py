@@ -22,6 +22,7 @@ PAGES = {
     "docs/gallery.md": "gallery.md",
     "docs/background.md": "background.md",
     "docs/glossary.md": "glossary.md",
+    "docs/extend.md": "extend.md",
     "docs/microstructures.md": "microstructures.md",
     "docs/translating.md": "translating.md",
     "docs/development.md": "development.md",

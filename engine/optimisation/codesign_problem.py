@@ -172,7 +172,7 @@ class FlatProblem(InverseProblem):
             return LinearClearances.none(len(x))
         terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), flat=True, least=True))
         by_points = terms.by_flat @ diags_array(np.repeat(2.0 * self.flat.span, 2))
-        by_spirals = terms.by_design @ self.by_coordinates(x[: self.own])
+        by_spirals = terms.by_design @ self.space.jacobian(x[: self.own])
         return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))
 
     def _room(self, x: np.ndarray) -> ClearanceModel:
@@ -279,7 +279,7 @@ class FlatPoint(DesignPoint):
         return None if known is None else known.moved(replace(flat.flat, points=flat.points(self.flat_x)))
 
     def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
-        by_spirals = closing.by_design @ self.problem.by_coordinates(self.x[: self.own])
+        by_spirals = closing.by_design @ self.problem.space.jacobian(self.x[: self.own])
         by_points = closing.by_flat(np.swapaxes(self._rest_changes.tips, 1, 2), self._by_points)
         return csr_array(hstack([by_spirals, by_points @ self._per_coordinate]))
 

@@ -54,6 +54,13 @@ class Roughness:
     x: Float[np.ndarray, " coordinates"]
     free: Float[np.ndarray, " coordinates"]
 
+    @classmethod
+    def from_space(cls, assembly: Assembly, space: DesignSpace, weight: float, x: np.ndarray) -> Roughness:
+        """Return the penalty at coordinates x; those after the spirals' are of flat vertices and have no effect."""
+        free = np.ones(len(x))
+        free[: space.each * assembly.size] = np.repeat(space.free.astype(float), space.each)
+        return cls(joint_differences(assembly, space, len(x)), weight, x, free)
+
     @property
     def value(self) -> float:
         return self._scale * 0.5 * float(((self.apart @ self.x) ** 2).sum())

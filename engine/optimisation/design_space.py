@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..arrays import Bool, Float, Int
 from ..mechanics.assembly import Assembly
@@ -180,6 +181,15 @@ class DesignSpace:
         if self.kept is not None:
             out[self.kept.quads] = 0.0
         return out
+
+    def jacobian(self, x: np.ndarray) -> csr_array:
+        """Return the derivatives (5 n, coordinates) of all widths (4 n), then of all twists (n), by the coordinates."""
+        slopes = self.slopes(x)
+        n, _, each = slopes.shape
+        column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
+        columns = np.concatenate([np.repeat(column, 4, axis=0).ravel(), column.ravel()])
+        data = np.concatenate([slopes[:, :4].ravel(), slopes[:, 4].ravel()])
+        return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
 
     @property
     def free(self) -> Bool[np.ndarray, " quads"]:

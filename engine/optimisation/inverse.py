@@ -25,10 +25,11 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.clearance.room import ClearanceModel
 from .bounds import ClearanceProblem, LinearClearances, narrowest_per_pair, restore_clearances
-from .costs import Cost, Roughness, joint_differences
+from .costs import Cost, Roughness
 from .design_space import DesignSpace
 from .factors import Factors
 from .firmness import MIN_STABILITY, SoftModes, StabilityBarrier, StabilityRequirement
+from .goal_registry import goals_of
 from .objective import Mismatch, Target
 from .open_slots import NarrowSlots, SlotPenalty, SlotRequirement
 from .other_weights import with_problem
@@ -88,27 +89,14 @@ class InverseProblem:
 
     def costs(self, x: np.ndarray) -> tuple[Cost, ...]:
         """Return the costs at coordinates x that do not depend on the equilibrium."""
-        if not self.smoothness:
-            return ()
-        free = np.ones(len(x))  # the entries of flat vertices, at the end, have no effect
-        free[: self.own] = self._repeat(self.space.free.astype(float))[: self.own]
-        return (Roughness(joint_differences(self.assembly, self.space, len(x)), self.smoothness, x, free),)
+        return (Roughness.from_space(self.assembly, self.space, self.smoothness, x),) if self.smoothness else ()
 
     def rooms(self, x: np.ndarray) -> LinearClearances:
         """Return the linearised clearances at coordinates x."""
         if self.room is None:
             return LinearClearances.none(len(x))
         terms = narrowest_per_pair(self.room.terms(*self.space.design(x), least=True))
-        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x))
-
-    def by_coordinates(self, x: np.ndarray) -> csr_array:
-        """Return the derivatives (5 n, coordinates) of all widths (4 n), then of all twists (n), by the coordinates."""
-        slopes = self.space.slopes(x)
-        n, _, each = slopes.shape
-        column = (each * np.arange(n)[:, None] + np.arange(each)).astype(np.int32)
-        columns = np.concatenate([np.repeat(column, 4, axis=0).ravel(), column.ravel()])
-        data = np.concatenate([slopes[:, :4].ravel(), slopes[:, 4].ravel()])
-        return csr_array((data, columns, np.arange(0, data.size + 1, each, dtype=np.int32)), shape=(5 * n, len(x)))
+        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x))
 
     def within(self, x: np.ndarray, inner: DesignPoint) -> Float[np.ndarray, " coordinates"]:
         """Return the coordinates of a design near x that can be cut; the design of ``inner`` can be cut."""
@@ -130,7 +118,7 @@ class InverseProblem:
     def _nearly_closed(self, x: np.ndarray, quads: np.ndarray | None) -> LinearClearances:
         """Return the closed and nearly closed clearances, by the spirals' coordinates; at the arms of these quads, if given."""
         terms = narrowest_per_pair(self._room(x).terms(*self.space.design(x), below=NEAR_GAP, quads=quads, least=True))
-        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.by_coordinates(x[: self.own]))
+        return LinearClearances.from_clearances(terms.value, terms.by_design @ self.space.jacobian(x[: self.own]))
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
@@ -207,7 +195,12 @@ class DesignPoint:
         found: list[Term] = [MismatchTerm(self.mismatch)]
         if self.strains is not None and self.problem.bearing is not None:
             found.append(StrainTerm(self.problem.bearing, self.strains.values, self._strain_rows))
-        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None))
+        return (*found, *(one for one in (self._narrow, self.barrier) if one is not None), *self.goals)
+
+    @cached_property
+    def goals(self) -> tuple[Term, ...]:
+        """Terms of the modules in the folder ``goals``."""
+        return goals_of(self)
 
     @cached_property
     def value(self) -> float:
@@ -221,7 +214,7 @@ class DesignPoint:
         """
         # barriers of the flat shapes guide a search and say nothing about its result
         value = (found or self.mismatch).value + sum(c.value for c in InverseProblem.costs(self.problem, self.x))
-        value += 0.0 if self._closing is None else self._closing.value
+        value += sum(goal.value for goal in self.goals) + (0.0 if self._closing is None else self._closing.value)
         value *= 1.0 if self.barrier is None else self.barrier.merit
         if self.strains is None or self.problem.bearing is None:
             return value
@@ -319,7 +312,7 @@ class DesignPoint:
 
     def _slots_by_x(self, closing: NarrowSlots) -> csr_array:
         """Return the derivatives (K, coordinates) of the slots' widths by the coordinates at fixed hubs."""
-        return csr_array(closing.by_design @ self.problem.by_coordinates(self.x))
+        return csr_array(closing.by_design @ self.problem.space.jacobian(self.x))
 
     @cached_property
     def _changes(self) -> DesignChanges | None:

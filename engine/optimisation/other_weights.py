@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 Point = TypeVar("Point")
 # Cached attributes of a point that depend on the weights of the objective, or refer to the point itself
-WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "_narrow"))
+WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "goals", "_narrow"))
 
 
 def with_problem(point: Point, problem: Any) -> Point:

@@ -6,9 +6,9 @@ A point sums up the terms, and applies the adjoint of the equilibrium once to th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -92,31 +92,77 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class MismatchTerm(Term):
-    """The mismatch as a term; moved : (rows, 3) change of the residual by a step, None at the equilibrium itself."""
+class LeastSquares(Term):
+    """Half the squared norm of a residual, without unit like the mismatch; the residual is linear along a step.
 
-    mismatch: Mismatch
-    moved: np.ndarray | None = None
+    A subclass defines ``residual``, ``jvp`` and ``vjp``; value, gradient and Gauss-Newton product follow. docs/extend.md shows one.
+
+    moved : change of the residual by a step; None at the equilibrium itself
+    """
+
+    moved: np.ndarray | None = field(default=None, kw_only=True)
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Residual at the equilibrium."""
+        raise NotImplementedError
+
+    def jvp(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Return the change of the residual for increments (n, 6) of the hubs and a change of the coordinates."""
+        raise NotImplementedError
+
+    def vjp(self, weight: np.ndarray) -> ScalarChange:
+        """Return the derivative of the residual's scalar product with ``weight``."""
+        raise NotImplementedError
+
+    @property
+    def _here(self) -> np.ndarray:
+        """Residual after the step."""
+        return self.residual if self.moved is None else self.residual + self.moved
 
     @property
     def value(self) -> float:
-        if self.moved is None:
-            return self.mismatch.value
-        return 0.5 * float(((self.mismatch.residual + self.moved) ** 2).sum())
+        return 0.5 * float((self._here**2).sum())
 
     @property
     def gradient(self) -> ScalarChange:
-        further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
-        return ScalarChange(_at_centres(self.mismatch.gradient + further), 0.0)
+        return self.vjp(self._here)
 
     def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
-        return ScalarChange(_at_centres(self.mismatch.product(moves[: len(self.mismatch.target.points), :3])), 0.0)
+        return self.vjp(self.jvp(moves, change))
 
-    def ahead(self, moves: np.ndarray, change: np.ndarray) -> MismatchTerm:
-        return MismatchTerm(self.mismatch, self._forward(moves))
+    def ahead(self, moves: np.ndarray, change: np.ndarray) -> Self:
+        return replace(self, moved=self.jvp(moves, change))
 
-    def _forward(self, moves: np.ndarray) -> Float[np.ndarray, "m 3"]:
-        return self.mismatch.forward(moves[: len(self.mismatch.target.points), :3])
+
+@dataclass(frozen=True, eq=False)
+class MismatchTerm(LeastSquares):
+    """The mismatch as a term."""
+
+    mismatch: Mismatch
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.mismatch.residual
+
+    def jvp(self, moves: np.ndarray, change: np.ndarray) -> np.ndarray:
+        return self.mismatch.forward(self._shifts(moves))
+
+    def vjp(self, weight: np.ndarray) -> ScalarChange:
+        return by_centres(self.mismatch.backward(weight))
+
+    @property
+    def gradient(self) -> ScalarChange:
+        # the best rotation adds nothing at the equilibrium itself
+        further = 0.0 if self.moved is None else self.mismatch.backward(self.moved)
+        return by_centres(self.mismatch.gradient + further)
+
+    def product(self, moves: np.ndarray, change: np.ndarray) -> ScalarChange:
+        return by_centres(self.mismatch.product(self._shifts(moves)))  # quicker than one after the other
+
+    def _shifts(self, moves: np.ndarray) -> Float[np.ndarray, "spirals 3"]:
+        """Return the shifts of the centres, without those of the nodes of a rim."""
+        return moves[: len(self.mismatch.target.points), :3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,9 +342,9 @@ def total(parts: list[ScalarChange], size: int, coordinates: int) -> tuple[np.nd
     return hubs, own
 
 
-def _at_centres(pull: np.ndarray) -> np.ndarray:
-    """Return derivatives (n, 3) by the centres as derivatives (n, 6) by the increments."""
-    return np.concatenate([pull, np.zeros_like(pull)], axis=1)
+def by_centres(pull: Float[np.ndarray, "spirals 3"]) -> ScalarChange:
+    """Return derivatives (n, 3) by the centres as derivatives by the hubs' increments."""
+    return ScalarChange(np.concatenate([pull, np.zeros_like(pull)], axis=1), 0.0)
 
 
 def rows_in_runs(values: Float[np.ndarray, "k 2 n"], first: Int[np.ndarray, "k 2"], columns: int) -> csr_array:

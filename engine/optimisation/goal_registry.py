@@ -1,0 +1,29 @@
+"""Goals: further terms of the objective, one in each module of the folder ``goals``; docs/extend.md shows one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING
+
+from .terms import Term
+
+if TYPE_CHECKING:
+    from .inverse import DesignPoint
+
+Maker = Callable[["DesignPoint"], Term | None]
+
+
+def goals_of(point: DesignPoint) -> tuple[Term, ...]:
+    """Return the goals at a point; a module whose goal does not apply to the point's problem returns None."""
+    return tuple(term for make in makers() if (term := make(point)) is not None)
+
+
+@cache
+def makers() -> tuple[Maker, ...]:
+    """Return the function ``goal`` of every module of the folder, in the order of their names."""
+    folder = import_module(f"{__package__}.goals")
+    names = sorted(module.name for module in iter_modules(folder.__path__))
+    return tuple(import_module(f"{folder.__name__}.{name}").goal for name in names)
