@@ -48,7 +48,7 @@ class Guard:
         Raises
         ------
         FlexMapsError : a target is an input file
-        TheirFile : a target is the user's
+        UserFileError : a target is the user's
         """
         foreign = []
         for target in targets:

@@ -39,10 +39,10 @@ from .outputs import (
     TracedLayout,
     UserInput,
 )
-from .stages import MISSING, OF_EXTRAS, STAGES, TABLE, dependents
+from .stages import MISSING, STAGES, TABLE, dependents
 
 O = TypeVar("O", bound=StageOutput)
-_MADE_BY_EXTRAS = {member for stage in OF_EXTRAS for member in stage.makes}
+_MADE = {member for stage in TABLE for member in stage.makes}
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ class Result:
         return self
 
     def __getattr__(self, name: str) -> Any:
-        """Return the value that a stage of an extra makes; None where it has not run."""
-        if name in _MADE_BY_EXTRAS:
+        """Return the value of an output that has no property below; None where its stage has not run."""
+        if name in _MADE:
             return self.value(name)
         raise AttributeError(f"A result has no '{name}'")
 

@@ -230,16 +230,18 @@ def test_dxf_reads_back_in_true_millimetres(made, tmp_path, kind, version, caplo
 
 
 def test_unknown_formats_are_refused(made, tmp_path):
-    with pytest.raises(FlexMapsError, match="svg, dxf, dxf-r12, pdf, stl, 3mf"):
+    with pytest.raises(FlexMapsError, match=", ".join(export.FORMATS)):
         export.write(made, tmp_path / "sheet", ("dxf", "dxf-r99"))
 
 
 def test_the_settings_choose_every_format():
-    everything = ExportParams(dxf="BOTH", solids="BOTH")
-    assert export.chosen(everything) == export.FORMATS
     assert export.chosen(ExportParams(dxf="R12", pdf=False, solids="3MF")) == ("svg", "dxf-r12", "3mf")
+    off = {kind.setting: False if True in kind.values else "NONE" for kind in export.TABLE.values()}
     with pytest.raises(FlexMapsError, match="switch SVG"):
-        export.chosen(ExportParams(svg=False, dxf="NONE", pdf=False))
+        export.chosen(ExportParams(**off))
+    for name, kind in export.TABLE.items():
+        for value in kind.values:
+            assert name in export.chosen(ExportParams(**off | {kind.setting: value}))
 
 
 def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):
