@@ -6,18 +6,15 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING
+from typing import Any
 
 from .terms import Term
 
-if TYPE_CHECKING:
-    from .inverse import DesignPoint
-
-Maker = Callable[["DesignPoint"], Term | None]
+Maker = Callable[[Any], Term | None]
 
 
-def goals_of(point: DesignPoint) -> tuple[Term, ...]:
-    """Return the goals at a point; a module whose goal does not apply to the point's problem returns None."""
+def goals_of(point: Any) -> tuple[Term, ...]:
+    """Return the goals at a ``DesignPoint``; a module whose goal does not apply to the point's problem returns None."""
     return tuple(term for make in makers() if (term := make(point)) is not None)
 
 

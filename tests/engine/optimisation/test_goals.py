@@ -115,6 +115,9 @@ def test_the_model_of_a_step_is_that_of_the_linearised_residual() -> None:
     for term in (MismatchTerm(here.mismatch), *residuals(here)):
         ahead, far = term.ahead(moves, change), term.residual + term.jvp(moves, change)
         assert ahead.value == pytest.approx(0.5 * float((far**2).sum()), rel=1e-12)
+        assert along(ahead.gradient, moves, change) == pytest.approx(
+            float((far * term.jvp(moves, change)).sum()), rel=1e-9
+        )
         expected = (
             term.value + along(term.gradient, moves, change) + 0.5 * along(term.product(moves, change), moves, change)
         )
