@@ -38,7 +38,6 @@ HELPED = {
     "stays-flat": (remedies.CUT,),
     "far-from-target": (remedies.CUT, remedies.FINER, remedies.LARGER, remedies.THINNER),
     "strained": (remedies.LARGER, remedies.THINNER),
-    "slots-close": (remedies.LARGER,),
     "about-to-snap": (remedies.CUT,),
     "other-rest": (remedies.CUT,),
 }

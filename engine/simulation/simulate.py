@@ -203,8 +203,8 @@ class Simulation:
             beside = np.unique(slots.arms[slots.closed] // 4)
             text = (
                 f"{counted(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {counted(len(beside), 'spiral', 'spirals')} would touch (the "
-                f"model lets them overlap, here by up to {-1e3 * slots.width.min():.2g} mm); twist these spirals less, "
-                "make their arms narrower, or optimise again"
+                f"model lets them overlap, here by up to {-1e3 * slots.width.min():.2g} mm). In the real piece they press on each other; to open "
+                "the slots, wind these spirals less with the brush Twist and Ctrl, then simulate"
             )
             findings.append(Finding("slots-close", "warning", text, tuple(beside.tolist())))
         return findings + rest_findings(

@@ -200,6 +200,17 @@ def test_protected_spirals_stay_so_where_quads_are_moved(add: Any, stage: str) -
     assert np.flatnonzero(marks).tolist() == [3, 7]
 
 
+@pytest.mark.parametrize("stage", ["check", "set_size"])
+def test_the_whole_mesh_is_checked_where_it_is_scaled_too(add: Any, stage: str) -> None:
+    """Else *Next*, which scales many a mesh first and checks only what was not checked yet, never says that bodies cross."""
+    mesh = shapes.make("dome")
+    aside = mesh.vertices + 0.3 * np.ptp(mesh.vertices, axis=0)
+    quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
+    piece = add((np.concatenate([mesh.vertices, aside]), quads))
+    assert getattr(bpy.ops.flexmaps, stage)() == {"FINISHED"}
+    assert "checks/bodies-cross" in [notice.key for notice in seen(piece).notices]
+
+
 def test_a_group_that_is_gone_has_a_button(add: Any) -> None:
     piece = add(shapes.make("dome"))
     piece.flexmaps.loads.supports = "feet"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 from flexmaps.bridge.store import cures, equilibrium, finding_words, notices
 from flexmaps.bridge.store.notices import Notice
 from flexmaps.engine.surface import shapes
@@ -37,6 +38,29 @@ def test_what_is_hard_to_join_or_at_a_limit_has_a_cure() -> None:
         ["flexmaps.let_go"],
         ["flexmaps.make_larger", "flexmaps.let_go"],
     ]
+
+
+def test_closed_slots_have_no_cure_that_does_not_open_them(add: Any) -> None:
+    """A larger piece bends alike: its slots close too. The sentence names the brush that opens them."""
+    piece = add(shapes.make("dome"))
+    row = {"code": "slots-close", "message": "2 slots close", "faces": [1, 2]}
+    blocks = {
+        "equilibrium": {"findings": [row], "rms_percent": 0.1, "converged": True},
+        "reach": {"advice": "", "remedies": {"larger": 1.25}},
+        "optimise": {},
+    }
+    (found,) = [one for one in notices._equilibrium(piece, blocks) if one.key == "equilibrium/slots-close"]
+    assert [cure.idname for cure in found.cures] == ["flexmaps.let_go"]
+
+
+def test_information_hinders_nothing_that_could_be_dismissed(add: Any) -> None:
+    rows = [
+        {"code": code, "severity": "warning", "message": "", "faces": []}
+        for code in ("several-bodies", "bodies-cross", "concave")
+    ]
+    found = notices._checks(add(shapes.make("dome")), bpy.context.scene, rows)
+    dismissed = [one.key for one in found if "flexmaps.let_go" in {cure.idname for cure in one.cures}]
+    assert dismissed == ["checks/concave"]
 
 
 def test_several_bodies_that_are_far_are_one_row() -> None:

@@ -171,7 +171,7 @@ def _quad_faults(
         text = f"{named(crossed)} whose sides cross or which are folded over: move their corners or {REMESH}"
         found.append(finding("crossed", text, crossed))
     if len(concave):
-        text = f"{named(concave)} with a corner beyond 180 degrees: the spiral there will be poor; regularise"
+        text = f"{named(concave)} with a corner beyond 180 degrees: the spiral there will be poor; regularise, or remesh finer"
         found.append(finding("concave", text, concave, severity="warning"))
     slim = np.setdiff1d(quads[(breadth(p) < THIN * middle) & (inward < 2)], bows)
     if len(slim):
