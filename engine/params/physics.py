@@ -156,8 +156,9 @@ class OptimiseParams(Params):
             ("each", "Each its own", "Four widths a spiral: nearest to the target"),
         ),
     )
+    # smaller values end farther from the target, larger ones match curvature less (docs/tuning.md)
     lies: float = setting(
-        0.2,
+        0.35,
         "Match curvature / position",
         "What is compared with the target: 0 compares curvature, which keeps small features, 1 compares position; values in between compare both",
         low=0.0,
