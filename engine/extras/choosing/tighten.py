@@ -32,7 +32,7 @@ MOST = 2  # largest ratio of its panels to those of the layout that it replaces
 FURTHER = 1
 # Share of the wanted distance within which the expected one must lie. Of 16 surfaces three are expected at 0.92 to 0.96 %; two end at 0.76 and
 # 0.78 %, and a head of 472 quads in 7 panels at 1.07 % with eight closed slots; in 12 panels it ends at 0.50 % with none
-SURE = 0.9
+WANTED_SHARE = 0.9
 
 
 @one_thread
@@ -52,7 +52,7 @@ def tighten(
 
     Returns
     -------
-    The first layout that is expected to meet the match, else the one that is expected nearest, of at most ``MOST`` times the panels
+    The first layout that is expected within ``WANTED_SHARE`` of the match, else the one that is expected nearest, of at most ``MOST`` times the panels
     of ``flat``; ``flat`` itself if no other is better. Its notes have ``expected_percent``, the RMS distance from the target
     with which a search may end, as a percentage of the size.
     """
@@ -66,7 +66,7 @@ def tighten(
     left = _expected(piece, flat, start, progress)
     if left == np.inf:
         return flat
-    best, limits, wanted = flat, piece.settings.layout, SURE * 0.01 * params.match
+    best, limits, wanted = flat, piece.settings.layout, WANTED_SHARE * 0.01 * params.match
     tries = _along_folds(piece, progress)
     if left > wanted:
         tries = chain(tries, _under_tighter_limits(piece, begun, flat, progress.part(0.1, 1.0)))
