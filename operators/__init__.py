@@ -12,7 +12,7 @@ from ..engine.extras import registry
 
 # modules in the order of registration
 NAMES = (
-    "example", "next", "check", "mend", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
+    "example", "next", "check", "mend", "to_mesh", "remesh", "regularise", "layout", "choose", "spirals", "brush", "painting", "simulate",
     "live", "handles", "handle_tool", "compare", "structure", "optimise", "fit", "advice", "explore", "preview", "animate",
     "render", "export", "together", "remnant", "tutorial", "calibrate", "report", "overlay", "presets", "writes", "tab",
 )  # fmt: skip

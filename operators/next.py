@@ -59,11 +59,9 @@ class Next(AnyMesh, bpy.types.Operator):
             return {"FINISHED"}
         if seen.act.cure is not None:
             failures.note_tried(context.object.data, seen.act.cure.call)
-        source, (group, name) = context.object, seen.act.idname.split(".")
-        pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, **seen.act.properties)
-        if seen.act.properties.get("keep_original") and context.object != source:
-            source.hide_set(True)
-            bpy.ops.ed.undo_push(message=seen.act.label)
+        group, name = seen.act.idname.split(".")
+        # with a step to undo of its own, which Blender leaves out where an operator calls another
+        pressed: set[str] = getattr(getattr(bpy.ops, group), name)(how, True, **seen.act.properties)
         return {"FINISHED"} if "RUNNING_MODAL" in pressed else pressed
 
     def _check_before_cut(self, context: bpy.types.Context, seen: guidance.Guidance) -> guidance.Guidance:

@@ -57,13 +57,15 @@ class QuadRemesh(AnyMesh, StageOperator["Requadded"], bpy.types.Operator):
 
     def _write(self, context: bpy.types.Context, result: Requadded) -> Iterator[None]:
         from ..bridge.hosts import remesh
-        from ..bridge.store import mesh, origin, states
+        from ..bridge.store import mesh, modifiers, origin, states
         from ..engine.surface.checking import check
 
         obj = find(self._source)
         made = remesh.as_object(result.polygons, obj, context.scene)
-        origin.note(made, origin.source_of(obj, context.scene))
+        source = origin.source_of(obj, context.scene)
+        origin.note(made, source)
         replacing.take_over(context, obj, made)
+        modifiers.note(made.data, modifiers.sentence(source))
         if self.size:
             replacing.resize(context, made, self.size)
         polygons = mesh.read_surface(made, context.scene).polygons

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ...engine.errors import FlexMapsError
-from . import notes
+from . import modifiers, notes
 from .checksums import Checksums
 from .states import OF_SETTINGS, PARTS
 
@@ -105,13 +105,13 @@ def tried(mesh: bpy.types.Mesh) -> set[str]:
 
 
 def hand_down(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
-    """Copy pressed cures and dismissed notices to the mesh that replaces another one.
+    """Copy pressed cures, dismissed notices and the note of modifiers that were left out to the mesh that replaces another one.
 
     Parameters
     ----------
     old, new : Blender's meshes
     """
-    for name in (TRIED, LET_GO):
+    for name in (TRIED, LET_GO, modifiers.NAME):
         kept = notes.get_text(old, name)
         if kept:
             notes.put_text(new, name, kept)

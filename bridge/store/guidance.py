@@ -19,7 +19,7 @@ from ...engine.materials import STRAIN_MARGIN
 from . import next_button, notes, notices, objects, states
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
 from .flat_target import passed_over
-from .i18n import interface, panels
+from .i18n import interface, panels, quads
 from .next_button import Act
 from .notices import Notice
 
@@ -131,7 +131,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
     if len(mesh.loops) != 4 * count:
         return interface("{}, not all quads", wide)
     if notices.is_coarse(obj):
-        return interface("{}, only {} quads", wide, count)
+        return interface("{}, only {}", wide, quads(count))
     return interface("{} quads, spirals of {:.3g} mm", count, 1e3 * objects.quad_edge(obj, scene))
 
 

@@ -28,6 +28,7 @@ Engine coordinates are world coordinates in metres. This module only changes fra
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -42,7 +43,7 @@ from ...engine.spirals.design import SpiralDesign
 from ...engine.spirals.fabricable import make_fabricable, unfabricable_quads
 from ...engine.surface.far import coarse_step
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
-from . import attributes, equilibrium, keys, notes
+from . import attributes, equilibrium, keys, modifiers, notes
 from . import seen as seeing
 from .columns import column
 from .objects import changed_by_modifiers, unusable
@@ -95,16 +96,18 @@ def read_anyhow(obj: bpy.types.Object, scene: bpy.types.Scene) -> ObjectSurface:
 
 
 def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh:
-    """Return the visible polygons, modifiers applied but without a simulated shape, in metres and world axes.
+    """Return the visible polygons in metres and world axes, without a simulated shape and modifiers of ``left_out``.
 
     Parameters
     ----------
     obj, scene : the object, and the scene with its units
     """
-    with keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
+    without = modifiers.sentence(obj)
+    with modifiers.surface_only(obj), keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
-            return _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene)).polygons
+            polygons = _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene)).polygons
+            return replace(polygons, left_out=(*polygons.left_out, without)) if without else polygons
         finally:
             evaluated.to_mesh_clear()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from . import failures, notes, notices, objects
+from . import failures, modifiers, notes, notices, objects
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, INFORMATION, STOPS, WORSE
@@ -69,15 +69,8 @@ def act(
         return _cure(gone, gone.cures[0], "piece")
     if len(mesh.loops) != 4 * len(mesh.polygons):
         return _unless_failed(mesh, _quads(obj, scene), all_notices)
-    changing = objects.changing(obj)
-    if changing:
-        tooltip = translate(
-            "Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself"
-        )
-        label = _label(interface("Apply {}", changing[0]))
-        if len(changing) > 1 or changing[0] not in label:
-            label = _label(interface("Apply modifiers"))
-        return Act("object.convert", label, tooltip, "piece", {"target": "MESH", "keep_original": True})
+    if modifiers.changing(obj):
+        return _without_modifiers(obj)
     if notices.is_coarse(obj) and not failures.is_let_go(mesh, KEPT, _sentence(all_notices, KEPT)):
         if stages["layout"].kind == TODO:
             return _unless_failed(mesh, _quads(obj, scene), all_notices)
@@ -118,6 +111,19 @@ def _next_stage(obj: bpy.types.Object, stages: dict[str, StageState], all_notice
         tooltip = translate("Gives every quad its spiral, and searches for those that spring into the shape")
         return Act("flexmaps.fit", _label(interface("Make it fit")), tooltip, "shape")
     return _next_cure(obj.data, all_notices) or _files()
+
+
+def _without_modifiers(obj: bpy.types.Object) -> Act:
+    """Return the action that makes a mesh without modifiers."""
+    changing, without = modifiers.changing(obj), modifiers.left_out(obj)
+    tooltip = translate("Applies the modifiers to a copy, and hides this object: the layout lives in the mesh itself")
+    if without:
+        tooltip += f". {modifiers.sentence(obj)}"
+    one = interface("Leave out {}" if without else "Apply {}", changing[0].name)
+    label = _label(one)
+    if len(changing) > 1 or one not in label:
+        label = _label(interface("Apply modifiers"))
+    return Act("flexmaps.to_mesh", label, tooltip, "piece", {"keep": True})
 
 
 def _layout() -> Act:

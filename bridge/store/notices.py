@@ -16,7 +16,7 @@ from ...engine.figures import format_figure
 from ...engine.materials import MATERIALS, STRAIN_MARGIN
 from ...engine.optimisation import remedies
 from ...engine.simulation.visible import VISIBLE_RMS_SHARE
-from . import cures, equilibrium, failures, flat_target, objects, origin, states
+from . import cures, equilibrium, failures, flat_target, modifiers, objects, origin, states
 from .columns import column
 from .cures import Cure
 from .finding_words import BREAKS, FAILED, INFORMATION, ORDER, SAID, STOPS, WORDS, WORSE
@@ -95,6 +95,7 @@ def list_notices(obj: bpy.types.Object, scene: bpy.types.Scene, known: dict[str,
         *_from_failures(obj, failures.read(obj, scene)),
         *_checks(obj, scene, blocks.get("checks", ())),
         *_few_quads(obj),
+        *_left_out(obj),
         *_missing_groups(obj),
         *_seams(obj, known["layout"].kind),
         *_equilibrium(obj, blocks),
@@ -194,12 +195,23 @@ def _few_quads(obj: bpy.types.Object) -> list[Notice]:
     if not is_coarse(obj) or objects.changed_by_modifiers(obj):
         return []
     count = len(obj.data.polygons)
-    sentence = translate("{} quads make a coarse piece: every quad becomes one spiral", count)
+    text = (
+        "{} quad makes a coarse piece: every quad becomes one spiral"
+        if count == 1
+        else "{} quads make a coarse piece: every quad becomes one spiral"
+    )
+    sentence = translate(text, count)
     ways = (
         cures.remesh(obj.flexmaps.remesh.quads),
         Cure(interface("Keep these quads"), "flexmaps.let_go", {"key": KEPT}),
     )
-    return [Notice(KEPT, interface("Only {} quads", count), sentence, WORSE, cures=ways)]
+    return [Notice(KEPT, interface("Only {}", quads(count)), sentence, WORSE, cures=ways)]
+
+
+def _left_out(obj: bpy.types.Object) -> list[Notice]:
+    """Report modifiers that were left out where the surface was read, or are going to be."""
+    text = modifiers.sentence(obj) or modifiers.noted(obj.data)
+    return [Notice("left-out", interface("Modifier left out"), text, INFORMATION)] if text else []
 
 
 def _missing_groups(obj: bpy.types.Object) -> list[Notice]:

@@ -7,19 +7,8 @@ from pathlib import Path
 import bpy
 
 from ...engine.errors import FlexMapsError
+from . import modifiers
 from .i18n import translate
-
-# modifiers that do not change the surface
-HARMLESS = {
-    "DATA_TRANSFER",
-    "NORMAL_EDIT",
-    "UV_PROJECT",
-    "UV_WARP",
-    "VERTEX_WEIGHT_EDIT",
-    "VERTEX_WEIGHT_MIX",
-    "VERTEX_WEIGHT_PROXIMITY",
-    "WEIGHTED_NORMAL",
-}
 
 SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
@@ -45,18 +34,13 @@ def linked(obj: bpy.types.Object) -> bool:
 
 def changed_by_modifiers(obj: bpy.types.Object) -> str | None:
     """Return which modifier or parent changes the mesh, as a sentence; None if nothing does."""
-    for name in changing(obj):
-        return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", name)
+    for modifier in modifiers.changing(obj):
+        return translate("Apply or remove the modifier '{}' first: the layout lives in the mesh itself", modifier.name)
     if obj.parent is not None and obj.parent_type in {"ARMATURE", "LATTICE"}:
         return translate(
             "'{}' bends the mesh as its parent: clear the parent first, or make it a modifier", obj.parent.name
         )
     return None
-
-
-def changing(obj: bpy.types.Object) -> list[str]:
-    """Return the names of the modifiers that change the mesh."""
-    return [m.name for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS]
 
 
 def shared(obj: bpy.types.Object) -> str:

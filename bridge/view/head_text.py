@@ -117,9 +117,7 @@ def _nothing(context: bpy.types.Context, problem: str) -> Head:
     sentence = interface(problem)
     if obj.type in CONVERTIBLE:
         label = interface("Next: {}", interface("Convert to a mesh"))
-        return Head(
-            label, "object.convert", "INFO", interface("Not a mesh yet"), sentence, properties=(("target", "MESH"),)
-        )
+        return Head(label, "flexmaps.to_mesh", "INFO", interface("Not a mesh yet"), sentence)
     if obj.type == "MESH" and obj.library is None and obj.data.library is None:
         label = interface("Next: {}", interface("Object Mode"))
         return Head(

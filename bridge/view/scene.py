@@ -19,7 +19,7 @@ from ...engine.runs.result import Result
 from ...engine.spirals.design import SpiralDesign
 from ...engine.surface.mesh import PolygonMesh, QuadMesh
 from ..store import choices as stored
-from ..store import equilibrium, fields, handles, keys, mesh, notes, scans, settings, states, supports
+from ..store import equilibrium, fields, handles, keys, mesh, modifiers, notes, scans, settings, states, supports
 from ..store.objects import CONVERTIBLE
 from ..store.surface import ObjectSurface
 from . import choices, collection, colouring, flat_panels, materials, meshes, one_scene, scan_points
@@ -73,10 +73,13 @@ def converted(obj: bpy.types.Object, context: bpy.types.Context) -> bpy.types.Ob
     obj : the object to convert
     context : Blender's context
     """
-    data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
+    without = modifiers.sentence(obj)
+    with modifiers.surface_only(obj):
+        data = bpy.data.meshes.new_from_object(obj.evaluated_get(context.evaluated_depsgraph_get()))
     if not len(data.polygons):
         bpy.data.meshes.remove(data)
         return None
+    modifiers.note(data, without)
     made = bpy.data.objects.new(f"{obj.name} mesh", data)
     made.matrix_world = obj.matrix_world
     for one in obj.users_collection:

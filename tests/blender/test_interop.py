@@ -149,7 +149,7 @@ def test_modifiers_are_named_and_applied_by_the_button_beside(piece: Any) -> Non
     count = len(piece.data.polygons)
     piece.modifiers.new("Finer", "SUBSURF")
     assert not bpy.ops.flexmaps.flatten.poll()
-    assert bpy.ops.object.convert(target="MESH") == {"FINISHED"}  # what the sidebar's button calls
+    press("to_mesh")
     assert not piece.modifiers and len(piece.data.polygons) == 4 * count
     press("flatten")
 
@@ -162,7 +162,7 @@ def test_what_is_hidden_or_harmless_does_not_disturb(piece: Any) -> None:
 
 
 def test_quads_are_made_of_what_the_modifiers_show(piece: Any) -> None:
-    piece.modifiers.new("Thick", "SOLIDIFY").thickness = 0.02
+    piece.modifiers.new("Wide", "CAST").factor = 0.5
     piece.flexmaps.remesh.quads = 100
     seen = tuple(piece.evaluated_get(bpy.context.evaluated_depsgraph_get()).dimensions)
     press("quad_remesh")

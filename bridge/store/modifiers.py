@@ -1,0 +1,135 @@
+"""Modifiers of an object: which change its surface, and which of these are left out where the surface is read.
+
+A panel is one sheet thick, so *Solidify* would only double the surface. *Edge Split* and *Triangulate* at the end of a stack
+change shading and exports, not the shape. Quick enough for every redraw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import sqrt
+
+import bpy
+
+from ...engine.params import RemeshParams
+from . import notes
+from .i18n import translate
+
+NAME = "flexmaps_left_out"  # on a mesh: the sentence about modifiers that were left out where its surface was read
+
+# types that do not change the surface
+HARMLESS = {
+    "COLLISION",
+    "DATA_TRANSFER",
+    "NORMAL_EDIT",
+    "PARTICLE_SYSTEM",
+    "SURFACE",
+    "UV_PROJECT",
+    "UV_WARP",
+    "VERTEX_WEIGHT_EDIT",
+    "VERTEX_WEIGHT_MIX",
+    "VERTEX_WEIGHT_PROXIMITY",
+    "WEIGHTED_NORMAL",
+}
+# nodes with an output of geometry that pass the surface on as it is
+PASSING = {
+    "GeometryNodeSetMaterial",
+    "GeometryNodeSetMaterialIndex",
+    "GeometryNodeSetShadeSmooth",
+    "GeometryNodeStoreNamedAttribute",
+    "NodeGroupInput",
+    "NodeReroute",
+}
+DIVIDING = {"EDGE_SPLIT", "TRIANGULATE"}  # types that divide or open faces where they lie
+# Rounding of Blender's single precision, as a share: a flat surface with a thickness is not thinner than this share of it
+FLAT = 1.001
+
+
+def changing(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """Return the modifiers that change the mesh, those that are left out among them."""
+    return [m for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS and not _only_shades(m)]
+
+
+def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """Return the modifiers that are left out where the surface of an object is read."""
+    found: list[bpy.types.Modifier] = []
+    last = True  # whether no later modifier changes the surface
+    voxels = False
+    for modifier in reversed(changing(obj)):
+        thickens = modifier.type == "SOLIDIFY" and not voxels and not _gives_body(obj, modifier)
+        if thickens or (last and modifier.type in DIVIDING):
+            found.insert(0, modifier)
+            continue
+        last, voxels = False, voxels or modifier.type == "REMESH"
+    return found
+
+
+def sentence(obj: bpy.types.Object) -> str:
+    """Return what is left out where the surface of an object is read, and why; "" where nothing is."""
+    found = left_out(obj)
+    lines = [
+        translate("The modifier '{}' is left out: panels have the thickness of the sheet", one.name)
+        if one.type == "SOLIDIFY"
+        else translate("The modifier '{}' is left out: it divides faces, and leaves the shape as it is", one.name)
+        for one in found
+    ]
+    return ". ".join(lines)
+
+
+def note(mesh: bpy.types.Mesh, text: str) -> None:
+    """Store what was left out where the surface of a mesh was read.
+
+    Parameters
+    ----------
+    mesh : Blender's mesh of the surface
+    text : the sentence; "" leaves an earlier one
+    """
+    if text:
+        notes.put_text(mesh, NAME, {"text": text})
+
+
+def noted(mesh: bpy.types.Mesh) -> str:
+    """Return what was left out where the surface of a mesh was read; "" where nothing was."""
+    return str(notes.get_text(mesh, NAME).get("text", ""))
+
+
+@contextmanager
+def surface_only(obj: bpy.types.Object) -> Iterator[None]:
+    """Let an object be evaluated without the modifiers of ``left_out`` within a block."""
+    found = left_out(obj)
+    try:
+        for one in found:
+            one.show_viewport = False
+        yield
+    finally:
+        for one in found:
+            one.show_viewport = True
+
+
+def _only_shades(modifier: bpy.types.Modifier) -> bool:
+    """Return whether geometry nodes pass the surface on as it is, as *Smooth by Angle* does."""
+    tree = modifier.node_group if modifier.type == "NODES" else None
+    return tree is not None and _passes(tree)
+
+
+def _passes(tree: bpy.types.NodeTree) -> bool:
+    for node in tree.nodes:
+        if node.bl_idname == "NodeGroupOutput" and not (node.inputs and node.inputs[0].is_linked):
+            return False
+        if node.bl_idname == "GeometryNodeGroup":
+            if node.node_tree is None or not _passes(node.node_tree):
+                return False
+        elif node.bl_idname not in PASSING and any(socket.type == "GEOMETRY" for socket in node.outputs):
+            return False
+    return True
+
+
+def _gives_body(obj: bpy.types.Object, modifier: bpy.types.Modifier) -> bool:
+    """Return whether *Solidify* makes a body of a flat surface, as of a text, with a rim as wide as a quad at least."""
+    extents = sorted(b - a for a, b in zip(obj.bound_box[0], obj.bound_box[6], strict=True))
+    thickness = abs(modifier.thickness)
+    if extents[0] > FLAT * thickness:
+        return False  # the surface under it is not flat
+    wanted = obj.flexmaps.remesh.quads if hasattr(obj, "flexmaps") else RemeshParams().quads
+    return bool(thickness > sqrt(2.0 * extents[1] * extents[2] / wanted))

@@ -1,0 +1,56 @@
+"""Make a mesh without modifiers of the active object: the layout of panels lives in the mesh itself."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..bridge.store import modifiers, objects
+from ..engine.errors import FlexMapsError
+from .stage import AtOnce, NewObject
+
+
+class ToMesh(AtOnce, NewObject, bpy.types.Operator):
+    """Turn a text, curve, surface or metaball into a mesh, or apply the modifiers of a mesh to a copy and hide the original. Solidify is left out: panels have the thickness of the sheet"""
+
+    bl_idname = "flexmaps.to_mesh"
+    bl_label = "Apply modifiers"
+
+    keep: bpy.props.BoolProperty(  # type: ignore[valid-type]
+        name="Keep original", description="Hide the original instead of removing it", options={"SKIP_SAVE"}
+    )
+
+    @classmethod
+    def problem(cls, context: bpy.types.Context) -> str | None:
+        obj = context.object
+        if obj is None or (obj.type != "MESH" and obj.type not in objects.CONVERTIBLE):
+            return "Select a mesh, text, curve, surface or metaball"
+        return super().problem(context)
+
+    def act(self, context: bpy.types.Context) -> str:
+        source = context.object
+        if source.mode != "OBJECT":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        without = modifiers.sentence(source)
+        with modifiers.surface_only(source):
+            if not _has_faces(source, context):
+                raise FlexMapsError(
+                    f"'{source.name}' has no faces: give a curve a bevel or an extrusion under Object Data, Geometry, or add faces"
+                )
+            bpy.ops.object.convert(target="MESH", keep_original=self.keep)
+        if context.object != source:
+            source.hide_set(True)
+        modifiers.note(context.object.data, without)
+        return without
+
+
+def _has_faces(obj: bpy.types.Object, context: bpy.types.Context) -> bool:
+    """Return whether an object has faces with its modifiers."""
+    evaluated = obj.evaluated_get(context.evaluated_depsgraph_get())
+    try:
+        mesh = evaluated.to_mesh()
+        return mesh is not None and len(mesh.polygons) > 0
+    finally:
+        evaluated.to_mesh_clear()
+
+
+CLASSES = (ToMesh,)
