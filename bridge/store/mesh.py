@@ -28,7 +28,6 @@ Engine coordinates are world coordinates in metres. This module only changes fra
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import bpy
@@ -102,12 +101,10 @@ def read_evaluated(obj: bpy.types.Object, scene: bpy.types.Scene) -> PolygonMesh
     ----------
     obj, scene : the object, and the scene with its units
     """
-    without = modifiers.sentence(obj)
-    with modifiers.surface_only(obj), keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
+    with modifiers.surface_only(obj) as left, keys.shown_at(obj, 0.0), seeing.evaluated(obj, scene) as evaluated:
         mesh = evaluated.to_mesh()
         try:
-            polygons = _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene)).polygons
-            return replace(polygons, left_out=(*polygons.left_out, without)) if without else polygons
+            return _surface(mesh, obj.session_uid, seeing.to_metres(evaluated, scene), left=left).polygons
         finally:
             evaluated.to_mesh_clear()
 
@@ -117,6 +114,7 @@ def _surface(
     uid: int,
     matrix: Float[np.ndarray, "4 4"],
     seen: Float[np.ndarray, "vertices 3"] | None = None,
+    left: tuple[str, ...] = (),
 ) -> ObjectSurface:
     if not len(mesh.polygons):
         raise FlexMapsError("The mesh has no faces; add some, or select another object")
@@ -131,7 +129,7 @@ def _surface(
     seen = positions if seen is None else seen
     vertices = seen.astype(float) @ matrix[:3, :3].T + matrix[:3, 3]
     values, unsound = attributes.ours(mesh)
-    left = tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
+    left += tuple(UNSOUND.format(attributes.PREFIX + name) for name in unsound)
     left += (UNSOUND_NOTES,) if notes.unsound(mesh) else (UNSEALED_NOTES,) if notes.unsealed(mesh) else ()
     step = coarse_step(seen[np.unique(corners)]) * 1e3 * float(np.abs(np.linalg.det(matrix[:3, :3]))) ** (1 / 3)
     left += (COARSE.format(step),) if step else ()
@@ -211,9 +209,8 @@ def patch_centres(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) ->
     p = points[layout.flat_corners]
     a, b = p[:, 2] - p[:, 0], p[:, 3] - p[:, 1]
     area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    middle = p.mean(axis=1)
     weight = np.bincount(layout.patch_of, area)
-    return np.stack([np.bincount(layout.patch_of, area * middle[:, k]) / weight for k in range(2)], axis=1)
+    return np.stack([np.bincount(layout.patch_of, area * p[:, :, k].mean(axis=1)) / weight for k in range(2)], axis=1)
 
 
 def current_flat(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches:

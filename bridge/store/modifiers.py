@@ -67,14 +67,13 @@ def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
 
 def sentence(obj: bpy.types.Object) -> str:
     """Return what is left out where the surface of an object is read, and why; "" where nothing is."""
-    found = left_out(obj)
-    lines = [
-        translate("The modifier '{}' is left out: panels have the thickness of the sheet", one.name)
-        if one.type == "SOLIDIFY"
-        else translate("The modifier '{}' is left out: it divides faces, and leaves the shape as it is", one.name)
-        for one in found
-    ]
-    return ". ".join(lines)
+    return ". ".join(map(_sentence, left_out(obj)))
+
+
+def _sentence(modifier: bpy.types.Modifier) -> str:
+    if modifier.type == "SOLIDIFY":
+        return translate("The modifier '{}' is left out: panels have the thickness of the sheet", modifier.name)
+    return translate("The modifier '{}' is left out: it divides faces, and leaves the shape as it is", modifier.name)
 
 
 def note(mesh: bpy.types.Mesh, text: str) -> None:
@@ -95,13 +94,13 @@ def noted(mesh: bpy.types.Mesh) -> str:
 
 
 @contextmanager
-def surface_only(obj: bpy.types.Object) -> Iterator[None]:
-    """Let an object be evaluated without the modifiers of ``left_out`` within a block."""
+def surface_only(obj: bpy.types.Object) -> Iterator[tuple[str, ...]]:
+    """Let an object be evaluated without the modifiers of ``left_out`` within a block; yield a sentence about each."""
     found = left_out(obj)
     try:
         for one in found:
             one.show_viewport = False
-        yield
+        yield tuple(map(_sentence, found))
     finally:
         for one in found:
             one.show_viewport = True
