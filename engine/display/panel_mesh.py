@@ -13,7 +13,6 @@ import numpy as np
 
 from ..arrays import Bool, Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.panel_solids import triangulate
 from ..mechanics.arms.bent import BentArms, hub_edge_of_design
 from ..mechanics.assembly import Pose
 from ..mechanics.vectors import matvec
@@ -21,6 +20,7 @@ from ..progress import SILENT, Progress
 from ..spirals.caps import Cap
 from ..spirals.curves.spiral import LEFT, RIGHT, centre_line, edge_points, opposite_sides
 from ..spirals.design import SpiralDesign
+from ..triangulation import triangulate
 from .rim_mesh import RimMesh
 
 DRAWING = "Drawing the arms"  # text of the progress

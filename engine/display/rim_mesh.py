@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import Complex, Float, Int
-from ..fabrication.writers.panel_solids import triangulate
 from ..mechanics.arms.bent import BentArms
 from ..mechanics.rim_bodies import BACKWARDS, FORWARDS, NECK
 from ..mechanics.vectors import matvec
 from ..spirals.design import SpiralDesign
 from ..spirals.rim import Rim
+from ..triangulation import triangulate
 
 FINEST = 0.002  # metres: largest distance between points along an edge; by eye
 ROUND = 6  # points on a quarter of a hole; by eye

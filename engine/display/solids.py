@@ -12,11 +12,11 @@ import numpy as np
 
 from ..arrays import Float, Int
 from ..fabrication.connectors.tips import Tip
-from ..fabrication.writers.panel_solids import triangulate
 from ..spirals.caps import Cap
 from ..spirals.curves.spiral import LEFT, RIGHT, Arms, edge_points, opposite_sides
 from ..spirals.design import SpiralDesign
 from ..spirals.roots import SlotRoots
+from ..triangulation import triangulate
 from .rim_mesh import RimMesh
 
 DEGREES = 9.5  # degrees of an arm's twist per step

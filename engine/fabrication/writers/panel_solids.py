@@ -16,6 +16,7 @@ from ... import MARK
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
+from ...triangulation import triangulate
 from ..panels.panel import Panel
 from ..sheets import CutSheets
 from .operations import WRITING
@@ -101,26 +102,6 @@ def _ring(ring: Any, way: int) -> Float[np.ndarray, "points 2"]:
     return points if ring.is_ccw == (way > 0) else points[::-1]
 
 
-def triangulate(polygons: list[Any], known: Float[np.ndarray, "known 2"]) -> Int[np.ndarray, "triangles 3"]:
-    """Triangulate polygons between known points, counter-clockwise.
-
-    Parameters
-    ----------
-    polygons : shapely polygons
-    known : all their corners, in any order
-    """
-    import shapely
-
-    parts = [shapely.get_coordinates(shapely.constrained_delaunay_triangles(one)).reshape(-1, 4, 2) for one in polygons]
-    corners = np.concatenate(parts)[:, :3]
-    triangles = _places(known, corners.reshape(-1, 2)).reshape(-1, 3)
-    assert triangles.min() >= 0  # corners of the triangles are exactly those of the polygons
-    a, b, c = known[triangles].transpose(1, 0, 2)
-    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
-    triangles[clockwise] = triangles[clockwise, ::-1]
-    return triangles
-
-
 def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles 3"]:
     """Return triangles along rings with these numbers of points, between bottom and top, with the material on the left."""
     start = np.cumsum([0, *counts])
@@ -132,15 +113,6 @@ def _walls(counts: list[int], low: int, high: int) -> Int[np.ndarray, "triangles
             np.stack([own + low, along + high, own + high], axis=1),
         ]
     )
-
-
-def _places(known: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return for every point (n, 2) the index of the exactly equal ``known`` point; -1 without one."""
-    # adding zero makes -0.0 the same as 0.0; complex numbers sort by both parts
-    keys, wanted = (np.ascontiguousarray(some + 0.0).view(complex).ravel() for some in (known, points))
-    order = np.argsort(keys)
-    place = np.minimum(np.searchsorted(keys[order], wanted), len(keys) - 1)
-    return np.where(keys[order][place] == wanted, order[place], -1)
 
 
 def write_stl(sheets: CutSheets, index: int, path: Path, progress: Progress = SILENT) -> None:
