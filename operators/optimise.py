@@ -12,6 +12,7 @@ from ..bridge.store import notes
 from ..bridge.store.i18n import translate
 from ..engine.errors import Cancelled
 from ..engine.extras import registry
+from ..engine.figures import format_figure
 from ..engine.params import ObjectSettings
 from ..engine.progress import Progress
 from .continued import Continuation, ContinuedStage
@@ -88,12 +89,14 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         notes.write_all(obj.data, {"equilibrium": shape, **limits, "optimise": report})
         text, warning = equilibrium.sentences(shape)
         self.level = "WARNING" if warning else "INFO"
-        better = report["laplacian_rmse_mm_before"], report["laplacian_rmse_mm"], report["iterations"]
+        away = [format_figure(report[name]) for name in ("rms_percent_before", "rms_percent")]
+        steps = report["iterations"]
         lines = [
             *([] if report["finished"] else [translate("Stopped; the best so far is kept")]),
             translate(
-                "RMSE {:.3g} to {:.3g} mm in {} step" if better[2] == 1 else "RMSE {:.3g} to {:.3g} mm in {} steps",
-                *better,
+                "Mean distance {} to {} % in {} step" if steps == 1 else "Mean distance {} to {} % in {} steps",
+                *away,
+                steps,
             ),
             *([text] if warning else []),
         ]

@@ -134,9 +134,7 @@ def around(context: bpy.types.Context) -> tuple[Notice, ...]:
         names = ", ".join(f"'{one.get('flexmaps_owner')}'" for one in left[:2]) + ", ..." * (len(left) > 2)
         sentence = interface("{} was deleted, its panels are still there", names)
         notices.append(
-            Notice(
-                "left", interface("Left-over panels"), sentence, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),)
-            )
+            Notice("left", interface("Old panels"), sentence, INFORMATION, cures=(Cure(interface("Remove"), REMOVE),))
         )
     if unusable(obj) is not None:
         return tuple(notices)

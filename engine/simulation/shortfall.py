@@ -16,6 +16,7 @@ from ..arrays import Bool, Float, Int
 from ..figures import format_figure
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
+from ..surface.checking.finding import counted
 from ..surface.mesh import QuadMesh
 from .visible import VISIBLE_RMS_SHARE
 
@@ -37,6 +38,7 @@ class FarBody:
     flat : whether it has stayed flat
     held : whether supports hold it
     open : whether it has a border
+    whole : whether it is the whole piece
     line : (c,) indices of edges, a cut that would let it curve; empty if no cut would
     """
 
@@ -45,23 +47,29 @@ class FarBody:
     flat: bool
     held: bool
     open: bool
+    whole: bool
     line: Int[np.ndarray, " c"]
 
     @property
     def wrong(self) -> str:
         """Sentence about the fault."""
-        kind = "The piece stays flat" if self.flat else "The shape is far from its target"
-        return f"{kind}: RMS distance {format_figure(100.0 * self.rms)} % of its size."
+        which = "The piece" if self.whole else f"One body of the piece, of {counted(len(self.quads), 'quad', 'quads')},"
+        kind = "stays flat" if self.flat else "comes to rest far from its target"
+        return f"{which} {kind}: the RMS distance is {format_figure(100.0 * self.rms)} % of {'its' if self.whole else 'its own'} size."
 
     @property
     def help(self) -> str:
         """Sentence with the remedies, after a blank; empty if neither supports nor a cut would help."""
         ways = []
         if self.open:
-            ways.append("hold it at more places" if self.held else "name supports, best at opposite borders")
+            ways.append(
+                "hold it at more places"
+                if self.held
+                else "hold it with supports, best at opposite borders (Rests, in Piece)"
+            )
         if len(self.line):
             ways.append(
-                f"cut it along a line through its middle, {len(self.line)} edges long, so that it can curve both ways"
+                f"cut it along a line through its middle, {counted(len(self.line), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
             )
         return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
 
@@ -87,7 +95,17 @@ def find_far_bodies(
         flat = height > LOW_RELIEF * size and rms_height(own) < FLAT * height
         if flat or rms > VISIBLE_RMS_SHARE * size or (height > LOW_RELIEF * size and rms > FAR_BY_RELIEF * height):
             border = bool(mesh.border[mesh.quad_edges[quads]].any())
-            far.append(FarBody(quads, rms / size, flat, bool(held[quads].any()), border, _middle_cut(layout, quads)))
+            far.append(
+                FarBody(
+                    quads,
+                    rms / size,
+                    flat,
+                    bool(held[quads].any()),
+                    border,
+                    len(quads) == len(mesh.quads),
+                    _middle_cut(layout, quads),
+                )
+            )
     return sorted(far, key=lambda s: -s.rms)
 
 

@@ -169,7 +169,7 @@ class Simulation:
             quads = self.model.pairs[worst]
             text = (
                 f"The twist of two neighbours against each other differs by {np.degrees(self.twisted[worst]):.0f} degrees from that in the target: "
-                "probably not the shape that the object would take; optimise again, or make their spirals more alike"
+                "probably not the shape that the piece would take. Press Optimise again"
             )
             findings.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
         far = []
@@ -181,7 +181,7 @@ class Simulation:
         findings += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
-            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing; remove them or join them"
+            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing: delete them, or join them to the others"
             findings.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
@@ -194,7 +194,7 @@ class Simulation:
         if len(strained):
             text = (
                 f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
-                f"{self._strain_note}: they may break or stay bent; optimise, take a thinner sheet or narrower arms, or make the object larger"
+                f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
         findings += self._kinked()
@@ -224,7 +224,7 @@ class Simulation:
         spirals = np.unique(assembly.pairs[doubtful])
         text = (
             f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
-            f"of {self.material.bears}, the true one can be {KINK_STRAIN_FACTOR:g} times as large; make neighbours more alike to be sure"
+            f"of {self.material.bears}, the true one can be {KINK_STRAIN_FACTOR:g} times as large. To be sure, smooth these spirals with the brush Twist and Shift, then simulate"
         )
         return [Finding("kinked", "warning", text, tuple(spirals[spirals < assembly.spirals].tolist()))]
 

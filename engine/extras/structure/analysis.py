@@ -195,13 +195,13 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         reached = one.critical or one.share * one.path.last.factor
         far = tuple(np.flatnonzero(one.deflection >= 0.5 * one.deflection.max()).tolist())
         how = "snaps" if one.critical is not None else f"cannot be followed ({one.path.ended}) beyond where it stands"
-        text = f"{what} the piece {how} at {reached:.2f} of the load; make it stiffer, or hold it at more places"
+        text = f"{what} the piece {how} at {reached:.2f} of the load: hold it at more places, or take a thicker sheet"
         found.append(Finding("snaps", "warning", text, far))
     if one.borne.arms is not None and one.borne.arms.max() > OVERSTRAIN_SHARE:
         worst = tuple(np.flatnonzero(one.borne.arms > OVERSTRAIN_SHARE).tolist())
         text = (
             f"{what} the arms of {counted(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
-            f"{structure.simulation.material.bears}, give or take 15 %"
+            f"{structure.simulation.material.bears}, give or take 15 %: they may break or stay bent. Hold the piece at more places, or lessen the load"
         )
         found.append(Finding("overstrained", "warning", text, worst))
     if one.borne.joints is not None and structure.seams.any():
@@ -209,7 +209,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         weak = np.flatnonzero(share > OVERLOADED)
         if len(weak):
             quads = np.unique(structure.simulation.assembly.pairs[weak])
-            text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears"
+            text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears and may open: glue them, hold the piece at more places, or lessen the load"
             found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
     return found
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-REMESH = "use the quad remesh (voxel remesh and QuadriFlow in Blender)"
+REMESH = "use Quad remesh"
 
 
 @dataclass(frozen=True)
@@ -79,8 +79,15 @@ def counted(n: int, one: str, many: str) -> str:
     return f"{n} {one if n == 1 else many}"
 
 
-def named(faces: Any) -> str:
-    """Return for example "3 faces (4, 7, 12)"; long lists are cut short."""
+def named(faces: Any, one: str = "", many: str = "") -> str:
+    """Return for example "3 faces (4, 7, 12)" or "3 faces (4, 7, 12) have"; long lists are cut short.
+
+    Parameters
+    ----------
+    faces : indices
+    one, many : verb that follows one face and several, or ""
+    """
     faces = np.asarray(faces)
     shown = ", ".join(str(f) for f in faces[:5].tolist())
-    return f"{counted(len(faces), 'face', 'faces')} ({shown}{', ...' if len(faces) > 5 else ''})"
+    verb = one if len(faces) == 1 else many
+    return f"{counted(len(faces), 'face', 'faces')} ({shown}{', ...' if len(faces) > 5 else ''}) {verb}".rstrip()

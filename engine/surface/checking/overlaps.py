@@ -67,11 +67,13 @@ def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> lis
     found = []
     twice, own = lying[several[lying]], lying[~several[lying]]
     if len(twice):
-        text = f"{len(twice)} faces lie on each other ({named(twice)}), as of a shell that is there twice: delete one of the two"
+        text = (
+            f"{named(twice, 'lies', 'lie')} on faces of another shell, as if it were there twice: delete one of the two"
+        )
         found.append(finding("doubled-faces", text, twice))
     if len(own):
         spot = _spot(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
-        text = f"The surface cuts itself: {named(own)} lie on each other, at {spot}; end it before it meets itself, or delete the doubles"
+        text = f"The surface cuts itself: {named(own)} lie on each other, at {spot}: delete one of each two, or move them apart"
         found.append(finding("cuts-itself", text, own, severity="warning"))
     return found
 
@@ -84,13 +86,13 @@ def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     if joinable(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
-        text = f"{counted(len(on), 'vertex lies', 'vertices lie')} doubled on borders, so that the surface is in pieces there, at {_spot(mesh.vertices[on[0]])}: use Merge by Distance"
+        text = f"{counted(len(on), 'vertex of the border lies', 'vertices of the border lie')} in one place with others, the first at {_spot(mesh.vertices[on[0]])}, so that the surface is open there: merge them (Merge by Distance)"
         found.append(finding("doubled-vertices", text, faces))
     at = t_junctions(mesh, sides)
     if len(at.vertex):
         faces = np.unique(sides.face[at.side])
         many = counted(len(at.vertex), "T-junction: a vertex lies", "T-junctions: vertices lie")
-        text = f"{many} inside the edge of a neighbour, the first at {_spot(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or carry the cut on to the border"
+        text = f"{many} inside the edge of a neighbour, the first at {_spot(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or give the neighbour that vertex too (Knife)"
         found.append(finding("t-junction", text, faces, np.unique(sides.edge[at.side])))
     return found
 
@@ -120,7 +122,7 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     if not len(faces):
         return []
     gap = 1e3 * float(np.median(np.linalg.norm(middle[a] - middle[b], axis=1)))
-    text = f"Both skins of a thin closed shell ({named(faces)}, {gap:.2g} mm apart): panels are one sheet thick, so delete the inner skin, or the modifier Solidify"
+    text = f"{named(faces, 'is', 'are')} both skins of a thin closed shell, {gap:.2g} mm apart, and each would get panels of its own: delete the inner skin and the rim"
     return [finding("double-skin", text, faces, severity="warning")]
 
 
@@ -131,11 +133,11 @@ def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[F
     found = []
     if not apart.all():
         faces, spot = np.unique(pairs[~apart]), _spot(points[~apart][0])
-        text = f"The surface cuts itself: {named(faces)} go through others, at {spot}; sheets cannot, so the piece touches itself there: move the parts apart"
+        text = f"The surface cuts itself: {named(faces)} go through others, at {spot}, which sheets cannot: move these parts away from each other"
         found.append(finding("cuts-itself", text, faces, severity="warning"))
     if apart.any():
         faces, spot = np.unique(pairs[apart]), _spot(points[apart][0])
-        text = f"The surface cuts itself where bodies go through each other: {named(faces)}, at {spot}. Each body is made by itself; where you want to put one into the other, move them apart or join them first, with the modifier Boolean"
+        text = f"Bodies go through each other: {named(faces)}, at {spot}. Each body is made by itself; to put them together, move them apart, or join them with the modifier Boolean"
         found.append(finding("bodies-cross", text, faces, severity="warning"))
     return found
 

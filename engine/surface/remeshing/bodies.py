@@ -27,7 +27,12 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
                 group_of[group_of == group_of[b]] = group_of[a]
         groups = [np.flatnonzero(group_of == k) for k in np.unique(group_of)]
         if len(groups) < len(whole):
-            found.append(said("bodies-joined", f"{len(whole)} bodies cut each other and became {len(groups)}"))
+            found.append(
+                said(
+                    "bodies-joined",
+                    f"{len(whole)} bodies went through each other and became {len(groups)}; to keep them apart, move them away from each other",
+                )
+            )
         whole = [joined([whole[k] for k in group]) for group in groups]
     parts = []
     for part in whole:
@@ -38,7 +43,7 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
                 found.append(
                     said(
                         "bodies-cut",
-                        f"Open parts that meet three at an edge were cut apart there, into {len(pieces)} bodies",
+                        f"Three or more parts of the surface met at an edge; they were cut apart there, and each of the {len(pieces)} bodies is made by itself",
                     )
                 )
             parts += pieces
@@ -91,7 +96,7 @@ def without_crumbs(
     if left > crumbs * (1.0 + 1e-9):
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
-            f"--crumbs {np.ceil(100 * left) / 100:g}); corners that should be one: use Merge by Distance",
+            f"--crumbs {np.ceil(100 * left) / 100:g}); if corners only lie in one place, merge them (Merge by Distance)",
             quads=enough,
         )
     return large, [said("bodies-left-out", f"{which}, and they were left out; ask for {enough} quads to keep them")]

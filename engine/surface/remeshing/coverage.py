@@ -51,7 +51,7 @@ def uncovered(quads: PolygonMesh, made: TargetSurface, whole: TargetSurface, cou
     middles = quads.vertices[quads.corners.reshape(-1, 4)].mean(axis=1)
     faces = np.unique(cKDTree(middles).query(far)[1]) + first
     text = (
-        f"The quads miss the surface by up to {away.max():.2g} of their edges and have {ratio:.0%} of its area, "
-        f"beside {counted(len(faces), 'face', 'faces')}: remesh with {finer(count)} quads"
+        f"The quads lie up to {away.max():.2g} of their edges away from the surface and have {ratio:.0%} of its area, so that "
+        f"parts are lost near {counted(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
     )
     return [finding("surface-missed", text, faces, severity="warning")]

@@ -123,7 +123,7 @@ def test_non_quads():
     faces[4:5] = [faces[4][:3], [faces[4][0], *faces[4][2:]]]
     result = found(polygons(vertices, faces))
     assert result["non-quad"].faces == (4, 5)
-    assert "quad remesh" in result["non-quad"].message
+    assert "Quad remesh" in result["non-quad"].message
     assert "2 triangles" in result["non-quad"].message
 
 
@@ -313,7 +313,7 @@ def test_size_ratio():
     assert not found(stretched(6))["size-ratio"].is_error
     result = found(stretched(40))
     assert result["size-ratio"].is_error
-    assert "quad remesh" in result["size-ratio"].message
+    assert "Quad remesh" in result["size-ratio"].message
     assert 0 in result["size-ratio"].faces
     assert 1599 in result["size-ratio"].faces
     # oblong but equal faces are no matter of size
