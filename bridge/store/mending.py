@@ -12,6 +12,7 @@ import numpy as np
 
 from ...engine.errors import FlexMapsError
 from ...engine.surface.checking import check
+from ...engine.surface.checking.folds import SHARP
 from ...engine.surface.checking.sewing import doubled
 from ...engine.surface.checking.topology import sides_of
 from . import keys, mesh, notes, objects
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from .surface import ObjectSurface
 
 SHORT = 1e-6  # of the median edge: shorter counts as no length, as in the check
+# Smallest share of a shell that its two skins make up, and of the outer skin that the inner one does, where one of them is
+# deleted: less means that folds divide the skins, and one part would be left of them
+SKINS, INNER = 0.7, 0.5
 TOUCHING = 2.0  # merge distance, times SHORT; above 1 so that all edges vanish that the check names
 
 
@@ -132,6 +136,35 @@ def _delete_double_shells(place: _Place) -> None:
     bmesh.ops.delete(place.bm, geom=doubles, context="FACES")
 
 
+def _delete_inner_skins(place: _Place) -> None:
+    """Keep the larger skin of every shell, and delete the other one and the rim; nothing where folds divide the skins."""
+    left, gone = set(place.faces), []
+    while left:
+        shell = _reached(next(iter(left)), left, np.pi)
+        rest, skins = set(shell), []
+        while rest:
+            skins.append(_reached(next(iter(rest)), rest, SHARP))
+        areas = sorted((sum(face.calc_area() for face in skin) for skin in skins), reverse=True)
+        if len(areas) > 1 and areas[0] + areas[1] >= SKINS * sum(areas) and areas[1] >= INNER * areas[0]:
+            outer = max(skins, key=lambda skin: sum(face.calc_area() for face in skin))
+            gone += [face for face in shell if face not in outer]
+    bmesh.ops.delete(place.bm, geom=gone, context="FACES")
+
+
+def _reached(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
+    """Take the faces out of ``left`` that are reached from a first one over edges that turn by at most ``turn`` radians."""
+    found, ahead = {first}, [first]
+    left.discard(first)
+    while ahead:
+        for edge in ahead.pop().edges:
+            for face in edge.link_faces:
+                if face in left and edge.calc_face_angle(np.pi) <= turn:
+                    left.discard(face)
+                    found.add(face)
+                    ahead.append(face)
+    return found
+
+
 def _dissolve_thin_faces(place: _Place) -> None:
     bmesh.ops.dissolve_degenerate(
         place.bm, dist=TOUCHING * SHORT * place.edge, edges=[edge for face in place.faces for edge in face.edges]
@@ -203,6 +236,7 @@ _KINDS: dict[str, tuple[tuple[str, ...], Callable[[_Place], None]]] = {
     "short-edges": (("zero-edge", "repeated-vertex"), _merge_short_edges),
     "doubles": (("doubled-vertices",), _weld_doubles),
     "double-shells": (("doubled-faces",), _delete_double_shells),
+    "skins": (("double-skin",), _delete_inner_skins),
     "thin-faces": (("zero-area",), _dissolve_thin_faces),
     "double-faces": (("duplicate-faces",), _delete_double_faces),
     "folds": (("folded",), _delete_folds),

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
+import bmesh
 import bpy
+import numpy as np
 import pytest
 from flexmaps import api
-from flexmaps.bridge.store import guidance, mesh, modifiers
+from flexmaps.bridge.store import guidance, mesh, modifiers, notes
 from flexmaps.engine.surface import shapes
 from support.buttons import press
 
@@ -133,3 +136,44 @@ def test_what_has_no_faces_as_a_mesh_is_refused() -> None:
     with pytest.raises(RuntimeError, match="has no faces"):
         bpy.ops.flexmaps.to_mesh()
     assert bpy.context.object.type == "CURVE"
+
+
+# -- shells that are there already -----------------------------------------------------------------------------------------
+
+
+def applied(obj: Any) -> set[str]:
+    """Apply Solidify as Blender does, check the shell, and return the names of the cures of its two skins."""
+    thick(obj, share=0.03)
+    bpy.ops.object.convert(target="MESH")
+    with suppress(RuntimeError):  # its report may be an error
+        bpy.ops.flexmaps.check()
+    skins = [one for one in guidance.read_guidance(obj, bpy.context.scene).notices if one.key == "checks/double-skin"]
+    return {cure.name for one in skins for cure in one.cures}
+
+
+def test_the_outer_skin_of_a_shell_is_kept(bowl: Any) -> None:
+    before = sorted(tuple(vertex.co) for vertex in bowl.data.vertices)  # Solidify goes inwards from there
+    assert "mend-skins" in applied(bowl)
+    press("mend", what="skins")
+    assert sorted(tuple(vertex.co) for vertex in bowl.data.vertices) == pytest.approx(np.array(before), abs=1e-6)
+    assert not codes(bowl) & {"double-skin", "loose-vertices"}
+
+
+def codes(obj: Any) -> set[str]:
+    return {row["code"] for row in notes.read(obj.data).get("checks", ())}
+
+
+def test_a_shell_whose_skins_are_divided_by_folds_stays_as_it_is() -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    box = bpy.context.object
+    bm = bmesh.new()
+    bm.from_mesh(box.data)
+    bmesh.ops.delete(bm, geom=[max(bm.faces, key=lambda face: face.calc_center_median().z)], context="FACES_ONLY")
+    bmesh.ops.subdivide_edges(bm, edges=bm.edges, cuts=3, use_grid_fill=True)
+    bm.to_mesh(box.data)
+    bm.free()
+    assert "mend-skins" in applied(box)
+    count = len(box.data.polygons)
+    with pytest.raises(RuntimeError, match="could not be mended"):
+        bpy.ops.flexmaps.mend(what="skins")
+    assert len(box.data.polygons) == count

@@ -204,8 +204,8 @@ def _useful_groups(groups: list[list[Symmetry]], most: int) -> list[list[Symmetr
 
 
 HALVED = (
-    "The surface would lie flat in one panel, but nothing would make that leave the plane; its seam does. "
-    'Give it supports, or choose "One panel without a cut", to keep it whole'
+    "In one panel the surface would lie flat and stay flat; the seam makes it rise into its shape. "
+    'To keep it whole, hold it with supports (Rests, in Piece), or choose "One panel without a cut"'
 )
 
 

@@ -79,7 +79,9 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
                 done |= _cut_once(flat.layout, edges, cut, done)
         notes = flat.layout.notes
         flat = with_cuts(flat, cut, params, part.part(1.0, 1.0))
-        flat.layout.notes.update({k: v for k, v in notes.items() if k != "forced"} | forced_notes(flat, params))
+        # "halved" tells how to keep the surface whole, which the sheet does not allow
+        kept = {name: value for name, value in notes.items() if name not in {"forced", "halved"}}
+        flat.layout.notes.update(kept | forced_notes(flat, params))
     added = len(flat.layout.patches) - first
     if added:
         flat.layout.notes["split"] = (

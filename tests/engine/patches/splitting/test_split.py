@@ -52,6 +52,13 @@ def test_what_fits_is_left_alone(flat_grid):
     assert split.split(large, LAYOUT, SheetParams(oversize="enlarge")) is large
 
 
+def test_what_does_not_fit_is_not_told_how_to_stay_whole(flat_grid):
+    plate = flat_grid(40, 15)
+    plate.layout.notes["halved"] = "Keep it whole"
+    assert split.split(plate, LAYOUT, SheetParams(sheet_width=1.0)).layout.notes["halved"]
+    assert "halved" not in split.split(plate, LAYOUT, SheetParams()).layout.notes
+
+
 def test_a_large_plate_needs_several_rounds(flat_grid):
     sheet = SheetParams(sheet_width=0.3, sheet_height=0.2)
     made = split.split(flat_grid(25, 20), LAYOUT, sheet)  # 500 x 400 mm: at least 4 sheets
