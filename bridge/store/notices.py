@@ -271,7 +271,7 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
             [cures.remedy(name, advised[name]) for name in helping if name in advised],
         )
         words, kind = WORDS.get(row["code"], ("To look at", WORSE))
-        if row["code"] == "stays-flat" and not _is_far(block):
+        if row["code"] == "stays-flat" and not _is_far(obj, blocks):
             kind = WORSE
         if row["code"] in AGAIN or (row["code"] == "slots-close" and "optimise" not in blocks):
             ways.insert(0, Cure(interface("Optimise again"), "flexmaps.optimise"))
@@ -290,16 +290,19 @@ def _equilibrium(obj: bpy.types.Object, blocks: dict[str, Any]) -> list[Notice]:
     return result + _match(obj, blocks, advised)
 
 
-def _is_far(block: dict[str, Any]) -> bool:
-    """Return whether the piece as a whole, not only one of its small bodies, lies far from its target."""
-    return 0.01 * block.get("rms_percent", 100.0) > VISIBLE_RMS_SHARE
+def _is_far(obj: bpy.types.Object, blocks: dict[str, Any]) -> bool:
+    """Return whether the piece as a whole lies far from its target: of one body, farther than wanted; of several, visibly far."""
+    several = any(row["code"] == "several-bodies" for row in blocks.get("checks", [{"code": "several-bodies"}]))
+    visible = 100.0 * VISIBLE_RMS_SHARE
+    limit = visible if several else min(visible, remedies.wanted_percent(obj.flexmaps.choose))
+    return bool(blocks.get("equilibrium", {}).get("rms_percent", 100.0) > limit)
 
 
 def _match(obj: bpy.types.Object, blocks: dict[str, Any], advised: dict[str, Any]) -> list[Notice]:
     """Report a match worse than wanted, unless a finding reports it already."""
     block = blocks.get("equilibrium", {})
     percent, codes = block.get("rms_percent"), {row["code"] for row in block.get("findings", ())}
-    covering = {"far-from-target", "no-equilibrium", "knotted", *(("stays-flat",) if _is_far(block) else ())}
+    covering = {"far-from-target", "no-equilibrium", "knotted", *(("stays-flat",) if _is_far(obj, blocks) else ())}
     choose = obj.flexmaps.choose
     if percent is None or percent <= remedies.wanted_percent(choose) or codes & covering:
         return []

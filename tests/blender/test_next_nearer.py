@@ -79,6 +79,22 @@ def test_a_cut_is_offered_only_where_short_searches_have_gained_by_it(add: Any) 
     assert notice.kind == WORSE  # a small body of a piece that is near as a whole
 
 
+@pytest.mark.parametrize(
+    ("percent", "bodies", "kind"), [(1.5, 1, BREAKS), (0.5, 1, WORSE), (1.5, 2, WORSE), (2.5, 2, BREAKS)]
+)
+def test_a_piece_of_one_body_that_stays_flat_is_held(add: Any, percent: float, bodies: int, kind: str) -> None:
+    """Nothing but supports makes it rise; of several bodies a small one may be flat while the piece is near."""
+    piece = add(shapes.make("dome"))
+    flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}
+    block = {"rms_percent": percent, "converged": True, "findings": [flat]}
+    checks = [{"code": "several-bodies"}] if bodies > 1 else []
+    found = {n.key: n for n in notices._equilibrium(piece, {"equilibrium": block, "checks": checks})}
+    assert found["equilibrium/stays-flat"].kind == kind
+    assert ("equilibrium/match" in found) == (percent == 1.5 and bodies == 2)
+    act = next_button._next_cure(piece.data, list(found.values()))
+    assert (act is not None and act.idname == "flexmaps.stand_on") == (kind == BREAKS)
+
+
 def test_a_small_body_that_stays_flat_does_not_hide_how_far_the_piece_is(add: Any) -> None:
     piece = add(shapes.make("dome"))
     flat = {"code": "stays-flat", "severity": "warning", "message": "It stays flat", "faces": [0], "edges": []}

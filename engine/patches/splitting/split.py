@@ -33,6 +33,9 @@ CHANGE = 0.01  # share by which a piece may grow when it is flattened again; cho
 ROUNDING = 1e-4  # share by which a patch may grow by being stored and read again
 SLACK = 0.005  # share of the sheet's longer side reserved for connectors and packing
 
+# notes of a layout that a further cut outdates: missed limits, and how to keep the surface whole, which the sheet does not allow
+OUTDATED = {"forced", "halved"}
+
 
 def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress: Progress = SILENT) -> FlatPatches:
     """Cut every patch that does not fit the sheet, and flatten the pieces.
@@ -79,8 +82,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
                 done |= _cut_once(flat.layout, edges, cut, done)
         notes = flat.layout.notes
         flat = with_cuts(flat, cut, params, part.part(1.0, 1.0))
-        # "halved" tells how to keep the surface whole, which the sheet does not allow
-        kept = {name: value for name, value in notes.items() if name not in {"forced", "halved"}}
+        kept = {name: value for name, value in notes.items() if name not in OUTDATED}
         flat.layout.notes.update(kept | forced_notes(flat, params))
     added = len(flat.layout.patches) - first
     if added:
