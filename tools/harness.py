@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import json
+import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -27,6 +29,23 @@ def surfaces(folder: Path | None) -> list[tuple[str, PolygonMesh]]:
         paths = [path for path in sorted(folder.iterdir()) if path.suffix in (".obj", ".off", ".ply", ".stl")]
         found += [(path.stem, meshio.read(path)) for path in paths]
     return found
+
+
+def processor() -> float:
+    """Return the processor seconds of this process and of its finished child processes."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
+
+
+def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
+    """Return the fewest processor seconds that an action takes in several runs."""
+
+    def once() -> float:
+        began = time.process_time()
+        action()
+        return time.process_time() - began
+
+    return min(once() for _ in range(repeats))
 
 
 class Bench:

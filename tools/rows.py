@@ -14,11 +14,16 @@ def row(mesh: str, name: str, asked: str, measured: Any, ok: bool | None, peer: 
     return {"mesh": mesh, "row": name, "asked": asked, "measured": measured, "peer": peer or {}, "ok": ok}
 
 
+def note(mesh: str, name: str, measured: Any, peer: dict[str, Any] | None = None) -> Row:
+    """A row without a required value."""
+    return row(mesh, name, "", measured, None, peer)
+
+
 def at_most(mesh: str, name: str, limit: float | None, measured: float, peer: dict[str, Any] | None = None) -> Row:
     """A row whose figure may not exceed ``limit``; NaN never passes."""
     measured = float(f"{measured:.4g}") if isinstance(measured, float) else int(measured)
     if limit is None:
-        return row(mesh, name, "", measured, None, peer)
+        return note(mesh, name, measured, peer)
     return row(mesh, name, f"<= {limit:g}", measured, bool(measured <= limit * (1 + 1e-9)), peer)
 
 
