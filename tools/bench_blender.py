@@ -1,6 +1,6 @@
 """Benchmark of the extension inside Blender: every installed Blender, time until users see something, random operator calls.
 
-python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey,zips,progress,panels,preview,frames,next,random]
+python3 tools/dev.py bench blender [--calls 1000] [--seconds 1500] [--json FILE] [--only survey,progress,panels,preview,frames,next,random]
 
 An interrupted run of random calls is resumed if the sources are unchanged (out/random_calls.json).
 """
@@ -23,7 +23,7 @@ from typing import Any
 
 from harness import Bench
 from responsiveness import frames, next_button, panels, preview, progress, ready
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOLS = ROOT / "tools"
@@ -44,7 +44,7 @@ def survey(_: argparse.Namespace) -> Iterator[Row]:
     yield from _told(_run_survey(sys.executable))
     other = _other_python()
     if other is None:
-        yield row("other Blender", "survey", "", "no other environment", None)
+        yield note("other Blender", "survey", "no other environment")
     else:
         yield from _told(_run_survey(other))
     yield from _real_blender()
@@ -75,13 +75,10 @@ def _told(found: dict[str, Any]) -> Iterator[Row]:
     yield at_most(name, "errors of operators and panels", 0, len(found["errors"]))
     if "operators" not in found:
         return
-    yield row(name, "operators, panels", "", f"{found['operators']}, {found['panels']}", None)
+    yield note(name, "operators, panels", f"{found['operators']}, {found['panels']}")
     yield at_most(name, "operators without a tooltip", 0, len(found["undescribed"]))
-    peer = {
-        "of the processor": found["enable_cpu_s"],
-        "modules": found["modules"],
-        "heavy ones": " ".join(found["heavy"]) or "none",
-    }
+    peer = {"of the processor": found["enable_cpu_s"], "modules": found["modules"]}
+    peer["heavy ones"] = " ".join(found["heavy"]) or "none"
     yield at_most(name, "enable, s", 0.3, found["enable_s"], peer)
     yield at_most(name, "heavy modules imported but numpy", 0, len(set(found["heavy"]) - {"numpy"}))
     yield at_most(name, "classes left after disabling", 0, len(found["left"]))
@@ -100,26 +97,13 @@ def _real_blender() -> Iterator[Row]:
         work = Path(folder)
         reason = ready(work)
         if reason is not None:
-            yield row("real Blender", "survey", "", reason[:60], None)
+            yield note("real Blender", "survey", reason[:60])
             return
         import real_blender
 
         for _ in range(3):  # the first run installs, the second compiles bytecode
             done = real_blender.run(TOOLS / "blender_survey.py", work, window=False, timeout=240)
     yield from _told(_answer(done.stdout + done.stderr))
-
-
-# -- zips --------------------------------------------------------------------------------------------------------------------
-
-
-def zips(_: argparse.Namespace) -> Iterator[Row]:
-    """Return the sizes of the zips."""
-    found = sorted((ROOT / "dist").glob("*.zip"))
-    if not found:
-        yield row("zip", "MB", "<= 90", "none built (dev.py build)", None)
-    for path in found:
-        name = path.stem.removeprefix("flexmaps-").partition("-")[2]
-        yield at_most("zip", name, 90, path.stat().st_size / 1e6)
 
 
 # -- random calls ----------------------------------------------------------------------------------------------------------------
@@ -141,16 +125,13 @@ def random(options: argparse.Namespace) -> Iterator[Row]:
     outcomes: Counter = Counter()
     for one in batches.values():
         outcomes.update(one["outcomes"])
-    for fault in [fault for one in batches.values() for fault in one["faults"]]:
-        print(fault, file=sys.stderr)
+    faults = [fault for one in batches.values() for fault in one["faults"]]
+    print(*faults, sep="\n", file=sys.stderr)
     calls = sum(outcomes.values())
-    yield row(
-        "random meshes", "random calls", f">= {options.calls}", calls, calls >= options.calls, {"": dict(outcomes)}
-    )
-    yield at_most("random meshes", "crashes of Blender", 0, sum(one["crashed"] for one in batches.values()))
-    yield at_most(
-        "random meshes", "tracebacks, meshes not valid, panels", 0, sum(len(one["faults"]) for one in batches.values())
-    )
+    name, crashed = "random meshes", sum(one["crashed"] for one in batches.values())
+    yield row(name, "random calls", f">= {options.calls}", calls, calls >= options.calls, {"": dict(outcomes)})
+    yield at_most(name, "crashes of Blender", 0, crashed)
+    yield at_most(name, "tracebacks, meshes not valid, panels", 0, len(faults))
 
 
 BATCH_SCRIPT = """
@@ -200,7 +181,6 @@ def _sources() -> str:
 
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "survey": survey,
-    "zips": zips,
     "progress": progress,
     "panels": panels,
     "preview": preview,

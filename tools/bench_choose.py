@@ -11,44 +11,34 @@ those of other processes included; the time left is told by a clock, so that it 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
-import zoo
-from bench_panels import processor
 from flexmaps.engine.extras.choosing.choice import INITIAL, Choice
 from flexmaps.engine.params import Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.remaining import Remaining
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
-from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench
-from rows import Row, at_most, row
+from harness import EDGE, MESHES, Bench, Surfaces, from_folder, from_zoo, processor
+from rows import Row, at_most, note
 from zoo import trial
 
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
 PRIMITIVES = ("cube", "uv_sphere", "cylinder", "cone", "monkey")
 PREFIX = "blender-"  # of their names here: the zoo has a cube too
 ZOO = ("spindle", "star5", "elbow", "catenoid", "hypar", "terrain-rough", "dome-oculus", "genus2")  # one a family
 QUICK = ("blender-cone", "blender-cylinder", "vault")
-EDGE = 0.02  # metres
 USUAL = 500  # quads: the default
 LARGEST = 2.5  # times as many are remeshed
 SAME = 1.03  # ratio of distances by which two searches of the same layout differ
-SECONDS, FIRST, RISE = (
-    60.0,
-    5.0,
-    1.5,
-)  # asked: of processor in all, until the first proposal, and of the time left, as a ratio
+SECONDS, FIRST = 60.0, 5.0  # of processor that are asked for: in all, and until the first proposal
+RISE = 1.5  # ratio by which the time left may rise
+SEARCH = ("spirals", "optimise", "simulate")
 SMALL = 6  # quads: a panel of fewer is hard to handle
-KINDS = {".obj", ".off"}
 
 
 def main(arguments: list[str]) -> int:
@@ -57,20 +47,9 @@ def main(arguments: list[str]) -> int:
     bench = Bench("choose", arguments, 34, only="", resume=True, thorough=thorough, quads=quads)
     if not bench.options.only:
         bench.options.only = "*" if bench.options.thorough else ",".join(QUICK)
-    for name, make in bench.cases(surfaces()):
-        bench.measure(lambda name, make=make: measured(name, make(), bench.options.quads), name)
+    primitives: Surfaces = {PREFIX + name: partial(_primitive, name) for name in PRIMITIVES}
+    bench.each(measured, primitives | from_zoo(*ZOO) | from_folder(MESHES, "**/*.o[bf][jf]"), bench.options.quads)
     return bench.finish()
-
-
-def surfaces() -> Iterator[tuple[str, Callable[[], PolygonMesh]]]:
-    """Yield names, and what makes the polygons: Blender's primitives, the zoo, the meshes beside the checkout."""
-    for name in PRIMITIVES:
-        yield PREFIX + name, partial(_primitive, name)
-    for name in ZOO:
-        yield name, zoo.SURFACES[name].polygons
-    for path in sorted(SHARED.rglob("*")) if SHARED.is_dir() else ():
-        if path.suffix in KINDS:
-            yield path.stem, partial(meshio.read, str(path))
 
 
 def _primitive(name: str) -> PolygonMesh:
@@ -89,15 +68,13 @@ def measured(name: str, polygons: PolygonMesh, quads: int) -> list[Row]:
     if (polygons.sizes != 4).any() or not quads / LARGEST <= count <= LARGEST * quads:
         polygons = trial.remeshed(polygons, quads)
     laid = job.run(polygons, settings, edge=EDGE, stop_after="split")
-    given = job.run_stages(laid, settings, ("spirals", "optimise", "simulate"))
+    given = job.run_stages(laid, settings, SEARCH)
     if _rms(given) <= settings.choose.match:
         return [*_by_default(name, given), _small(name, given)]
     watch, began = _Watch(), processor()
     chosen = job.run_stages(given, settings, ("choose",), Progress(watch.report))
     spent = processor() - began
-    again = (
-        chosen if chosen.design is not None else job.run_stages(chosen, settings, ("spirals", "optimise", "simulate"))
-    )
+    again = chosen if chosen.design is not None else job.run_stages(chosen, settings, SEARCH)
     assert chosen.choice is not None
     return _rows(name, given, chosen.choice, again, watch, spent)
 
@@ -131,16 +108,13 @@ class _Watch:
 def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch, spent: float) -> list[Row]:
     before, after = _rms(given), _rms(again)
     best = choice.best
-    peer: dict[str, Any] = {
-        "stays": best.judged.laid.origin == INITIAL,
-        "judged": choice.judged,
-        "note": choice.note[:120],
-    }
+    stays = best.judged.laid.origin == INITIAL
+    peer: dict[str, Any] = {"stays": stays, "judged": choice.judged, "note": choice.note[:120]}
     allowed = max(SAME * before, Settings().choose.match) if choice.reached else SAME * before
     return [
         *_by_default(name, given),
-        row(name, "panels taken", "", best.panels, None, peer),
-        row(name, "RMS % as proposed", "", float(f"{100.0 * best.rms:.4g}"), None),
+        note(name, "panels taken", best.panels, peer),
+        note(name, "RMS % as proposed", float(f"{100.0 * best.rms:.4g}")),
         at_most(name, "RMS % after the search", allowed, after),
         _small(name, again),
         at_most(name, "seconds until the first proposal", FIRST, watch.first),
@@ -152,9 +126,9 @@ def _rows(name: str, given: Result, choice: Choice, again: Result, watch: _Watch
 def _by_default(name: str, given: Result) -> list[Row]:
     assert given.flat is not None
     return [
-        row(name, "quads", "", len(given.mesh.quads), None),
-        row(name, "panels by default", "", len(given.flat.layout.patches), None),
-        row(name, "RMS % by default", "", float(f"{_rms(given):.4g}"), None),
+        note(name, "quads", len(given.mesh.quads)),
+        note(name, "panels by default", len(given.flat.layout.patches)),
+        note(name, "RMS % by default", float(f"{_rms(given):.4g}")),
     ]
 
 

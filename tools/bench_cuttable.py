@@ -34,9 +34,8 @@ MOST = 0.98  # width of the test's cutter over the smallest slot, and over the t
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    bench = Bench(
-        "cuttable", arguments, 32, only="*", most=(400, "largest number of spirals"), patience=(0.3, "of the searches")
-    )
+    most, patience = (400, "largest number of spirals"), (0.3, "of the searches")
+    bench = Bench("cuttable", arguments, 32, only="*", most=most, patience=patience)
     for name, surface in bench.cases(zoo.SURFACES.items()):
         if not surface.refused and surface.remesh is None:
             bench.measure(_rows, name, surface, bench.options)

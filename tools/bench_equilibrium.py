@@ -1,6 +1,6 @@
 """Benchmark of the elastic models and the equilibrium solver: accuracy, convergence and speed, beside the required values.
 
-python3 tools/dev.py bench equilibrium [--meshes DIR] [--json FILE]
+python3 tools/dev.py bench equilibrium [--meshes DIR] [--only PATTERNS] [--json FILE]
 
 Figures are for the arm model, the program's default, with those of the rod model beside them. Seconds are processor seconds
 with one BLAS thread, from a pose to the equilibrium, the symbolic factorisation included.
@@ -11,7 +11,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,10 @@ from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from flexmaps.engine.runs.report import peak_memory
 from flexmaps.engine.surface import shapes
+from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.threads import one_thread
-from harness import Bench, surfaces
-from rows import Row, Table, at_least, at_most, row
+from harness import Bench, seconds, surfaces
+from rows import Row, Table, at_least, at_most, note, row
 from scipy.optimize import brentq
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
@@ -42,36 +43,29 @@ SEEDS = 5  # perturbed starts per surface
 NOISE = 0.05  # standard deviation of perturbations, as a share of an edge, and in radians
 SIZES = (150, 600, 2400, 10_000, 20_000)  # approximate numbers of spirals
 LARGEST = SIZES[-1]
+MODELS = ("arm", "rod")
 
 
 def main(arguments: list[str]) -> int:
     """Measure everything, print the table and write the rows; return 0 whatever the figures."""
-    bench = Bench("equilibrium", arguments, 44, meshes=True, peak=(0, "print the memory that so many spirals need"))
+    bench = Bench(
+        "equilibrium", arguments, 44, only="*", meshes=True, peak=(0, "print the memory that so many spirals need")
+    )
     if bench.options.peak:
         peak(bench.options.peak)
         return 0
-    table = bench.table
-    closed_forms(table)
-    for name, polygons in surfaces(bench.options.meshes):
-        bench.measure(lambda name, polygons=polygons: on_mesh(of_mesh(name, polygons)), name)
-    linear_algebra(table)
-    scaling(table)
-    validation(table)
+    table, parts = (
+        bench.table,
+        (("closed forms", closed_forms), ("linear algebra", linear_algebra), ("scaling", scaling)),
+    )
+    bench.each(on_mesh, surfaces(bench.options.meshes))
+    for _, part in bench.cases(parts):
+        part(table)
     return bench.finish()
 
 
 def both(found: Subject) -> tuple[tuple[str, ElasticModel], ...]:
     return (("arm", found.arm), ("rod", found.rod))
-
-
-def seconds(action: Callable[[], Any], repeats: int = 1) -> float:
-    """Return the smallest processor time of an action over several runs."""
-    best = np.inf
-    for _ in range(repeats):
-        start = time.process_time()
-        action()
-        best = min(best, time.process_time() - start)
-    return float(best)
 
 
 # -- closed forms ----------------------------------------------------------------------------------------------------
@@ -94,15 +88,8 @@ def closed_forms(table: Table) -> None:
     for k, name in enumerate(("arch: energy against the circle's", "arch: hubs off the circle, of its length")):
         table.add(at_most("row of 41", name, 1e-3, arches["arm"][k], {"rod": f"{arches['rod'][k]:.1e}"}))
     tips = {name: _cantilever(model, found.pose, EDGE / bending[name], length) for name, model in both(found)}
-    table.add(
-        at_most(
-            "row of 41",
-            "cantilever: tip off the elastica, of its length",
-            1e-3,
-            tips["arm"],
-            {"rod": f"{tips['rod']:.1e}"},
-        )
-    )
+    name = "cantilever: tip off the elastica, of its length"
+    table.add(at_most("row of 41", name, 1e-3, tips["arm"], {"rod": f"{tips['rod']:.1e}"}))
 
 
 def _arch(model: ElasticModel, stiffness: float, length: float) -> tuple[float, float]:
@@ -144,53 +131,31 @@ def _cantilever(model: ElasticModel, straight: Pose, stiffness: float, length: f
 # -- meshes ----------------------------------------------------------------------------------------------------------
 
 
-def on_mesh(found: Subject) -> list[Row]:
+def on_mesh(name: str, polygons: PolygonMesh) -> Iterator[Row]:
     """Start from the target and from perturbed targets: iterations, residual forces, seconds, and convergence."""
-    kind = found.name.removeprefix("made:")
-    loads = Loads.for_spirals(found.assembly.size)
+    found, kind = of_mesh(name, polygons), name.removeprefix("made:")
+    loads, params = Loads.for_spirals(found.assembly.size), SimulateParams()
     rest, spent, calm = {}, {}, {}
-    for name, model in both(found):
+    for which, model in both(found):
         start = time.process_time()
-        rest[name] = solve(model, found.pose, loads, SimulateParams())
-        spent[name] = time.process_time() - start
-        calm[name] = sum(
-            solve(model, shaken(found.pose, NOISE * EDGE, NOISE, seed), loads, SimulateParams()).converged
-            for seed in range(SEEDS)
-        )
+        rest[which] = solve(model, found.pose, loads, params)
+        spent[which] = time.process_time() - start
+        starts = [shaken(found.pose, NOISE * EDGE, NOISE, seed) for seed in range(SEEDS)]
+        calm[which] = sum(solve(model, one, loads, params).converged for one in starts)
     arm, rod = rest["arm"], rest["rod"]
+    status, peer = ("yes" if one.converged else one.status for one in (arm, rod))
     beyond = {"spirals outside the rod model's range": found.outside} if found.outside else {}
-    return [
-        row(found.name, "spirals", "", found.assembly.size, None, beyond),
-        row(
-            found.name,
-            "converged from the target",
-            "yes",
-            "yes" if arm.converged else arm.status,
-            arm.converged,
-            {"rod": "yes" if rod.converged else rod.status},
-        ),
-        at_most(found.name, "iterations", 20 if kind in BENIGN else 50, arm.iterations, {"rod": rod.iterations}),
-        at_most(found.name, "relative gradient", 1e-8, arm.residual, {"rod": f"{rod.residual:.1e}"}),
-        at_least(found.name, "seeds of noise that converge", SEEDS, calm["arm"], {"rod": calm["rod"]}),
-        at_most(found.name, "seconds", SECONDS.get(kind), spent["arm"], {"rod": round(spent["rod"], 3)}),
-        row(
-            found.name,
-            "largest torsion of a joint, rad",
-            "",
-            round(arm.torsion_max, 3),
-            None,
-            {"rod": round(rod.torsion_max, 3)},
-        ),
-        row(
-            found.name,
-            "RMS distance to the target, %",
-            "",
-            _apart(found, arm.pose, found.pose),
-            None,
-            {"rod": _apart(found, rod.pose, found.pose)},
-        ),
-        row(found.name, "RMS distance of both models, %", "", _apart(found, arm.pose, rod.pose), None),
-    ]
+    yield note(name, "spirals", found.assembly.size, beyond)
+    yield row(name, "converged from the target", "yes", status, arm.converged, {"rod": peer})
+    yield at_most(name, "iterations", 20 if kind in BENIGN else 50, arm.iterations, {"rod": rod.iterations})
+    yield at_most(name, "relative gradient", 1e-8, arm.residual, {"rod": f"{rod.residual:.1e}"})
+    yield at_least(name, "seeds of noise that converge", SEEDS, calm["arm"], {"rod": calm["rod"]})
+    yield at_most(name, "seconds", SECONDS.get(kind), spent["arm"], {"rod": round(spent["rod"], 3)})
+    torsion = round(arm.torsion_max, 3), {"rod": round(rod.torsion_max, 3)}
+    yield note(name, "largest torsion of a joint, rad", *torsion)
+    apart, rod_apart = (_apart(found, one.pose, found.pose) for one in (arm, rod))
+    yield note(name, "RMS distance to the target, %", apart, {"rod": rod_apart})
+    yield note(name, "RMS distance of both models, %", _apart(found, arm.pose, rod.pose))
 
 
 def _apart(found: Subject, one: Pose, other: Pose) -> float:
@@ -207,9 +172,10 @@ def linear_algebra(table: Table) -> None:
     """Time one Newton iteration, and a refactorisation of its matrix, for about 2400 spirals."""
     found = torus(2400)
     name, pieces = f"torus {found.assembly.size}", {}
+    loads = Loads.for_spirals(found.assembly.size)
     for kind, model in both(found):
-        rest = solve(model, found.pose, Loads.for_spirals(found.assembly.size), SimulateParams())
-        system = NewtonSystem(model.pairs, Loads.for_spirals(found.assembly.size).held(model.pairs, rest.pose.centres))
+        rest = solve(model, found.pose, loads, SimulateParams())
+        system = NewtonSystem(model.pairs, loads.held(model.pairs, rest.pose.centres))
         state = model.start(rest.pose)
         here = model.expand(state)
         values = system.values(here.hessian)
@@ -226,20 +192,12 @@ def linear_algebra(table: Table) -> None:
         if kind == "arm":
             others = superlu(system.pattern, values)
     ratio = {k: sum(p.values()) / (p["factor"] + p["solve"]) for k, p in pieces.items()}
-    told = {f"{k}, ms": {n: round(1e3 * t, 2) for n, t in p.items()} for k, p in pieces.items()}
-    table.add(
-        at_most(name, "one iteration / (factor + solve)", 2.0, ratio["arm"], {"rod": round(ratio["rod"], 2), **told})
-    )
+    spent = {f"{k}, ms": {n: round(1e3 * t, 2) for n, t in p.items()} for k, p in pieces.items()}
+    peer = {"rod": round(ratio["rod"], 2), **spent}
+    table.add(at_most(name, "one iteration / (factor + solve)", 2.0, ratio["arm"], peer))
     best = min(others.values()) / pieces["arm"]["factor"]
-    table.add(
-        at_least(
-            name,
-            "refactorisation, times faster than SuperLU",
-            5.0,
-            best,
-            {"SuperLU, ms": {k: round(1e3 * t) for k, t in others.items()}},
-        )
-    )
+    slow = {"SuperLU, ms": {k: round(1e3 * t) for k, t in others.items()}}
+    table.add(at_least(name, "refactorisation, times faster than SuperLU", 5.0, best, slow))
 
 
 def superlu(pattern: Pattern, values: np.ndarray) -> dict[str, float]:
@@ -261,12 +219,8 @@ def scaling(table: Table) -> None:
     timed(table, of_shape("vault 10000", shapes.vault(100)), 6.0)
     timed(table, torus(10_000), 6.0)
     for k, what in enumerate(("cost exponent, equilibrium", "cost exponent, one iteration")):
-        slope = {
-            m: float(np.polyfit(np.log(SIZES), np.log([spent[n][m][k] for n in SIZES]), 1)[0]) for m in ("arm", "rod")
-        }
-        table.add(
-            at_most(f"dome 150-{LARGEST}", what, None if k else 1.4, slope["arm"], {"rod": round(slope["rod"], 3)})
-        )
+        arm, rod = (float(np.polyfit(np.log(SIZES), np.log([spent[n][m][k] for n in SIZES]), 1)[0]) for m in MODELS)
+        table.add(at_most(f"dome 150-{LARGEST}", what, None if k else 1.4, arm, {"rod": round(rod, 3)}))
     tool = Path(__file__).with_name("dev.py")
     child = [sys.executable, str(tool), "bench", "equilibrium", "--peak", str(LARGEST)]
     used = float(subprocess.run(child, check=True, capture_output=True, text=True).stdout.split()[-1])
@@ -281,14 +235,9 @@ def timed(table: Table, found: Subject, limit: float | None) -> dict[str, tuple[
         rest[name] = solve(model, found.pose, loads, SimulateParams())
         spent = time.process_time() - start
         out[name] = (spent, spent / max(rest[name].iterations, 1))
-    peer = {
-        "arm": {"iterations": rest["arm"].iterations, "converged": rest["arm"].converged},
-        "rod": {
-            "seconds": round(out["rod"][0], 3),
-            "iterations": rest["rod"].iterations,
-            "converged": rest["rod"].converged,
-        },
-    }
+    peer: dict[str, dict[str, Any]]
+    peer = {name: {"iterations": one.iterations, "converged": one.converged} for name, one in rest.items()}
+    peer["rod"] = {"seconds": round(out["rod"][0], 3)} | peer["rod"]
     table.add(at_most(found.name, "seconds", limit, out["arm"][0], peer))
     return out
 
@@ -298,29 +247,3 @@ def peak(count: int) -> None:
     found = dome(count)
     solve(found.arm, found.pose, Loads.for_spirals(found.assembly.size), SimulateParams())
     print(round((peak_memory() or np.nan) / 1e6))
-
-
-# -- full solids -----------------------------------------------------------------------------------------------------
-
-
-def validation(table: Table) -> None:
-    """Compare hub centres with those of a solid model of the whole assembly; distances in percent of its size."""
-    from flexmaps.database.validation import compare
-
-    rows = compare()
-    for arm in (r for r in rows if r["model"] == "arm"):
-        rod = next(r for r in rows if r["model"] == "rod" and (r["case"], r["state"]) == (arm["case"], arm["state"]))
-        for key, limit in (("rms_percent", 0.5), ("max_percent", 2.0)):
-            peer = {"rod": round(rod[key], 3)}
-            if key == "rms_percent":
-                peer |= {"solid": {"unknowns": arm["unknowns"], "strain %": round(arm["strain_percent"], 2)}}
-            measured = arm[key] if arm["converged"] else np.nan
-            table.add(
-                at_most(
-                    arm["case"],
-                    f"{arm['state']}: {key.replace('_percent', '')} off the solid, %",
-                    limit,
-                    measured,
-                    peer,
-                )
-            )

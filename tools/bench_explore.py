@@ -17,19 +17,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from bench_panels import processor
 from flexmaps import api
 from flexmaps.engine.errors import FlexMapsError
-from harness import Bench
-from rows import Row, at_least, at_most, row
+from harness import Bench, processor
+from rows import Row, at_least, at_most, note, row
 
 SHAPE = "demo"  # built-in surface with about 400 quads
-VARY = {
-    "edge": "12:24",
-    "spiral.thickness": "1:3",
-    "spiral.width_max": "1.2:2.4",
-    "material.material": "pom,birch,acrylic",
-}
+VARY = {"edge": "12:24", "spiral.thickness": "1:3", "spiral.width_max": "1.2:2.4"}
+VARY["material.material"] = "pom,birch,acrylic"
 MINUTES = 15.0  # required for 200 candidates on two cores
 SHARE = 0.8  # required speed-up as a share of the number of workers
 PART = 24  # candidates for the comparison with one worker: the initial samples and two full batches
@@ -37,14 +32,9 @@ PART = 24  # candidates for the comparison with one worker: the initial samples 
 
 def main(arguments: list[str]) -> int:
     """Explore, print the table and write the rows; return 0 whatever the figures."""
-    bench = Bench(
-        "explore",
-        arguments,
-        34,
-        candidates=(200, "candidates to try"),
-        cores=(2, "workers on this machine"),
-        cluster=(False, "compare a cluster of them with one worker"),
-    )
+    candidates, cores = (200, "candidates to try"), (2, "workers on this machine")
+    cluster = (False, "compare a cluster of them with one worker")
+    bench = Bench("explore", arguments, 34, candidates=candidates, cores=cores, cluster=cluster)
     options = bench.options
     piece = api.layout(api.load(f"shape:{SHAPE}", edge=16))
     began = processor()
@@ -53,8 +43,8 @@ def main(arguments: list[str]) -> int:
     name, faults = f"{SHAPE} {len(piece.mesh.quads)}", sum(bool(one.fault) for one in made.candidates)
     asked = MINUTES if (options.candidates, options.cores) == (200, 2) else None
     bench.table.add(
-        row(name, "candidates", "", len(made.candidates), None),
-        row(name, "candidates that could not be made", "", faults, None),
+        note(name, "candidates", len(made.candidates)),
+        note(name, "candidates that could not be made", faults),
         at_most(name, f"minutes on {options.cores} cores", asked, seconds / 60.0),
         at_most(name, "processor seconds a candidate", 60.0 * MINUTES * 2 / 200, round(each, 2)),
     )
@@ -78,7 +68,7 @@ def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
             took, made = tried(piece, PART, scheduler=address)
         seconds.append(took)
         found.append(made.report())
-        yield row(name, f"seconds on a cluster of {count}", "", round(took, 1), None)
+        yield note(name, f"seconds on a cluster of {count}", round(took, 1))
     yield row(name, "the same candidates", "", found[0] == found[1], found[0] == found[1])
     yield at_least(name, f"speed of {workers} workers over one", SHARE * workers, seconds[0] / seconds[1])
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,6 @@ from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.fabrication.writers import panel_solids as solid_files
 from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.splitting import split
@@ -36,9 +34,8 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import regularise
 from harness import EDGE, Bench, surfaces
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 
-SOLIDS_UP_TO = 60_000  # most nodes of a panel's solid: triangulating larger ones takes long
 SECONDS = {"bunny": 30.0}  # most seconds for writing all files, by mesh
 MEGABYTES = {"bunny": 15.0}  # largest size of the SVG files, by mesh
 KERFS = (0.0, 1e-4, 2e-4)  # metres
@@ -49,8 +46,7 @@ def main(arguments: list[str]) -> int:
     """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
     nesting = ("20", "seconds of the search for fewer sheets, or FAST for none")
     bench = Bench("fabricate", arguments, only="*", meshes=True, nesting=nesting)
-    for name, polygons in bench.cases(surfaces(bench.options.meshes)):
-        bench.measure(measure, name, polygons, asked_nesting(bench.options.nesting))
+    bench.each(measure, surfaces(bench.options.meshes), asked_nesting(bench.options.nesting))
     growing = growth.rows(asked_nesting("FAST")) if bench.asked(growth.NAME) else ()
     return bench.finish(*growing, keep=bench.options.only != "*")
 
@@ -81,16 +77,19 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     report = sheets_report.sheets_report(made)
     thin = round(0.99e3 * min(SpiralParams.width_min, ConnectorParams.thinnest), 3)
     rows = [
-        row(name, "panels", "", len(shapes), None, {"before cutting to size": len(merged.layout.patches)}),
+        note(name, "panels", len(shapes), {"before cutting to size": len(merged.layout.patches)}),
         at_most(name, "panels too large", 0, too_large),
         at_most(name, "mesh to sheets, seconds", SECONDS.get(name), round(seconds, 1)),
         at_most(name, "nodes per arm", 40, report["nodes"] / (4 * len(mesh.quads))),
-        row(name, "nodes per metre", "", report["nodes_per_m"], None),
+        note(name, "nodes per metre", report["nodes_per_m"]),
         row(name, "narrowest slot, mm", ">= 0.3", report["slot_min_mm"], report["slot_min_mm"] >= 0.2999),
         row(name, "narrowest bridge, mm", f">= {thin:g}", report["bridge_min_mm"], report["bridge_min_mm"] >= thin),
     ]
     rows += connector_rows(name, spirals, made.connections)
-    rows += fill_rows(name, made, quick, nested, flat)
+    rows += [
+        row(name, "sheets", "<= quick", made.count, made.count <= quick.count, {"quick": quick.count}),
+        note(name, "nesting, wall seconds", round(nested, 1)),
+    ]
     with tempfile.TemporaryDirectory() as folder:
         rows += file_rows(name, made, Path(folder) / "sheet")
     return rows
@@ -111,7 +110,7 @@ def connector_rows(name: str, spirals: SpiralDesign, made: Connections) -> list[
     given_way = {"shrunk": sum(c.shrunk for c in made.connectors), "swapped": sum(c.swapped for c in made.connectors)}
     given_way["for glue"] = sum(c.kind == "tab" for c in made.connectors)
     rows = [
-        row(name, "connectors", "", len(made.connectors), None, given_way),
+        note(name, "connectors", len(made.connectors), given_way),
         at_most(name, "without their partner", 0, alone + len(cuts) - len(set(named))),
         at_most(name, "joints without connector", 0, len(made.unsolved), _cramped(spirals, made)),
     ]
@@ -129,85 +128,6 @@ def _cramped(spirals: SpiralDesign, made: Connections) -> dict[str, Any]:
     return {"their spirals, mm": f"{min(small):.1f} to {max(small):.1f}"} if small else {}
 
 
-# -- nesting ---------------------------------------------------------------------------------------------------------
-
-
-def fill_rows(name: str, made: CutSheets, quick: CutSheets, seconds: float, flat: Any) -> list[Row]:
-    """Measure the fill of the sheets, and of one long strip of the same height, where the panels' size matters less."""
-    panels = [p for p in made.panels if p.patch >= 0]
-    shapes, area = [p.outline.sampled(2e-5) for p in panels], sum(p.outline.area for p in panels)
-    strip = replace(made.params, sheet_width=10.0)
-
-    def filled(found: packing.Packing) -> float:
-        return round(area / (0.4 * packing.used_length(found, shapes, 0)), 3)
-
-    in_strip = filled(nesting.nest(shapes, strip))
-    peers = {
-        "quick": filled(packing.pack(shapes, (10.0, 0.4), strip.margin, strip.spacing)),
-        "boxes": round(area / (0.4 * box_strip(shapes, 0.39, strip.spacing)), 3),
-        "xatlas": xatlas_fill(flat, area, strip.spacing),
-    }
-    asked = ">= 0.6" if len(shapes) >= 8 else ""
-    p, size = made.params, (made.params.sheet_width, made.params.sheet_height)
-    boxes = [shapely.get_coordinates(shapely.oriented_envelope(shapely.Polygon(s)).exterior)[:-1] for s in shapes]
-    boxed = packing.pack(boxes, size, p.margin, p.spacing)
-    loose = sum(p.patch < 0 for p in made.panels)
-    nested_only, quick_only = (_without_keys(m.packing, len(m.panels) - loose) for m in (made, quick))
-    on_sheets = {
-        "nested": packing.fill(nested_only, shapes, area, p.margin),
-        "quick": packing.fill(quick_only, shapes, area, p.margin),
-        "boxes": packing.fill(boxed, boxes, area, p.margin),
-    }
-    counts = {"quick": quick.count, "least by area": int(np.ceil(area / (0.59 * 0.39)))}
-    return [
-        row(name, "fill of a strip", asked, in_strip, in_strip >= 0.6 if asked else None, peers),
-        row(name, "sheets", "<= quick", made.count, made.count <= quick.count, counts),
-        row(name, "fill of the sheets", ">= boxes", round(on_sheets["nested"], 3),
-            on_sheets["nested"] >= on_sheets["boxes"] - 0.005, {k: round(v, 3) for k, v in on_sheets.items()}),
-        row(name, "nesting, wall seconds", "", round(seconds, 1), None),
-    ]  # fmt: skip
-
-
-def _without_keys(found: packing.Packing, count: int) -> packing.Packing:
-    """Return the packing without the last sheet, which holds only loose keys."""
-    sheets_used = int(found.sheet[:count].max()) + 1
-    return packing.Packing(found.sheet[:count], found.rotation[:count], found.shift[:count], found.sizes[:sheets_used])
-
-
-def box_strip(shapes: list[np.ndarray], height: float, spacing: float) -> float:
-    """Return the length of a strip of bounding boxes packed in columns, widest first (first fit decreasing)."""
-    boxes = []
-    for shape in shapes:
-        long, short = packing.least_box(shape)[1] + spacing
-        boxes.append((short, long) if long <= height + spacing else (long, short))
-    columns: list[tuple[float, float]] = []
-    for wide, high in sorted(boxes, reverse=True):
-        for k, (width, taken) in enumerate(columns):
-            if taken + high <= height + spacing:
-                columns[k] = (width, taken + high)
-                break
-        else:
-            columns.append((wide, high))
-    return sum(c[0] for c in columns)
-
-
-def xatlas_fill(flat: Any, area: float, spacing: float) -> float:
-    """Return the fill of a page packed by xatlas, whose height is free and whose texels are 1 mm, for panels of this area."""
-    import xatlas
-
-    atlas = xatlas.Atlas()
-    for quads in flat.layout.patches:
-        corners = np.unique(flat.layout.flat_corners[quads], return_inverse=True)[1].reshape(-1, 4)
-        points = np.zeros((corners.max() + 1, 2))
-        points[corners] = flat.corners[quads]
-        faces = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
-        atlas.add_uv_mesh((points - points.min(axis=0)).astype(np.float32), faces.astype(np.uint32))
-    options = xatlas.PackOptions()
-    options.texels_per_unit, options.padding, options.bruteForce = 1e3, round(spacing * 1e3), True
-    atlas.generate(pack_options=options)
-    return round(float(area * 1e6 / (atlas.width * atlas.height * max(atlas.atlas_count, 1))), 3)
-
-
 # -- files, read back ------------------------------------------------------------------------------------------------
 
 
@@ -222,8 +142,7 @@ def file_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
     for kind in ("dxf", "dxf-r12"):
         paths = export.write(made, base, (kind,))
         rows += shape_rows(name, f"{kind} by ezdxf", [dxf_polygons(p) for p in paths], made)
-    rows.append(at_most(name, "PDF by PDFium, mm off", 0.001, pdf_error(made, base.with_suffix(".pdf"))))
-    return rows + solid_rows(name, made, base)
+    return rows
 
 
 def shape_rows(
@@ -242,11 +161,12 @@ def shape_rows(
             for two in sheet[:i]:
                 near = min(near, shapely.Polygon(one.exterior).distance(shapely.Polygon(two.exterior)))
                 overlaps += one.intersects(two)
+    whole = sum(p.is_valid for p in panels)
     rows = [
-        row(name, f"{kind}: whole", "all", f"{sum(p.is_valid for p in panels)}/{len(wanted)}", all(p.is_valid for p in panels)),
+        row(name, f"{kind}: whole", "all", f"{whole}/{len(wanted)}", whole == len(panels)),
         at_most(name, f"{kind}: overlaps", 0, overlaps),
         at_most(name, f"{kind}: area off", 1e-3, off),
-    ]  # fmt: skip
+    ]
     if np.isfinite(near):
         least = made.params.spacing * 1e3
         rows.append(row(name, f"{kind}: apart, mm", f">= {least:g}", round(near, 3), near >= least - 0.05))
@@ -298,44 +218,3 @@ def _panels(outer: list[np.ndarray], inner: list[np.ndarray]) -> list[shapely.Po
         holes[outline].append(inner[hole])
     assert sum(map(len, holes)) == len(inner), "every hole lies in exactly one panel"
     return [shapely.Polygon(ring, inside) for ring, inside in zip(outer, holes)]
-
-
-def pdf_error(made: CutSheets, target: Path) -> float:
-    """Return the largest difference between the sizes of the PDF's pages and the sheets, in mm."""
-    import pypdfium2
-
-    found = [
-        np.array(pypdfium2.PdfDocument(path)[0].get_size()) * 25.4 / 72.0
-        for path in export.write(made, target.with_suffix(""), ("pdf",))
-    ]
-    return round(float(np.abs(np.array(found) - made.packing.sizes * 1e3).max()), 6)
-
-
-def solid_rows(name: str, made: CutSheets, base: Path) -> list[Row]:
-    """Check the solids of panels that are not too large with trimesh, the first also after writing and reading a file."""
-    import trimesh
-
-    chosen = [p for p in made.panels if sum(len(c.points) for c in (p.outline, *p.holes)) <= SOLIDS_UP_TO]
-    if not chosen:
-        return []
-    tight = 0
-    off: float = 0.0
-    started = time.process_time()
-    for panel in chosen:
-        solid = solid_files.extruded(panel, made.thickness)
-        mesh = trimesh.Trimesh(solid.vertices * 1e3, solid.triangles, process=False)
-        tight += bool(mesh.is_watertight and mesh.is_winding_consistent)
-        off = max(off, float(abs(mesh.volume / (panel.area * made.thickness * 1e9) - 1.0)))
-    seconds = time.process_time() - started
-    solid_files.stl([solid], base.with_suffix(".stl"))
-    solid_files.package_3mf([solid], base.with_suffix(".3mf"))
-    again = trimesh.load_mesh(base.with_suffix(".stl"))
-    whole = bool(again.is_watertight) and zipfile.ZipFile(base.with_suffix(".3mf")).testzip() is None
-    return [
-        row(name, "solids watertight", "all", f"{tight}/{len(chosen)}", tight == len(chosen), {"seconds": round(seconds, 1)}),
-        at_most(name, "solids: volume off", 1e-3, off),
-        row(name, "STL and 3MF read back", "whole", "whole" if whole else "broken", whole),
-    ]  # fmt: skip
-
-
-__all__ = ["main"]

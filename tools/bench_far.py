@@ -10,7 +10,6 @@ these reach another equilibrium, a finding has to say so. The stiffness of the s
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,14 +20,11 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.simulation.real_sheets import tolerance_band
 from flexmaps.engine.simulation.rests import OTHER_REST_CODES
 from flexmaps.engine.simulation.simulate import simulate
-from flexmaps.engine.surface.formats.meshio import read
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench
-from rows import Row, at_least, at_most, row
+from harness import EDGE, Bench, Surfaces, from_folder
+from rows import Row, at_least, at_most, note
 from zoo import hard
 
-EDGE = 0.02  # metres, median edge
-FORMATS = (".obj", ".off", ".ply")
 # required RMS distance in % of the size, by class of surface, with the default patience
 ASKED = {"mug": 0.2, "lattice-dome": 1.0, "lattice-saddle": 1.0, "pen-holder": 3.0, "hall": 1.4, "form-found": 1.5}
 # largest ratio of the RMS distance from the target's pose to the predicted one, unless a finding names the other shape
@@ -38,19 +34,10 @@ SOFTEST = 0.05  # required stiffness of the softest motion, as a share
 
 def main(arguments: list[str]) -> int:
     """Measure and print the table; return 0 whatever the figures."""
-    bench = Bench(
-        "far",
-        arguments,
-        30,
-        only="*",
-        meshes=(Path, "a folder with more meshes"),
-        patience=(1.0, "times the usual search"),
-    )
-    found: dict[str, Callable[[], PolygonMesh]] = {name: partial(_made, name) for name in hard.SURFACES}
-    if bench.options.meshes:
-        found |= {p.stem: partial(read, p) for p in sorted(bench.options.meshes.iterdir()) if p.suffix in FORMATS}
-    for name, make in bench.cases(found.items()):
-        bench.measure(_rows, name, make, bench.options.patience)
+    meshes, patience = (Path, "a folder with more meshes"), (1.0, "times the usual search")
+    bench = Bench("far", arguments, 30, only="*", meshes=meshes, patience=patience)
+    hardest: Surfaces = {name: partial(_made, name) for name in hard.SURFACES}
+    bench.each(_rows, hardest | from_folder(bench.options.meshes), bench.options.patience)
     return bench.finish()
 
 
@@ -58,10 +45,10 @@ def _made(name: str) -> PolygonMesh:
     return PolygonMesh.from_quads(hard.SURFACES[name]())
 
 
-def _rows(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[Row]:
+def _rows(name: str, polygons: PolygonMesh, patience: float) -> list[Row]:
     """Search, and return the rows of one surface."""
     settings = Settings()
-    made = job.run(make(), settings, edge=EDGE, stop_after="spirals")
+    made = job.run(polygons, settings, edge=EDGE, stop_after="spirals")
     assert made.design is not None
     began = time.process_time()
     params = replace(settings.optimise, patience=patience)
@@ -83,5 +70,5 @@ def _rows(name: str, make: Callable[[], PolygonMesh], patience: float) -> list[R
         ),
         at_least(name, "softest motion", SOFTEST, after.softest()[1], steps),
         at_most(name, "strain, share of the limit", 1.0, strain, {"gaps closed": len(slots.closed) if slots else 0}),
-        row(name, "RMS of real sheets, mm", "", band.text, None),
+        note(name, "RMS of real sheets, mm", band.text),
     ]

@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import tempfile
-import time
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import Bench
-from rows import Row, at_least, at_most
+from harness import Bench, seconds
+from rows import Row, at_most
 
-most, least = partial(at_most, "spirals"), partial(at_least, "spirals")
-
-
-def cpu(action: Callable[[], object]) -> float:
-    start = time.process_time()
-    action()
-    return time.process_time() - start
+most = partial(at_most, "spirals")
 
 
 def against_finer_meshes() -> list[Row]:
@@ -47,22 +39,10 @@ def against_finer_meshes() -> list[Row]:
 def against_scikit_fem() -> list[Row]:
     from flexmaps.database.design_mesh import UNIT
     from flexmaps.database.design_solid import DesignSolid
-    from flexmaps.database.geometry import Spiral
-    from flexmaps.database.statics import Model
     from flexmaps.database.validation_cases import sheet
     from flexmaps.engine.mechanics.assembly import target_pose
-    from peer_scikit import cross_energy, pair_motion
+    from peer_scikit import pair_motion
 
-    model = Model(Spiral(6.0, 1.0, 0.0), 0.3)
-    wrenches = np.zeros((4, 6))
-    wrenches[2, 2] = 1.5e-3
-    solved: list = []
-    ours = cpu(lambda: solved.append(model.solve(model.loads(wrenches))))
-    theirs: list = []
-    peer = cpu(lambda: theirs.append(cross_energy(1.5e-3, model.solid.nodes, solved[0].displacement)))
-    error = 100 * abs(solved[0].energy / theirs[0] - 1.0)
-    seconds = {"scikit-fem seconds": round(peer, 2), "ours seconds": round(ours, 3)}
-    rows = [most("energy of a cross against scikit-fem, %", 0.5, error, peer=seconds)]
     # different widths and twists, so that the joint is blended
     pair = DesignSolid(sheet(2, 1, np.array([1.0, 2.0]), np.array([120.0, 0.0])), 0.3, [0])
     rest = target_pose(pair.design.flat.layout.mesh, pair.design.flat.corners)
@@ -71,83 +51,33 @@ def against_scikit_fem() -> list[Row]:
     moved = found.centres[1] - rest.centres[1] / UNIT
     judged = pair_motion(pair, rest.centres / UNIT, force, 0.3)
     error = 100 * float(np.linalg.norm(moved - judged) / np.linalg.norm(moved))
-    return [*rows, most("motion of a blended pair of spirals against scikit-fem, %", 0.5, error)]
+    return [most("motion of a blended pair of spirals against scikit-fem, %", 0.5, error)]
 
 
 def speed() -> list[Row]:
     from flexmaps.database.sampling import Sampler, subjects
     from flexmaps.engine.linalg import SparseCholesky
 
-    seconds, superlu, chosen = [], [], subjects()
+    usual, superlu, chosen = [], [], subjects()
     for s in chosen[::6]:
         sampler = Sampler(s, "strain")
         tangent = sampler.model.rest_stiffness()
         peer = SparseCholesky(sampler.model.pattern, "superlu")
-        superlu.append(cpu(partial(peer.factor, tangent)))
+        superlu.append(seconds(partial(peer.factor, tangent)))
         loads = [sampler.model.loads(sampler.wrenches(k)) for k in range(3)]
-        seconds += [cpu(partial(sampler.model.solve, load)) for load in loads[1:]]
+        usual += [seconds(partial(sampler.model.solve, load)) for load in loads[1:]]
     soft = Sampler(next(s for s in chosen if s.scale == 0.03 and s.width == 0.001 and s.twist > 6.2), "strain")
     loads = [soft.model.loads(soft.wrenches(k)) for k in range(4)]
-    slow = [cpu(partial(soft.model.solve, load)) for load in loads][1:]
-    whole = [cpu(lambda: Sampler(chosen[62], "strain").samples(range(6)))]
-    ratio = whole[0] / 6 / max(float(np.mean(seconds)), 1e-9)
-    mean = float(np.mean(seconds))
+    slow = [seconds(partial(soft.model.solve, load)) for load in loads][1:]
+    mean = float(np.mean(usual))
+    ratio = seconds(lambda: Sampler(chosen[62], "strain").samples(range(6))) / 6 / max(mean, 1e-9)
+    factor = {"one factor by SciPy's SuperLU": round(float(np.mean(superlu)), 3)}
+    recorded = {"with what is recorded, about": round(mean * ratio * 125e3 / 3600, 1)}
     return [
-        most(
-            "strain-targeted solve, mean processor seconds",
-            0.10,
-            mean,
-            peer={"one factor by SciPy's SuperLU": round(float(np.mean(superlu)), 3)},
-        ),
+        most("strain-targeted solve, mean processor seconds", 0.10, mean, peer=factor),
         most("(30 mm, 1 mm, 360 degrees), processor seconds", 0.35, float(np.mean(slow))),
-        most(
-            "125 x 1000 solves, core-hours",
-            5.0,
-            mean * 125e3 / 3600,
-            peer={"with what is recorded, about": round(mean * ratio * 125e3 / 3600, 1)},
-        ),
+        most("125 x 1000 solves, core-hours", 5.0, mean * 125e3 / 3600, peer=recorded),
     ]
-
-
-def scaling() -> list[Row]:
-    """Return the processor seconds of one solve while the number of elements doubles twice."""
-    from flexmaps.database.sampling import Sampler, subjects
-    from flexmaps.database.solid import Fineness
-    from flexmaps.database.statics import Model
-
-    subject = subjects()[62]
-    wrenches = Sampler(subject, "strain").wrenches(1)
-    sizes, seconds = [], []
-    for share in (1.0, 0.5, 0.25):
-        m = Model(subject.spiral, subject.poisson, Fineness(length=2.5 * share, turn=0.7 * share, root=1.0))
-        load = m.loads(wrenches)
-        sizes.append(len(m.elements.index))
-        seconds.append(min(cpu(partial(m.solve, load)) for _ in range(2)))
-    exponent = float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
-    peer = {f"{n} elements": round(t, 3) for n, t in zip(sizes, seconds)}
-    return [most("exponent of time over the number of elements", None, exponent, peer=peer)]
-
-
-def fitted() -> list[Row]:
-    from flexmaps.database import cli, packs, report
-
-    found = report.summary(packs.read(cli.PACK))
-    law = found["laws"]["strain"]
-    out = [
-        least("strain-targeted samples in the repository", 125000, law["converged"] + law["failed"]),
-        least("converged, %", 99.9, 100 * law["converged"] / (law["converged"] + law["failed"])),
-    ]
-    judged = [
-        (report.TITLES["chord"], found["models"]["chord"]["strain"], None),
-        (report.TITLES["arm"], found["models"]["arm"]["strain"], (1.2, 5.5)),
-    ]
-    for law in ("newton", "strain"):
-        judged.append((f"{report.TITLES['pair']}, {report.LAW_TITLES[law]}", found["models"]["pair"][law], (5.0, 20.0)))
-        judged.append((f"  the same, {report.LEAST}", found["floor"][law], None))
-    for title, e, limits in judged:
-        for name, key, limit in zip(("median", "95 %"), ("median", "p95"), limits or (None, None)):
-            out.append(most(f"{title}: {name}, %", limit, 100 * e[key]))
-    return out
 
 
 def interpolation() -> list[Row]:
@@ -163,7 +93,7 @@ def interpolation() -> list[Row]:
     twist = rng.uniform(0, 1, n) * np.minimum(stiffness.table_twist_limit(s / w), 2 * np.pi)
     kind: dict[str, Any] = {"thickness": 0.002, "youngs": 2.6e9, "poisson": 0.33}
     stiffness.table_tip_compliance(s, w, twist, **kind)
-    ms = 1e3 * min(cpu(lambda: stiffness.table_tip_compliance(s, w, twist, **kind)) for _ in range(10))
+    ms = 1e3 * seconds(lambda: stiffness.table_tip_compliance(s, w, twist, **kind), 10)
     return [
         most("table at 48 held-out spirals, median %", 1.5, 100 * e["compliance_median"]),
         most("table at 48 held-out spirals, 95 %, %", 5.0, 100 * e["compliance_95"]),
@@ -173,7 +103,7 @@ def interpolation() -> list[Row]:
     ]
 
 
-PARTS = (against_scikit_fem, against_finer_meshes, speed, scaling, fitted, interpolation)
+PARTS = (against_scikit_fem, against_finer_meshes, speed, interpolation)
 
 
 def main(arguments: list[str]) -> int:

@@ -1,9 +1,9 @@
-"""Benchmark of the sheets' files: travel, labels and segments, and reading by FreeCAD, LibreCAD, Inkscape and a slicer.
+"""Benchmark of the sheets' files: travel, labels and segments, faults of the drawings, and the size of solids.
 
 python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only PATTERNS]
 
 It measures small sheets of every kind (``sheet_kinds.py``) and those of the demo; ``--thorough`` adds larger meshes and the seconds of a
-slicer. Programs that are missing are named. Travel is compared with vpype's ``linesort`` of the same curves if ``vpype`` is installed
+slicer. FreeCAD, LibreCAD and Inkscape read the files in the tests of the tier ``files``. Travel is compared with vpype's ``linesort`` of the same curves if ``vpype`` is installed
 (``pip install vpype`` in any environment; FLEXMAPS_VPYPE is its path).
 """
 
@@ -18,7 +18,6 @@ import time
 import zlib
 from base64 import b64decode
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,31 +26,21 @@ import numpy as np
 from flexmaps import api
 from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.fabrication.writers import export, panel_solids, svg
-from flexmaps.engine.fabrication.writers.operations import frame
+from flexmaps.engine.fabrication.writers import export, panel_solids
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
 from flexmaps.engine.spirals.curves.arcs import Curve
 from flexmaps.engine.surface.checking import check
+from flexmaps.engine.surface.mesh import PolygonMesh
 from harness import EDGE, Bench, surfaces
-from rows import Row, at_least, at_most, row
+from rows import Row, at_least, at_most, note, row
 from sheet_kinds import KINDS
 
 QUICK, MESHES = ("made:demo",), ("made:demo", "vault", "cubesphere", "three_holes")
 FORMER = 4e-6  # metres, former tolerance of the edges of solids, before it was made coarser
 SMALLER = 0.55  # required size and seconds of solids, as a share of those with the former tolerance
-# inserts drawings and counts the edges of their objects
-FREECAD = """
-import FreeCAD, Import, os
-for path in os.environ["DRAWINGS"].split(os.pathsep):
-    document = FreeCAD.newDocument()
-    Import.readDXF(path, document.Name)
-    print("EDGES", sum(len(each.Shape.Edges) for each in document.Objects if hasattr(each, "Shape")))
-    FreeCAD.closeDocument(document.Name)
-"""
 TRAVEL = 1.1  # largest travel over that of vpype's linesort
-LIBRECAD, SLICED = 2, 2  # number of drawings for LibreCAD and of kinds for the slicer: each takes seconds
 PASSES = ("engraved", "inner", "outer")  # in the order of cutting
 
 
@@ -59,37 +48,34 @@ def main(arguments: list[str]) -> int:
     """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
     thorough = (False, "larger meshes too, and a slicer's seconds")
     bench = Bench("files", arguments, 36, only="", meshes=True, thorough=thorough)
-    options, table = bench.options, bench.table
+    options = bench.options
     options.only = options.only or ",".join(MESHES if options.thorough else QUICK)
-    kept: list[tuple[CutSheets, Path]] = []
     with tempfile.TemporaryDirectory() as place:
-        for name, kind in KINDS.items():
-            folder = Path(place) / name.replace(" ", "-")
-            folder.mkdir()
+        for number, (name, kind) in enumerate(KINDS.items()):
+            folder = _folder(place, name)
             made = kind(folder)
-            table.add(*sheet_rows(name, made, folder, options.thorough))
-            kept.append((made, folder))
-        for name, polygons in bench.cases(surfaces(options.meshes)):
-            sheets = job.run(
-                check.scaled(polygons, edge=EDGE),
-                with_values(Settings(), {"sheet.nesting": "FAST"}),
-                stop_after="sheets",
-            ).sheets
-            assert sheets is not None
-            folder = Path(place) / name.replace(":", "-")
-            folder.mkdir()
-            table.add(
-                *travel_rows(name, sheets, folder),
-                *sheet_rows(name, sheets, folder, options.thorough),
-            )
-            if options.thorough:
-                table.add(*solid_rows(name, sheets, folder, thorough=True))
-                kept.append((sheets, folder))
-        if not options.thorough:  # triangulating a large sheet takes seconds
-            table.add(*solid_rows(next(iter(KINDS)), *kept[0], thorough=False))
-        table.add(*printed_rows(Path(place)))
-        table.add(*program_rows(kept, "sheet*.dxf" if options.thorough else "sheet-r12-01.dxf"))
+            bench.table.add(*sheet_rows(name, made, folder, options.thorough))
+            if number == 0 and not options.thorough:  # triangulating a large sheet takes seconds
+                bench.table.add(*solid_rows(name, made, folder, thorough=False))
+        bench.each(mesh_rows, surfaces(options.meshes), place, options.thorough)
+        bench.table.add(*printed_rows(Path(place)))
     return bench.finish()
+
+
+def _folder(place: str, name: str) -> Path:
+    folder = Path(place) / name.replace(" ", "-").replace(":", "-")
+    folder.mkdir()
+    return folder
+
+
+def mesh_rows(name: str, polygons: PolygonMesh, place: str, thorough: bool) -> list[Row]:
+    """Lay the panels of a mesh on sheets, and return the rows on their files."""
+    quick = with_values(Settings(), {"sheet.nesting": "FAST"})
+    sheets = job.run(check.scaled(polygons, edge=EDGE), quick, stop_after="sheets").sheets
+    assert sheets is not None
+    folder = _folder(place, name)
+    rows = [*travel_rows(name, sheets, folder), *sheet_rows(name, sheets, folder, thorough)]
+    return [*rows, *solid_rows(name, sheets, folder, thorough=True)] if thorough else rows
 
 
 # -- what the project's files say ----------------------------------------------------------------------------------------
@@ -178,59 +164,13 @@ def _sliced(slicer: str, path: Path) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-# -- programs --------------------------------------------------------------------------------------------------------
-
-
-def program_rows(written: list[tuple[CutSheets, Path]], names: str) -> list[Row]:
-    """Return rows on what other programs read from all drawings together."""
-    wanted, drawings = [], []
-    for made, folder in written:
-        for path in sorted(folder.glob(names)):
-            runs = made.runs(int(path.stem.rpartition("-")[2]) - 1)
-            curves = (*runs.engraved, *runs.inner, *runs.outer, *frame(made, int(path.stem.rpartition("-")[2]) - 1))
-            wanted.append(sum(len(c.points) - (not c.closed) for c in curves))
-            drawings.append(path)
-    found = []
-    freecad = shutil.which("freecadcmd") or shutil.which("FreeCADCmd")
-    if freecad:
-        script = written[0][1] / "count.py"
-        script.write_text(FREECAD, encoding="utf-8")
-        said = _ran(freecad, script, DRAWINGS=os.pathsep.join(map(str, drawings)))
-        edges = list(map(int, re.findall(r"EDGES (\d+)", said)))
-        right = sum(a == b for a, b in zip(edges, wanted, strict=False))
-        found.append(at_least("all", f"drawings of {len(wanted)} all of whose edges FreeCAD reads", len(wanted), right))
-    librecad = shutil.which("librecad")
-    if librecad:
-        printed = 0
-        for path in drawings[:: max(len(drawings) // LIBRECAD, 1)]:
-            _ran(librecad, "dxf2pdf", path)
-            printed += path.with_suffix(".pdf").stat().st_size > 1000
-        asked = len(drawings[:: max(len(drawings) // LIBRECAD, 1)])
-        found.append(at_least("all", f"drawings of {asked} that LibreCAD prints", asked, printed))
-    inkscape = shutil.which("inkscape")
-    if inkscape:
-        found.append(at_most("all", "sheet's size in Inkscape off, mm", 0.06, _inkscape_off(inkscape, written)))
-    slicer = shutil.which("prusa-slicer")
-    if slicer:
-        paths = [folder / "sheet-01.3mf" for _, folder in written[:SLICED]]
-        for (made, _), path in zip(written, paths, strict=False):
-            export.TABLE["3mf"].write(made, 0, path, SILENT)
-        sound = sum("manifold = no" not in _ran(slicer, "--info", p) for p in paths)
-        found.append(at_least("all", f"3MF files of {len(paths)} that the slicer finds sound", len(paths), sound))
-    missing = [
-        n
-        for n, p in zip(
-            ("FreeCAD", "LibreCAD", "Inkscape", "PrusaSlicer"), (freecad, librecad, inkscape, slicer), strict=True
-        )
-        if not p
-    ]
-    return [*found, row("all", "programs that are not installed", "", ", ".join(missing) or "none", None)]
+# -- share page ------------------------------------------------------------------------------------------------------
 
 
 def printed_rows(folder: Path) -> list[Row]:
     """Check the printout of the share page by a browser."""
     if browser.found() is None:
-        return [row("share page", "printed", "", "no browser", None)]
+        return [note("share page", "printed", "no browser")]
     piece = api.simulate(api.spirals(api.load("shape:strip", edge=20, settings={"sheet.nesting": "FAST"})))
     path = api.share(piece, folder / "share.html")
     with browser.Browser() as page:
@@ -251,29 +191,6 @@ def _inflated(data: bytes) -> bytes:
         return zlib.decompressobj().decompress(data)
     except zlib.error:
         return b""
-
-
-def _inkscape_off(inkscape: str, written: list[tuple[CutSheets, Path]]) -> float:
-    """Return the largest error of the sheets' sizes as read by Inkscape, in mm, for drawings in millimetres and in inches."""
-    made, folder = written[0]
-    inches = folder / "inches.svg"
-    svg.write(replace(made, cut=replace(made.cut, svg_unit="in")), 0, inches)
-    off = 0.0
-    for path in (folder / "sheet-01.svg", inches):
-        rows = [line.split(",") for line in _ran(inkscape, "--query-all", path).splitlines()]
-        box = next(np.array(r[3:], float) * 25.4 / 96.0 for r in rows if r[0] == "sheet")
-        off = max(off, float(np.abs(box - 1e3 * made.packing.sizes[0]).max()))
-    return off
-
-
-def _ran(*words: str | Path, **more: str) -> str:
-    made = subprocess.run(
-        [str(w) for w in words],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "QT_QPA_PLATFORM": "offscreen", **more},
-    )
-    return made.stdout + made.stderr
 
 
 # -- travel ------------------------------------------------------------------------------------------------------------
@@ -309,7 +226,7 @@ def travel_rows(name: str, made: CutSheets, folder: Path) -> list[Row]:
                 at_most(name, f"travel {word}, m", TRAVEL * peer[word], ours[word], {"vpype": round(peer[word], 3)})
             )
         else:
-            found.append(row(name, f"travel {word}, m", "", ours[word], None, {"vpype": "not installed"}))
+            found.append(note(name, f"travel {word}, m", ours[word], {"vpype": "not installed"}))
     return found
 
 

@@ -3,14 +3,14 @@
 python3 tools/dev.py bench grain [--spirals N] [--json FILE]
 
 Single spirals have random sizes, widths, twists, grain directions and plywoods: five plies, three plies, and interpolations with other
-shear moduli. Whole pieces are those in ``database/validation`` whose names begin with ``grain``.
+shear moduli. ``database validate --only grain`` compares whole pieces.
 """
 
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from flexmaps.database import linear, table, validation
@@ -18,17 +18,17 @@ from flexmaps.database.elastic import orthotropic
 from flexmaps.database.geometry import Spiral
 from flexmaps.database.statics import Model
 from flexmaps.database.validation_grain import FIVE_PLIES, three_plies
-from flexmaps.engine.materials import Material, Orthotropy
+from flexmaps.engine.materials import Orthotropy
 from flexmaps.engine.mechanics.arms.grain import GrainBeams
 from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.stiffness import table_tip_compliance
-from flexmaps.engine.mechanics.assembly import Assembly, assembly_from_design
+from flexmaps.engine.mechanics.assembly import assembly_from_design
 from flexmaps.engine.spirals.clearance.table_range import table_twist_limit
-from harness import Bench
-from rows import Row, at_most, row
+from harness import Bench, seconds
+from rows import Row, at_most, note
 
-# required, percent: median and largest error of single spirals' energies; RMS distance of whole pieces over their size
-MEDIAN, MOST, APART = 3.0, 8.0, 0.5
+# required, percent: median and largest error of single spirals' energies
+MEDIAN, MOST = 3.0, 8.0
 STOUT = 8.0  # size over width of a spiral; below it, arms are hardly longer than their hubs
 WRENCHES = 300  # random wrenches per spiral, with moments like those of forces at half an arm's length
 POISSON = 0.3  # Poisson's ratio of the table of isotropic compliances
@@ -40,7 +40,7 @@ def main(arguments: list[str]) -> int:
 
     bench = Bench("grain", arguments, 52, spirals=(90, "random spirals whose solids are made; 0.5 s each"))
     with threadpool_limits(1):
-        for part in (pieces(), speed(), spirals(bench.options.spirals)):
+        for part in (speed(), spirals(bench.options.spirals)):
             bench.table.add(*part)
     return bench.finish()
 
@@ -80,7 +80,7 @@ def spirals(count: int) -> list[Row]:
         if size.size:
             out.append(at_most("spirals", f"{name}: energies, median %", limits[0], float(np.median(size))))
             out.append(at_most("spirals", f"{name}: energies, 95 %, %", limits[1], float(np.percentile(size, 95))))
-            out.append(row("spirals", f"{name}: model softer by, median %", "", float(np.median(found[chosen])), None))
+            out.append(note("spirals", f"{name}: model softer by, median %", float(np.median(found[chosen]))))
     return out
 
 
@@ -92,35 +92,11 @@ def solid(spiral: Spiral, known: Orthotropy, angle: float) -> np.ndarray:
     return linear.tip_compliance(model, linear.unit_motions(model))
 
 
-def pieces() -> list[Row]:
-    """Compare shapes and energies of whole pieces under supports and loads, and as closed by their seams, with solids."""
-    out = []
-    for one in validation.compare(("arm",), only="grain"):
-        name = one["case"].removeprefix("grain-")
-        out.append(at_most(name, f"{one['state']}: RMS, % of the size", APART, one["rms_percent"]))
-        strain = {"strain": f"{one['strain_percent']:.2f} %"}
-        out.append(row(name, f"{one['state']}: energy, %", "", 100.0 * (one["energy_ratio"] - 1.0), None, strain))
-    return out
-
-
 def speed() -> list[Row]:
     """Measure the processor seconds of building a piece's model, with and without a grain."""
     design = next(one for one in validation.named("grain-dome")).design
     known, out = assembly_from_design(design), []
     for name, material in (("with a grain", FIVE_PLIES), ("without", replace(FIVE_PLIES, orthotropy=None))):
-        out.append(
-            row(
-                "dome",
-                f"model of {known.size} spirals {name}, ms",
-                "",
-                1e3 * min(_cpu(known, material) for _ in range(5)),
-                None,
-            )
-        )
+        spent = seconds(partial(ArmModel.from_assembly, known, material), 5)
+        out.append(note("dome", f"model of {known.size} spirals {name}, ms", 1e3 * spent))
     return out
-
-
-def _cpu(known: Assembly, material: Material) -> float:
-    begin = time.process_time()
-    ArmModel.from_assembly(known, material)
-    return time.process_time() - begin

@@ -14,7 +14,7 @@ from pathlib import Path
 import build_zip
 import fresh_blender
 from harness import Bench
-from rows import Row, at_most, row
+from rows import Row, at_most, note
 
 MEGABYTE = 1e6  # bytes, as in what download pages say
 # required: megabytes per zip, seconds until it is enabled, seconds from the repository to the first button
@@ -36,7 +36,7 @@ def main(arguments: list[str]) -> int:
                 size = build_zip.build(platform, line, Path(place)).stat().st_size / MEGABYTE
                 bench.table.add(at_most(f"{platform} {build_zip.LINES[line].python}", "zip, MB", SIZE, size))
         if own is None:
-            bench.table.add(row("this machine", "install", "", "no zip is made for its system", None))
+            bench.table.add(note("this machine", "install", "no zip is made for its system"))
         else:
             for one in _installed(build_zip.build(own, build_zip.own_line(), Path(place)), bench.options.repeat):
                 bench.table.add(one)
@@ -51,7 +51,7 @@ def _installed(path: Path, repeat: int) -> Iterator[Row]:
         own = fresh_blender.environment(folder)
         words = (str(path), *["enable"] * (1 + repeat))
         installed, first, *later = [fresh_blender.told(fresh_blender.SCRIPT, word, folder, own) for word in words]
-    yield row(name, "install from the disk, s", "", round(installed["install_s"], 2), None)
+    yield note(name, "install from the disk, s", round(installed["install_s"], 2))
     best = min(later, key=lambda one: float(one["enable_cpu_s"]))
     once = {"with waiting": round(best["enable_s"], 2), "the first time": round(first["enable_cpu_s"], 2)}
     yield at_most(name, "enable, s of the processor", ENABLE, best["enable_cpu_s"], once)

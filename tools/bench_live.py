@@ -1,19 +1,18 @@
 """Benchmark of live mode: how soon a piece follows a change, and whether it still does so after long work.
 
-python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes,surfaces,brush,wishes,foreign,hand,window]
+python3 tools/dev.py bench live [--minutes 1] [--surfaces 8] [--json FILE] [--only changes,surfaces,brush,wishes,foreign,hand]
 
 ``changes``: processor time of all that is done from a change to the first moved picture and to rest, reading the object, the way to
 the process beside Blender, steps and drawing included, of 5 % of the spirals and of other changes. ``surfaces``: the same strokes on surfaces
 of the zoo, and how far the live shape at rest is from a simulation's. ``brush``: how long painting holds up Blender's window.
 ``wishes``: how much nearer Optimise brings spirals to where they are wished. ``foreign``: live mode and the brush, with a rim too, on meshes of
 other origin beside the checkout. ``hand``: random strokes, settings, supports, seams, undo, redo, saves and
-modes in Blender as a module with the process beside it. ``window``: what the window tests have left in out/window-live and out/window-brush.
+modes in Blender as a module with the process beside it.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import resource
 import tempfile
@@ -31,20 +30,14 @@ from flexmaps.engine.materials import material
 from flexmaps.engine.mechanics.loads import parse_supports
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking import check
-from harness import Bench
+from harness import MESHES, Bench
 from live_cases import given_of, of_mesh, stroke
 from live_followed import Followed, distance
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 from zoo import SURFACES
 
-ROOT = Path(__file__).resolve().parent.parent
-SHARED = ROOT.parent / "shared" / "meshes" / "foreign"
-WINDOW, BRUSH = (ROOT / "out" / f"window-{name}" / "figures.json" for name in ("live", "brush"))
-SIZES = (
-    (400, 0.060, 0.2),
-    (1000, 0.150, 0.5),
-    (2400, 0.350, 1.2),
-)  # number of spirals, required seconds to the first picture and to equilibrium
+# number of spirals, required seconds to the first picture and to equilibrium
+SIZES = ((400, 0.060, 0.2), (1000, 0.150, 0.5), (2400, 0.350, 1.2))
 TICK = 0.030  # largest time on the main thread, seconds
 SHARE = 0.05  # share of the spirals in a stroke
 STROKES = 8  # number of strokes whose median is reported
@@ -70,13 +63,8 @@ def changes(_: argparse.Namespace) -> Iterator[Row]:
         first, rest = (float(np.median([one[k] for one in strokes])) for k in range(2))
         yield at_most(name, "stroke of 5 %: first picture, s", first_asked, first)
         yield at_most(name, "stroke of 5 %: at rest, s", rest_asked, rest)
-        yield row(
-            name,
-            "strokes that came to rest",
-            f"{STROKES}",
-            sum(one[2].converged for one in strokes),
-            all(one[2].converged for one in strokes),
-        )
+        rested = sum(one[2].converged for one in strokes)
+        yield row(name, "strokes that came to rest", f"{STROKES}", rested, rested == STROKES)
         for what, wanted in others(flat.layout.mesh):
             first, rest, shape = piece.follow(wanted(piece.given))
             yield at_most(name, f"{what}: first picture, s", first_asked, first)
@@ -132,8 +120,8 @@ def surfaces(options: argparse.Namespace) -> Iterator[Row]:
                 continue
             slow.append(rest * 1000.0 / len(made.width))
             away.append(distance(piece.given, made, shape))
-        yield row(name, f"{len(made.width)} spirals: stroke at rest, s", "", float(f"{rest:.3g}"), None)
-    yield row("zoo", "surfaces, strokes", "", f"{count}, {len(slow) + lost}", None)
+        yield note(name, f"{len(made.width)} spirals: stroke at rest, s", float(f"{rest:.3g}"))
+    yield note("zoo", "surfaces, strokes", f"{count}, {len(slow) + lost}")
     yield at_most("zoo", "strokes that found no rest", None, lost)
     yield at_most("zoo", "at rest, s for 1,000 spirals, median", 0.5, float(np.median(slow)))
     yield at_most("zoo", "at rest, s for 1,000 spirals, slowest", None, float(np.max(slow)))
@@ -160,7 +148,7 @@ def foreign(_: argparse.Namespace) -> Iterator[Row]:
     """Measure surfaces whose quads come from other programs."""
     from live_foreign import tried
 
-    yield from tried(SHARED, TICK)
+    yield from tried(MESHES / "foreign", TICK)
 
 
 # -- whether it goes on ----------------------------------------------------------------------------------------------------
@@ -173,27 +161,21 @@ def hand(options: argparse.Namespace) -> Iterator[Row]:
 
     with tempfile.TemporaryDirectory() as folder:
         worked = Hand(Path(folder))
-        end, half, memory = time.monotonic() + 60.0 * options.minutes, 0, []
+        end, memory = time.monotonic() + 60.0 * options.minutes, []
         while time.monotonic() < end:
             worked.act()
             memory.append((resident("self"), resident(str(worked.process))))
-        half = len(memory) // 2
-        name = f"{len(worked.obj.data.polygons)} spirals"
-        yield row(
-            name, "acts of the hand, by kind", "", ", ".join(f"{v} {k}" for k, v in sorted(worked.done.items())), None
-        )
-        yield at_most(
-            name, "errors", 0, len(worked.errors), {"first": worked.errors[0][:200]} if worked.errors else None
-        )
+        name, acts = f"{len(worked.obj.data.polygons)} spirals", sorted(worked.done.items())
+        yield note(name, "acts of the hand, by kind", ", ".join(f"{count} {kind}" for kind, count in acts))
+        first = {"first": worked.errors[0][:200]} if worked.errors else None
+        yield at_most(name, "errors", 0, len(worked.errors), first)
         yield at_most(name, "lost states", 0, worked.lost)
         yield at_most(name, "main thread, slowest tick, s of processor", TICK, worked.slowest)
-        for k, who in enumerate(("Blender", "the process beside it")):
-            # after a first half, in which undo steps and kept shapes fill up
-            early, late = (
-                float(np.median([m[k] for m in part]))
-                for part in (memory[half : half + half // 4 + 1], memory[-half // 4 - 1 :])
-            )
-            yield at_most(name, f"memory of {who}: growth over the second half", 0.05, late / early - 1.0)
+        # after a first half, in which undo steps and kept shapes fill up
+        later = np.array(memory[len(memory) // 2 :])
+        early, late = (np.median(part, axis=0) for part in (later[: len(later) // 4 + 1], later[-len(later) // 4 :]))
+        for who, growth in zip(("Blender", "the process beside it"), late / early - 1.0, strict=True):
+            yield at_most(name, f"memory of {who}: growth over the second half", 0.05, float(growth))
         worked.close()
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
 
@@ -206,23 +188,6 @@ def resident(process: str) -> float:
         return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 
-def window(_: argparse.Namespace) -> Iterator[Row]:
-    """Report mouse strokes in a real Blender window, recorded by tests/window/following.py and brush.py."""
-    for path, words in ((WINDOW, "live"), (BRUSH, "painted")):
-        if not path.is_file():
-            yield row("real window", f"not measured: run test window -k {words}", "", "", None)
-            continue
-        found = json.loads(path.read_text())
-        yield at_most("real window", "errors", 0, len(found["errors"]))
-        if path == WINDOW:
-            yield at_most("real window", "main thread, slowest tick, s of processor", TICK, found["slowest"])
-            for name, seconds in found["seen"].items():
-                yield row("real window", f"{name}: to the first picture, s by the clock", "", seconds, None)
-            continue
-        for name, seconds in found["held"].items():
-            yield at_most("real window", f"brush: {name}, main thread, s", TICK, seconds)
-
-
 PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "changes": changes,
     "surfaces": surfaces,
@@ -230,5 +195,4 @@ PARTS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "wishes": wishes,
     "foreign": foreign,
     "hand": hand,
-    "window": window,
 }

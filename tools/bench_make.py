@@ -27,7 +27,7 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import Bench
-from rows import Row, at_least, at_most, row
+from rows import Row, at_least, at_most, note, row
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
@@ -77,12 +77,12 @@ def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
         found = np.array([known[f"{one} {seed}"][0] for one, seed in starts if one == name])
         if len(found):
             rows.append(row(name, "starts that end right", f"of {len(found)}", float(np.mean(found <= NEAR)), None))
-            rows.append(row(name, "median distance", "", float(f"{np.median(found):.2g}"), None))
-            rows.append(row(name, "largest distance", "", float(f"{found.max():.2g}"), None))
+            rows.append(note(name, "median distance", float(f"{np.median(found):.2g}")))
+            rows.append(note(name, "largest distance", float(f"{found.max():.2g}")))
     if starts:
         ends, seconds = np.array([known[f"{name} {seed}"] for name, seed in starts]).T
-        rows.append(row("all", "processor seconds, median", "", float(np.median(seconds)), None))
-        rows.append(row("all", "starts", "", len(starts), None))
+        rows.append(note("all", "processor seconds, median", float(np.median(seconds))))
+        rows.append(note("all", "starts", len(starts)))
         rows.append(at_least("all", "starts that end right", WANTED, float(np.mean(ends <= NEAR))))
     return rows
 

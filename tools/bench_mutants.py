@@ -23,7 +23,7 @@ from collections.abc import Iterator
 from itertools import accumulate
 from pathlib import Path
 
-from rows import Table, at_least, row
+from rows import Table, at_least, note
 
 ROOT = Path(__file__).resolve().parent.parent
 WANTED = 0.85  # share of the mutants that must be caught
@@ -127,7 +127,7 @@ def main(argv: list[str]) -> int:
     answers = [known[label] for label in chosen]
     table = Table(30)
     for answer in sorted(set(answers)):
-        table.add(row("engine", answer, "", answers.count(answer), None))
+        table.add(note("engine", answer, answers.count(answer)))
     table.add(at_least("engine", "share caught", WANTED, 1.0 - answers.count("lives") / max(len(answers), 1)))
     return 0
 

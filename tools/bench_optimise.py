@@ -35,11 +35,10 @@ from flexmaps.engine.simulation.simulate import Simulation, build_model
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.threads import one_thread
-from harness import Bench, surfaces
+from harness import EDGE, Bench, from_folder, surfaces
 from lbfgs import lbfgs
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 
-EDGE = 0.02  # metres
 RUNS = 5  # presses of *Optimise* on every mesh
 ROUNDING = 1e-12  # relative difference of the starting widths of two presses
 FIRST_PICTURE = 0.5  # seconds after a press within which the piece should begin to move
@@ -98,11 +97,13 @@ def main(arguments: list[str]) -> int:
     runs, only_press = (RUNS, "presses of every mesh"), (False, "only the presses, not the published problem")
     bench = Bench("optimise", arguments, 46, only="*", meshes=True, runs=runs, press=only_press)
     options = bench.options
-    for name, polygons in surfaces(options.meshes):
-        kind = name.removeprefix("made:")
-        wanted = kind in MEASURED or (options.meshes is None and kind in ("dome", "torus"))
-        if wanted and (options.meshes is None or name == kind) and bench.asked(kind):
-            bench.measure(_rows, kind, polygons, options.runs, options.press)
+    if options.meshes is None:
+        measured = {name.removeprefix("made:"): make for name, make in surfaces(None).items()}
+        names = {*MEASURED, "dome", "torus"}
+    else:
+        measured, names = from_folder(options.meshes), {*MEASURED}
+    wanted = {name: make for name, make in measured.items() if name in names}
+    bench.each(_rows, wanted, options.runs, options.press)
     return bench.finish(*(large() if bench.asked("large") and not options.press else ()))
 
 
@@ -134,22 +135,19 @@ def press(name: str, found: Result, runs: int) -> list[Row]:
             given, found.mesh, MATERIAL, OptimiseParams(), SimulateParams(), supports=held, progress=progress
         )
         seconds, report, slots = time.process_time() - started, result.report(), _slots(result.after)
-        for key, value in (
-            ("seconds", seconds),
-            ("seconds to the first picture", pictures[0]),
-            ("rmse mm", report["laplacian_rmse_mm"]),
-            ("rms %", report["rms_percent"]),
-            ("strain / limit", report["strain_share_max"]),
-            ("closed slots", len(slots.closed)),
-            ("smallest slot mm", 1e3 * float(slots.width.min())),
-            ("evaluations", report["evaluations"]),
-        ):
+        figures = {
+            "seconds": seconds,
+            "seconds to the first picture": pictures[0],
+            "rmse mm": report["laplacian_rmse_mm"],
+            "rms %": report["rms_percent"],
+            "strain / limit": report["strain_share_max"],
+            "closed slots": len(slots.closed),
+            "smallest slot mm": 1e3 * float(slots.width.min()),
+            "evaluations": report["evaluations"],
+        }
+        for key, value in figures.items():
             values.setdefault(key, []).append(float(f"{value:.4g}"))
-    limits: dict[str, float] = {
-        "seconds to the first picture": FIRST_PICTURE,
-        "strain / limit": 1.0,
-        "closed slots": 0.0,
-    }
+    limits = {"seconds to the first picture": FIRST_PICTURE, "strain / limit": 1.0, "closed slots": 0.0}
     if wanted is not None:
         limits |= {"seconds": wanted.seconds[0], "rmse mm": wanted.rmse, "rms %": wanted.rms}
     rows = []
@@ -173,26 +171,26 @@ def published_problem(name: str, found: Result) -> list[Row]:
     borne = optimise.optimise(design, mesh, MATERIAL, OptimiseParams(codesign=False), SimulateParams(), supports=held)
     ours, theirs = _optimisers(design, mesh, held)
     rows = [
-        row(name, "spirals", "", len(design.width), None, {"published": published.spirals} if published else None),
-        row(name, "patches", "", len(design.flat.layout.patches), None),
-        row(name, "start", "", result.start, None),
-        row(name, "seconds whole", "", round(whole, 2), None),
+        note(name, "spirals", len(design.width), {"published": published.spirals} if published else None),
+        note(name, "patches", len(design.flat.layout.patches)),
+        note(name, "start", result.start),
+        note(name, "seconds whole", round(whole, 2)),
         _faster(name, ours[1], published),
         at_most(name, "value / L-BFGS-B", 1.01, round(ours[0].value / theirs[0].value, 4)),
         at_most(name, "time / L-BFGS-B", 0.2, round(ours[1] / theirs[1], 3)),
-        row(name, "steps, evaluations", "", f"{len(ours[2].rows)}, {ours[2].evaluations}", None, {
+        note(name, "steps, evaluations", f"{len(ours[2].rows)}, {ours[2].evaluations}", {
             "L-BFGS-B": f"{len(theirs[2].rows)}, {theirs[2].evaluations}"}),
-        row(name, "rmse before mm", "", round(block["laplacian_rmse_mm_before"], 4), None),
+        note(name, "rmse before mm", round(block["laplacian_rmse_mm_before"], 4)),
         at_most(name, "rmse mm", published.rmse if published else None, round(block["laplacian_rmse_mm"], 4)),
-        row(name, "rms before %", "", round(block["rms_percent_before"], 3), None),
+        note(name, "rms before %", round(block["rms_percent_before"], 3)),
         at_most(name, "rms %", 1.0, round(block["rms_percent"], 3)),
-        row(name, "max %", "", round(block["max_percent"], 3), None),
-        row(name, "at bounds", "", round(block["at_bound"], 3), None),
-        row(name, "strain / limit", "", round(result.after.report()["strain_share_max"], 2), None),
-        row(name, "slots closed", "", _closed(result.after), None),
-        row(name, "rmse mm, within limit", "", round(borne.report()["laplacian_rmse_mm"], 4), None),
-        row(name, "rms %, within limit", "", round(borne.report()["rms_percent"], 3), None),
-        row(name, "strain, within limit", "", round(borne.after.report()["strain_share_max"], 2), None),
+        note(name, "max %", round(block["max_percent"], 3)),
+        note(name, "at bounds", round(block["at_bound"], 3)),
+        note(name, "strain / limit", round(result.after.report()["strain_share_max"], 2)),
+        note(name, "slots closed", _closed(result.after)),
+        note(name, "rmse mm, within limit", round(borne.report()["laplacian_rmse_mm"], 4)),
+        note(name, "rms %, within limit", round(borne.report()["rms_percent"], 3)),
+        note(name, "strain, within limit", round(borne.after.report()["strain_share_max"], 2)),
         row(name, "reach", "said", limits.advice, True),
     ]  # fmt: skip
     return [one | {"row": f"published problem: {one['row']}"} for one in rows]
@@ -212,7 +210,7 @@ def _closed(simulation: Simulation) -> str:
 
 def _faster(name: str, seconds: float, published: Published | None) -> Row:
     if published is None or published.faster is None:
-        return row(name, "seconds", "", round(seconds, 2), None)
+        return note(name, "seconds", round(seconds, 2))
     ratio = published.seconds / seconds
     peer = {"published": published.seconds, "times faster": round(ratio, 1)}
     return row(name, "seconds", f">= {published.faster:g}x", round(seconds, 2), ratio >= published.faster, peer)
@@ -261,6 +259,6 @@ def large() -> list[Row]:
     before, after = block["laplacian_rmse_mm_before"], block["laplacian_rmse_mm"]
     return [
         at_most(name, "seconds whole", 60.0, round(seconds, 1)),
-        row(name, "steps, evaluations", "", f"{block['iterations']}, {block['evaluations']}", None),
-        row(name, "rmse mm", "", f"{before:.3f} to {after:.3f}", None),
+        note(name, "steps, evaluations", f"{block['iterations']}, {block['evaluations']}"),
+        note(name, "rmse mm", f"{before:.3f} to {after:.3f}"),
     ]

@@ -10,9 +10,7 @@ process and in the second Blender.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from functools import partial
 from typing import Any
 
 import igl
@@ -23,20 +21,17 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.runs import job
 from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
-from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
-from harness import Bench
-from rows import Row, at_most, row
+from harness import EDGE, Bench, from_folder, processor
+from rows import Row, at_most, note
 
 FEWER, BETTER = 2 / 3, 0.8  # of the first answer alone: irregular vertices, misalignment to the principal directions
 ENERGY = 0.035  # distortion that a quad should keep below
-EDGE = 0.02  # metres
 RADIUS = 5  # edges of the triangles that libigl's quadrics reach; its default
 LONGEST = 60.0  # seconds
-DIRECTED = (
-    0.02  # radians by which a quad bends more one way than the other, in the mean, from which directions mean something
-)
+# radians by which a quad bends more one way than the other, in the mean, from which directions mean something
+DIRECTED = 0.02
 IRREGULAR, OFF, BENT = "irregular vertices", "misalignment", "bent more one way"  # names of rows
 MADE = ("remesh-potato", "remesh-rough", "remesh-spiky", "remesh-land", "cube", "torus", "dome", "saddle")
 
@@ -45,11 +40,9 @@ def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
     bench = Bench("quads", arguments, 26, only="*", meshes=True, resume=True, quads=(1000, "quads asked for"))
     folder = bench.options.meshes
-    files = sorted([*folder.glob("*.o[bf][jf]"), *folder.glob("foreign/*.o[bf][jf]")]) if folder else []
-    surfaces: dict[str, Any] = {path.stem: partial(meshio.read, path) for path in files}
+    surfaces: dict[str, Any] = from_folder(folder, "*.o[bf][jf]") | from_folder(folder, "foreign/*.o[bf][jf]")
     surfaces |= {name: zoo.SURFACES[name].make for name in MADE if name in zoo.SURFACES}
-    for name, make in bench.cases((name[:17], make) for name, make in surfaces.items()):
-        bench.measure(_rows, name, make(), bench.options.quads)
+    bench.each(_rows, {name[:17]: make for name, make in surfaces.items()}, bench.options.quads)
     return bench.finish(*_summed(bench.table.rows))
 
 
@@ -63,11 +56,11 @@ def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
     usual = requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE
     for way, tries in (("first", (1, 1, (), requad.DENSE)), ("best", usual)):
         requad.CANDIDATES, requad.ENOUGH, requad.OWN, requad.DENSE = tries
-        begun = _seconds()
+        begun = processor()
         try:
             mesh = as_quad_mesh(remesh.quads_of(triangles, count, ObjectSettings()).polygons)
             judged = quality.quality(PolygonMesh.from_quads(mesh), target)
-            found[way] = (judged, off_principal(mesh, target), mesh, _seconds() - begun)
+            found[way] = (judged, off_principal(mesh, target), mesh, processor() - begun)
         except FlexMapsError as error:
             print(f"{name} {way}: {error}", flush=True)
         finally:
@@ -76,21 +69,15 @@ def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
     if len(found) == 2:
         (one, (off_one, _), mesh_one, seconds_one), (best, (off, bent), mesh, seconds) = found["first"], found["best"]
         yield from (
-            row(name, IRREGULAR, "", best.irregular, None, {"first": one.irregular}),
-            row(name, OFF, "", round(off, 1), None, {"first": round(off_one, 1)}),
-            row(name, BENT, "", round(bent, 3), None),
-            row(name, "unevenness", "", round(best.unevenness, 3), None, {"first": round(one.unevenness, 3)}),
-            row(name, "sharp edges lost", "", round(best.lost, 3), None, {"first": round(one.lost, 3)}),
-            row(name, "quads", "", len(mesh.quads), None, {"first": len(mesh_one.quads)}),
+            note(name, IRREGULAR, best.irregular, {"first": one.irregular}),
+            note(name, OFF, round(off, 1), {"first": round(off_one, 1)}),
+            note(name, BENT, round(bent, 3)),
+            note(name, "unevenness", round(best.unevenness, 3), {"first": round(one.unevenness, 3)}),
+            note(name, "sharp edges lost", round(best.lost, 3), {"first": round(one.lost, 3)}),
+            note(name, "quads", len(mesh.quads), {"first": len(mesh_one.quads)}),
             at_most(name, "E after merging", ENERGY, merged_energy(mesh)),
             at_most(name, "seconds", LONGEST, seconds, {"first": round(seconds_one, 1)}),
         )
-
-
-def _seconds() -> float:
-    """Return the processor seconds of this process and of its finished child processes."""
-    used = os.times()
-    return used.user + used.system + used.children_user + used.children_system
 
 
 def _summed(rows: list[Row]) -> list[Row]:
@@ -107,23 +94,15 @@ def _summed(rows: list[Row]) -> list[Row]:
     bent = {one["mesh"] for one in rows if one["row"] == BENT and one["measured"] >= DIRECTED}
     (some, some_first) = both(OFF, bent)
     return [
-        row("all", "surfaces", "", count, None),
+        note("all", "surfaces", count),
         at_most("all", IRREGULAR, FEWER * sum(irregular_first), sum(irregular), {"first": sum(irregular_first)}),
-        at_most(
-            "all",
-            "mean misalignment",
-            BETTER * sum(off_first) / count,
-            sum(off) / count,
-            {"first": round(sum(off_first) / count, 1)},
-        ),
-        at_most(
-            "all",
-            f"of {len(bent)} with directions",
-            BETTER * sum(some_first) / max(len(bent), 1),
-            sum(some) / max(len(bent), 1),
-            {"first": round(sum(some_first) / max(len(bent), 1), 1)},
-        ),
+        _mean("mean misalignment", off, off_first, count),
+        _mean(f"of {len(bent)} with directions", some, some_first, max(len(bent), 1)),
     ]
+
+
+def _mean(name: str, best: list[float], first: list[float], count: int) -> Row:
+    return at_most("all", name, BETTER * sum(first) / count, sum(best) / count, {"first": round(sum(first) / count, 1)})
 
 
 def merged_energy(mesh: QuadMesh) -> float:

@@ -23,7 +23,6 @@ import numpy as np
 import shapely
 import shapely.affinity
 import trimesh
-import zoo
 from drawn_rings import dxf_rings
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication.sheets import CutSheets
@@ -33,19 +32,17 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from harness import Bench
-from rows import Table, at_least, at_most, row
+from harness import MESHES, Bench, Surfaces, from_zoo
+from rows import Table, at_least, at_most, note
 
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"
 # of the zoo: open surfaces that stand on their border; and files beside the checkout, with the axis that points up
 MADE = ("dome", "dome-feet4", "cap-feet", "vault-plain", "barrel", "vase", "tower", "catenoid", "saddle-aspect2")
 # others that can hang, and are not asked to stand
 HUNG = ("dome-level", "perforated4", "hip-roof")
 FILES = {"vault.obj": "z", "quad_dome.obj": "z", "flower_cmc1.obj": "y"}
 OFF, ASTRAY = 0.1, 0.2  # millimetres and degrees that a foot may be away from where it is simulated
-HEAVIER = (
-    0.05  # share by which panels as they are cut, fillets and all, may be heavier than the simulation takes them for
-)
+# share by which panels as they are cut, fillets and all, may be heavier than the simulation takes them for
+HEAVIER = 0.05
 FINE = 1e-4  # mm, chords of arcs as they are read
 LEVEL = 1e-6  # metres inside the base at which its upper and its lower side are looked at
 
@@ -69,16 +66,16 @@ class Fit:
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table and write the rows; return 0 whatever the figures."""
-    bench = Bench(
-        "standing", arguments, 40, only="*", kinds=("feet,frame,eyelets", "kinds of base, with commas between them")
-    )
+    kinds_help = ("feet,frame,eyelets", "kinds of base, with commas between them")
+    bench = Bench("standing", arguments, 40, only="*", kinds=kinds_help)
     kinds, table, counts = bench.options.kinds.split(","), bench.table, Counter[str]()
-    for name, polygons in bench.cases(_surfaces().items()):
+    files: Surfaces = {name: partial(_file, name) for name in FILES if (MESHES / name).is_file()}
+    for name, make in bench.cases((from_zoo(*MADE, *HUNG) | files).items()):
         for kind in kinds if name not in HUNG else ["eyelets"] if "eyelets" in kinds else []:
             try:
-                made = _made(polygons, kind)
+                made = _made(make(), kind)
             except FlexMapsError as error:
-                table.add(row(name, f"no {kind}", "", str(error)[:60], None))
+                table.add(note(name, f"no {kind}", str(error)[:60]))
                 continue
             (_hung if kind == "eyelets" else _stands)(table, f"{name} {kind}", made)
             counts[kind] += 1
@@ -101,7 +98,7 @@ def _stands(table: Table, name: str, made: Result) -> None:
     """Rows of a piece on feet, and of its frame where that is what it stands on."""
     fit = read_back(made)
     table.add(
-        row(name, "feet", "", fit.feet, None),
+        note(name, "feet", fit.feet),
         at_most(name, "tongue outside of slot (mm)", OFF, fit.outside),
         at_most(name, "slot too wide (mm)", OFF, fit.loose),
         at_most(name, "shoulders off the base (mm)", OFF, fit.high),
@@ -113,7 +110,7 @@ def _stands(table: Table, name: str, made: Result) -> None:
     if made.sheets.base.framed:
         ring = read_frame(made)
         table.add(
-            row(name, "planks", "", ring.planks, None),
+            note(name, "planks", ring.planks),
             at_most(name, "planks overlap (mm2)", 0.0, ring.overlap),
             at_most(name, "joint off its clearance (mm)", OFF, ring.off),
             at_least(name, "rings that the planks close", 1, ring.holes),
@@ -125,7 +122,7 @@ def _hung(table: Table, name: str, made: Result) -> None:
     """Rows of a piece that hangs."""
     fit = read_eyelets(made)
     table.add(
-        row(name, "eyelets", "", fit.eyelets, None),
+        note(name, "eyelets", fit.eyelets),
         at_most(name, "eyelet off its point (mm)", OFF, fit.off),
         at_most(name, "eyelet's diameter off (mm)", 0.02, fit.large),
         at_least(name, "material round it (diameters)", 1.0, fit.edge),
@@ -208,12 +205,8 @@ def read_eyelets(made: Result) -> Hung:
     return Hung(len(made.supports), off, large, float(edge), abs(float(told[2]) / (9.81 * mass) - 1.0))
 
 
-def _surfaces() -> dict[str, PolygonMesh]:
-    found = {name: zoo.SURFACES[name].polygons() for name in (*MADE, *HUNG) if name in zoo.SURFACES}
-    for name, up in FILES.items():
-        if (SHARED / name).is_file():
-            found[name] = meshio.named(str(SHARED / name), up)[1]
-    return found
+def _file(name: str) -> PolygonMesh:
+    return meshio.named(str(MESHES / name), FILES[name])[1]
 
 
 def read_back(made: Result) -> Fit:

@@ -10,7 +10,7 @@ from typing import Any
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from harness import Bench
-from rows import Table, at_most, row
+from rows import Table, at_most, note
 from state_cases import STAGES, Case
 
 # shapes, with the functions that make them
@@ -47,7 +47,7 @@ def _compared(table: Table, name: str, way: str, case: Case, patience: float) ->
     try:
         piece = case.spirals(patience)
     except FlexMapsError as error:
-        table.add(row(name, way, "", str(error)[:60], None))
+        table.add(note(name, way, str(error)[:60]))
         return
     for stage, compare in STAGES.items():
         try:
@@ -55,4 +55,4 @@ def _compared(table: Table, name: str, way: str, case: Case, patience: float) ->
                 figures = {"rms_mm": round(1e3 * one.fresh.rms, 3), "softest": round(one.softest, 3)}
                 table.add(at_most(name, f"{way}: {one.stage}", one.tolerance, one.apart, {"fresh": figures}))
         except FlexMapsError as error:
-            table.add(row(name, f"{way}: {stage}", "", str(error)[:60], None))
+            table.add(note(name, f"{way}: {stage}", str(error)[:60]))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from equilibrium_cases import EDGE
@@ -24,7 +25,7 @@ from flexmaps.engine.mechanics.loads import Loads
 from flexmaps.engine.mechanics.newton_system import NewtonSystem
 from flexmaps.engine.params import SimulateParams
 from harness import Bench
-from rows import Table, at_most, row
+from rows import Table, at_most, note
 from structure_cases import Pushed, arch, by_solid, dome, turned_pair
 
 # spirals a side, height, width and twist of a dome of arms hardly longer than wide, where the model itself is some percent too stiff
@@ -93,7 +94,7 @@ def pressures(table: Table) -> None:
         begun = time.process_time()
         path = follow(one, piece.rest.pose, marks=(), most=200.0)
         rows[name] = f"{path.critical or np.inf:.4g} N a spiral, {time.process_time() - begun:.2g} s"
-    table.add(row(piece.name, "pressure at which it gives way", "", "", None, rows))
+    table.add(note(piece.name, "pressure at which it gives way", "", rows))
 
 
 def seconds(table: Table) -> None:
@@ -111,9 +112,6 @@ def seconds(table: Table) -> None:
         spent = time.process_time() - begun
         linear_buckling(one, path.points[0])
         quick = time.process_time() - begun - spent
-        peer = {
-            "points": len(path.points),
-            "gives way at": f"{path.critical or np.inf:.3g}",
-            "linear buckling": f"{quick:.2g} s",
-        }
-        table.add(row(f"dome of {len(low)}", "seconds of a load path", "", float(f"{spent:.3g}"), None, peer))
+        peer: dict[str, Any] = {"points": len(path.points), "gives way at": f"{path.critical or np.inf:.3g}"}
+        peer["linear buckling"] = f"{quick:.2g} s"
+        table.add(note(f"dome of {len(low)}", "seconds of a load path", float(f"{spent:.3g}"), peer))

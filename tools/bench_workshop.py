@@ -3,7 +3,7 @@
 python3 tools/dev.py bench workshop [--only calibration,fill,remnants] [--draws N] [--names demo,spot] [--meshes DIR] [--json FILE]
 
 Played measurements: every reading of a kerf comb's gap, of the sag of a strip and of two spirals has an error of 2 % (normal), three
-readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio; the formulas are compared with solids.
+readings each, on sheets of random thickness, kerf, modulus and Poisson's ratio.
 Fill: of sheets of 600 x 400 mm, borders without stubs as in the demo, where of the emptiest sheet only the used end counts; where that is
 so of every sheet, as for somebody who keeps the straight offcuts; beside that of one endless strip of the same height, searched for a
 longer time: no sheets can be filled better than the strip, but for what the search did not find. What fills the sheets is counted twice. The
@@ -22,7 +22,6 @@ import ezdxf
 import numpy as np
 import shapely
 import shapely.affinity
-from flexmaps.database import coupons as solids
 from flexmaps.engine.extras.calibrating import bending
 from flexmaps.engine.extras.calibrating.calibrate import Readings, calibrate
 from flexmaps.engine.extras.calibrating.coupons import GRAVITY, Coupons
@@ -38,16 +37,10 @@ from flexmaps.engine.runs import job
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.workers import Workers
 from harness import EDGE, Bench, surfaces
-from rows import Row, at_least, at_most, row
+from rows import Row, at_least, at_most, note
 
 NOISE, READINGS = 0.02, 3  # of every reading as a share, and how many there are of each
 FILL, STRIP_SECONDS = 0.6, 25  # share of the sheets that is wanted; seconds that the strip is searched
-# materials and thicknesses for which the formulas are compared with solid models
-SHEETS = {
-    "POM 2 mm": {},
-    "birch 4 mm": {"material.material": "birch", "spiral.thickness": 4},
-    "PLA 1 mm": {"material.material": "pla", "spiral.thickness": 1},
-}
 
 
 def main(arguments: list[str]) -> int:
@@ -65,14 +58,12 @@ def main(arguments: list[str]) -> int:
     table, options = bench.table, bench.options
     if bench.asked("calibration"):
         table.add(*played(options.draws))
-        for name, values in SHEETS.items():
-            table.add(*against_solids(name, coupons(with_values(Settings(), values))))
     if bench.asked("remnants"):
         table.add(*remnants())
     if bench.asked("fill"):
-        for name, polygons in surfaces(options.meshes):
+        for name, make in surfaces(options.meshes).items():
             if name.removeprefix("made:") in options.names.split(",") and name != "made:three_holes":
-                table.add(*filled(name.removeprefix("made:"), polygons, options.seconds))
+                table.add(*filled(name.removeprefix("made:"), make(), options.seconds))
     return bench.finish()
 
 
@@ -94,12 +85,12 @@ def played(draws: int) -> list[Row]:
         kerfs.append(1e3 * abs(found.kerf.value - kerf))
         warned += bool(found.warnings)
     return [
-        row("played", "modulus, median error %", "", 100.0 * float(np.median(youngs)), None),
+        note("played", "modulus, median error %", 100.0 * float(np.median(youngs))),
         at_most("played", "modulus, error % of 95 in 100", 3.0, 100.0 * float(np.quantile(youngs, 0.95))),
-        row("played", "modulus within twice its told error", "", float(np.mean(sure)), None),
-        row("played", "kerf, median error mm", "", float(np.median(kerfs)), None),
+        note("played", "modulus within twice its told error", float(np.mean(sure))),
+        note("played", "kerf, median error mm", float(np.median(kerfs))),
         at_most("played", "kerf, error mm of 95 in 100", 0.02, float(np.quantile(kerfs, 0.95))),
-        row("played", "calibrations with a warning", "", warned / draws, None),
+        note("played", "calibrations with a warning", warned / draws),
     ]
 
 
@@ -119,20 +110,6 @@ def _noisy(made: Coupons, youngs: float, kerf: float, random: np.random.Generato
         strip_sags=[read(sag) for _ in range(READINGS)],
         spiral_sags=[(read(sags[0]), read(sags[1])) for _ in range(READINGS)],
     )
-
-
-def against_solids(name: str, made: Coupons) -> list[Row]:
-    """Sags by the formulas against solids, as errors of the modulus in percent."""
-    found = []
-    for times in (1.0, 2.0):
-        load = times * made.strip_load
-        error = bending.strip_sag(made, made.youngs, load) / solids.strip_sag(made, made.youngs, load) - 1.0
-        found.append(at_most(name, f"strip, {times:g} x its weight, %", 1.0, 100.0 * abs(error)))
-    for one in made.spirals:
-        soft = one.load * GRAVITY / bending.spiral_stiffness(made, one.scale, one.width, one.twist, made.youngs)
-        error = soft / solids.spiral_sag(made, one, made.youngs, one.load) - 1.0
-        found.append(at_most(name, f"spiral {one.name}, %", 3.0, 100.0 * abs(error)))
-    return found
 
 
 # -- sheets ------------------------------------------------------------------------------------------------------------
@@ -159,13 +136,13 @@ def filled(name: str, polygons: PolygonMesh, seconds: float) -> list[Row]:
     used = [used_length(packing, shapes, k) + params.margin for k in range(len(packing.sizes))]
     needed = len(used) - 1 + min(min(used) / params.sheet_width, 1.0)
     return [
-        row(name, "panels, joints, sheets", "", f"{len(shapes)}, {joints}, {len(packing.sizes)}", None),
-        row(name, "sheets, the emptiest as far as used", "", needed, None),
+        note(name, "panels, joints, sheets", f"{len(shapes)}, {joints}, {len(packing.sizes)}"),
+        note(name, "sheets, the emptiest as far as used", needed),
         at_least(name, "fill of the sheets, outlines", FILL, fill(packing, shapes, area, params.margin)),
         at_least(name, "fill of the sheets, quads", FILL, fill(packing, shapes, quads, params.margin)),
-        row(name, "fill, of each sheet its used end", "", round(ends, 4), None),
-        row(name, "fill of an endless strip, outlines", "", float(f"{area / long:.3g}"), None),
-        row(name, "fill of an endless strip, quads", "", float(f"{quads / long:.3g}"), None),
+        note(name, "fill, of each sheet its used end", round(ends, 4)),
+        note(name, "fill of an endless strip, outlines", float(f"{area / long:.3g}")),
+        note(name, "fill of an endless strip, quads", float(f"{quads / long:.3g}")),
         at_most(name, "panels too near to each other", 0, wrong),
     ]
 
@@ -221,7 +198,7 @@ def remnants(draws: int = 12) -> list[Row]:
             wrong += sum(not sheet.contains(p) or p.distance(sheet.boundary) < params.margin - 1e-7 for p in on)
             wrong += too_near(on, params.spacing)
     return [
-        row("remnants", "panels laid on remnants", "", laid, None),
+        note("remnants", "panels laid on remnants", laid),
         at_most("remnants", "overlaps, too near or outside", 0, wrong),
     ]
 

@@ -28,7 +28,6 @@ import numpy as np
 import zoo
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import Settings
-from flexmaps.engine.runs import job
 from flexmaps.engine.surface.formats import meshio
 from rows import Row, Table, row
 from zoo import summary, trial
@@ -76,7 +75,6 @@ def main(arguments: list[str]) -> int:
         print("left out, for there is no Blender here to remesh them: " + ", ".join(without))
     (OUT / "records").mkdir(parents=True, exist_ok=True)
     records: dict[str, dict[str, Any]] = {}
-    print(HEAD)
     if not options.fresh:
         for task in tasks:
             found = task.earlier()
@@ -282,24 +280,10 @@ class Processes:
 
 # -- what is printed ---------------------------------------------------------------------------------------------------
 
-HEAD = (
-    f"{'surface':<30}{'quads':>6}{'patches':>8}{'least':>6}{'median':>7}{'alone':>6}{'E max':>8}"
-    f"{'RMSE mm':>14}{'RMS %':>7}{'max %':>7}{'strain':>7}{'layout':>7}{'optim.':>7}{'sheets':>7}{'all s':>7}{'MB':>6}  what else"
-)
-
 
 def line(name: str, record: dict[str, Any]) -> str:
     """Format one row of the table."""
-    spent = (summary.busy(record, stages) for stages in (summary.LAYOUT, ("optimise",), ("sheets",), job.STAGE_NAMES))
-    seconds = "".join(f"{each:>7.1f}" for each in spent) + f"{record.get('memory_mb', 0):>6.0f}"
-    if "patches" not in record:
-        return f"{name:<30}{record.get('quads', 0):>6}{'':>70}{seconds}  {said(record)}"
-    rmse = f"{_figure(record.get('rmse_mm_before'), 3)}>{_figure(record.get('rmse_mm'), 3)}"
-    return (
-        f"{name:<30}{record['quads']:>6}{record['patches']:>8}{record['smallest']:>6}{record['median']:>7g}"
-        f"{record['alone']:>6}{record['e_max']:>8.3f}{rmse:>14}{_figure(record.get('rms_percent'), 2):>7}"
-        f"{_figure(record.get('max_percent'), 1):>7}{_figure(record.get('strain'), 2):>7}{seconds}  {said(record)}"
-    )
+    return f"{name:<30}{figures(record)}, {record.get('memory_mb', 0):.0f} MB  {said(record)}"
 
 
 def figures(record: dict[str, Any]) -> str:

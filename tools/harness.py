@@ -8,6 +8,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,20 +16,36 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from rows import Row, Table, row
+from rows import Row, Table, note
 
 MESHES = Path(__file__).resolve().parent.parent.parent / "shared" / "meshes"  # larger meshes beside the checkout
+FORMATS = (".obj", ".off", ".ply", ".stl")
 EDGE = 0.02  # metres, quads of the surfaces that the project makes
 Case = TypeVar("Case")
+Surfaces = dict[str, Callable[[], PolygonMesh]]  # what makes each, by name
 
 
-def surfaces(folder: Path | None) -> list[tuple[str, PolygonMesh]]:
+def surfaces(folder: Path | None) -> Surfaces:
     """Return the surfaces that the project makes, and the meshes of a folder."""
-    found = [(f"made:{name}", PolygonMesh.from_quads(shapes.make(name, EDGE))) for name in shapes.NAMES]
-    if folder is not None:
-        paths = [path for path in sorted(folder.iterdir()) if path.suffix in (".obj", ".off", ".ply", ".stl")]
-        found += [(path.stem, meshio.read(path)) for path in paths]
-    return found
+    return {f"made:{name}": partial(built_in, name) for name in shapes.NAMES} | from_folder(folder)
+
+
+def built_in(name: str) -> PolygonMesh:
+    """Return one of the surfaces that the project makes, with quads of 20 mm."""
+    return PolygonMesh.from_quads(shapes.make(name, EDGE))
+
+
+def from_zoo(*names: str) -> Surfaces:
+    """Return surfaces of the zoo by name; those that it does not have are left out."""
+    import zoo
+
+    return {name: zoo.SURFACES[name].polygons for name in names if name in zoo.SURFACES}
+
+
+def from_folder(folder: Path | None, pattern: str = "*") -> Surfaces:
+    """Return the meshes of a folder by the stems of their names; none without a folder."""
+    paths = sorted(folder.glob(pattern)) if folder is not None else []
+    return {path.stem: partial(meshio.read, path) for path in paths if path.suffix.lower() in FORMATS}
 
 
 def processor() -> float:
@@ -109,12 +126,18 @@ class Bench:
         """Yield the cases that have no rows yet."""
         yield from ((name, case) for name, case in named if name not in self._known)
 
+    def each(self, rows: Callable[..., Iterable[Row]], surfaces: Surfaces, *arguments: Any) -> None:
+        """Add ``rows(name, polygons, *arguments)`` for every surface that is asked for and has no rows yet."""
+        for name, make in self.cases(surfaces.items()):
+            self.measure(lambda name, make: rows(name, make(), *arguments), name, make)
+
     def measure(self, rows: Callable[..., Iterable[Row]], name: str, *arguments: Any) -> None:
         """Add the rows of a case, or one that says why it is refused, and write them."""
         try:
-            self.table.add(*rows(name, *arguments))
+            for one in rows(name, *arguments):
+                self.table.add(one)
         except FlexMapsError as error:
-            self.table.add(row(name, "refused", "", str(error)[:80], None))
+            self.table.add(note(name, "refused", str(error)[:80]))
         if self.options.json is not None:
             self.options.json.write_text(json.dumps(self.table.rows, indent=1) + "\n")
 

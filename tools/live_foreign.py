@@ -13,7 +13,7 @@ from flexmaps.engine.surface.mesh import QuadMesh
 from live_brush import spiralled, strokes
 from live_cases import given_of, of_mesh, stroke
 from live_followed import Followed
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 
 # of quads alone and with a border, 240 to 871 of them
 NAMES = ("cmc1.obj", "0-static.off", "heart.obj", "chebyshev_sphere.obj", "six.off", "M2_eq_quad2.obj")
@@ -27,7 +27,7 @@ def tried(folder: Path, tick: float) -> Iterator[Row]:
     for name in NAMES:
         path = folder / name
         if not path.is_file():
-            yield row(path.stem, "not measured: the mesh is missing", "", "", None)
+            yield note(path.stem, "not measured: the mesh is missing", "")
             continue
         errors: list[str] = []
         for border, words in BORDERS.items():
@@ -36,7 +36,7 @@ def tried(folder: Path, tick: float) -> Iterator[Row]:
                 for part in (_live, _brush):
                     yield from part(mesh, path.stem, border, words, tick)
             except FlexMapsError as error:
-                yield row(path.stem, f"refused{words}", "", "", None, {"because": str(error)[:120]})
+                yield note(path.stem, f"refused{words}", "", {"because": str(error)[:120]})
             except Exception as error:  # counted and told, so that the others are tried too
                 errors.append(f"{part.__name__[1:]}{words}: {type(error).__name__}: {error}")
         yield at_most(path.stem, "errors", 0, len(errors), {"first": errors[0][:200]} if errors else None)
@@ -48,7 +48,7 @@ def _live(mesh: QuadMesh, name: str, border: str, words: str, _tick: float) -> I
     piece, rng = Followed(given_of(made)), np.random.default_rng(1)
     followed = [piece.follow(stroke(piece.given, rng, SHARE)) for _ in range(STROKES)]
     slowest, came = max(rest for _, rest, _ in followed), sum(shape.converged for *_, shape in followed)
-    yield row(name, f"live: {len(mesh.quads)} spirals at rest, s{words}", "", float(f"{slowest:.3g}"), None)
+    yield note(name, f"live: {len(mesh.quads)} spirals at rest, s{words}", float(f"{slowest:.3g}"))
     yield row(name, f"live: strokes that came to rest{words}", f"{STROKES}", came, came == STROKES)
 
 

@@ -12,7 +12,7 @@ from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import MaterialParams, OptimiseParams, SimulateParams
 from flexmaps.engine.surface.checking import check
 from live_cases import of_mesh
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 from zoo import SURFACES
 
 # caps, stars, tubes, saddles and sheets, of few quads; some of them are a single panel that nothing bends
@@ -35,12 +35,12 @@ def wished() -> Iterator[Row]:
         before, after = found["wished_mm_before"], found["wished_mm"]
         if found.get("wish"):
             flat.append(name)
-            yield row(name, "wishes: without strain, nothing to be done", "", f"{before:.3g} mm", None)
+            yield note(name, "wishes: without strain, nothing to be done", f"{before:.3g} mm")
             continue
         left.append(after / before)
         ways = {"mm": {"before": round(before, 2), "after": round(after, 2)}}
         yield at_most(name, "wishes: what is left of their distance", LEFT, left[-1], ways)
-    yield row("all", "wishes: surfaces, those without strain", "", f"{len(NAMES)}, {len(flat)}", None)
+    yield note("all", "wishes: surfaces, those without strain", f"{len(NAMES)}, {len(flat)}")
     if left:
         yield at_most("all", "wishes: what is left of their distance, median", None, float(np.median(left)))
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from rows import Row, at_most, row
+from rows import Row, at_most, note, row
 
 if TYPE_CHECKING:
     from flexmaps.engine.surface.mesh import QuadMesh
@@ -138,12 +138,8 @@ def panels(_: argparse.Namespace) -> Iterator[Row]:
             total += spent
             yield at_most(mesh, f"{panel.bl_label}: one redraw, ms", 5.0, spent)
     yield at_most(mesh, "the whole sidebar: one redraw, ms", 10.0, total)
-    yield row(
-        mesh,
-        "of it the states of all stages, ms",
-        "",
-        _milliseconds(lambda: states.read_states(obj, bpy.context.scene)),
-        None,
+    yield note(
+        mesh, "of it the states of all stages, ms", _milliseconds(lambda: states.read_states(obj, bpy.context.scene))
     )
 
 
@@ -161,7 +157,7 @@ def preview(_: argparse.Namespace) -> Iterator[Row]:
 
     _enable()
     if not hasattr(bpy.types, "FLEXMAPS_OT_preview"):
-        yield row("2400 spirals", "preview", "", "there is no preview", None)
+        yield note("2400 spirals", "preview", "there is no preview")
         return
     obj = saddle()
     bpy.ops.flexmaps.flatten()
@@ -200,7 +196,7 @@ def frames(_: argparse.Namespace) -> Iterator[Row]:
             found.append(json.loads((work / "result.json").read_text()))
             print("\n".join(found[-1]["errors"]), file=sys.stderr)
     if reason is not None or len(found) < 2:
-        yield row("2401 spirals", "frames", "", str(reason)[:60], None)
+        yield note("2401 spirals", "frames", str(reason)[:60])
         return
     software, own = (one["frames"] for one in found)
     for name, drawn in software.items():
@@ -250,11 +246,11 @@ def _by_next(name: str, found: dict[str, Any]) -> Iterator[Row]:
         name, "sheets by Next", "yes", "yes" if "sheets" in blocks else "no", "sheets" in blocks, model["seconds"]
     )
     if "sheets" in blocks:
-        yield row(name, "quads, patches", "", f"{blocks['spirals']['count']}, {blocks['layout']['patches']}", None)
+        yield note(name, "quads, patches", f"{blocks['spirals']['count']}, {blocks['layout']['patches']}")
         shape, searched = blocks["equilibrium"], blocks["optimise"]
         rmse = f"{searched['laplacian_rmse_mm_before']:.3g} -> {searched['laplacian_rmse_mm']:.3g}"
         peer = {"RMS": f"{shape['rms_percent']:.2g} %", "strain": f"{100 * shape.get('strain_share_max', 0.0):.0f} %"}
-        yield row(name, "RMSE, mm", "", rmse, None, peer)
+        yield note(name, "RMSE, mm", rmse, peer)
 
 
 def ready(work: Path) -> str | None:
