@@ -20,7 +20,7 @@ from ..engine.runs.piece import Piece
 from ..engine.surface.checking import check as checking
 from ..engine.surface.checking.check import Finding
 from ..engine.surface.checking.overlaps import overlaps
-from ..engine.surface.checking.sewing import border_sides, sewn
+from ..engine.surface.checking.sewing import border_sides, sew
 from ..engine.surface.checking.topology import sides_of
 from ..engine.surface.far import about_middle
 from ..engine.surface.formats import meshio
@@ -84,7 +84,9 @@ def load(
         if piece.made is not None:
             piece = replace(piece, made=piece.made.with_surface(findings=[*piece.made.findings, *before]))
     if others and piece.made is not None:
-        piece = replace(piece, made=piece.made.with_surface(findings=[*piece.made.findings, checking.remeshed(others)]))
+        piece = replace(
+            piece, made=piece.made.with_surface(findings=[*piece.made.findings, checking.remeshing_warning(others)])
+        )
     return change(piece, supports=supports)
 
 
@@ -270,7 +272,7 @@ def begun(piece: Piece, edge: float | None, height: float | None) -> Piece:
     edge : wanted median quad edge in metres
     height : wanted extent along z in metres
     """
-    source = checking.scaled(piece.source, edge=edge, height=height)
+    source = checking.scale_to_metres(piece.source, edge=edge, height=height)
     try:
         made = job.begin(source).with_surface(edge=edge, height=height)
     except FlexMapsError:
@@ -340,11 +342,13 @@ def _from_blender(source: Any) -> Piece:
 
 def _from_elsewhere(source: Any, up: str | None) -> Piece:
     if isinstance(source, QuadMesh | PolygonMesh):
-        polygons = checking.converted(source if isinstance(source, PolygonMesh) else PolygonMesh.from_quads(source))
+        polygons = checking.with_numeric_arrays(
+            source if isinstance(source, PolygonMesh) else PolygonMesh.from_quads(source)
+        )
         return Piece("mesh", about_middle(polygons), _without_stubs(ObjectSettings(), polygons))
     files = () if str(source).startswith(meshio.SHAPE) else (Path(source),)
-    name, polygons = meshio.named(str(source), up)
-    polygons = sewn(polygons)
+    name, polygons = meshio.read_named(str(source), up)
+    polygons = sew(polygons)
     return Piece(name, polygons, _without_stubs(ObjectSettings(), polygons), files=files)
 
 

@@ -49,7 +49,7 @@ def layout(piece: Piece, *, keep_seams: bool = False, progress: Tell = None) -> 
         return go_to(replace(piece, made=piece.result.without(*LAYOUTS)), "flat", progress)
     if piece.seams is None:
         raise FlexMapsError(f"{piece.name} has no seams to keep; load an object, or let the panels be traced")
-    made = by_hand.flattened(piece.result, piece.seams, piece.settings, progress_of(progress))
+    made = by_hand.flatten_by_hand(piece.result, piece.seams, piece.settings, progress_of(progress))
     return replace(piece, made=made)
 
 
@@ -90,7 +90,7 @@ def take(piece: Piece, proposal: int) -> Piece:
     registry.need("choosing")
     from ..engine.extras.choosing import choice_stage
 
-    return replace(piece, made=choice_stage.taken(piece.result, proposal, piece.settings))
+    return replace(piece, made=choice_stage.take_proposal(piece.result, proposal, piece.settings))
 
 
 def simulate(piece: Piece, *, supports: Supports = None, progress: Tell = None) -> Piece:

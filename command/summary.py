@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from ..engine.figures import format_figure
-from ..engine.surface.checking.finding import counted
+from ..engine.surface.checking.finding import with_count
 
 FAULTS = 5  # kinds of faults printed at most, so that the candidates stay in sight; chosen by eye
 
@@ -15,29 +15,29 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the result of every stage that ran, and where the files are."""
     if "input" in described:
         source = described["input"]
-        print(f"{source['file']}: {counted(source['quads'], 'quad', 'quads')}, edge {source['edge_mm']:.1f} mm, "
+        print(f"{source['file']}: {with_count(source['quads'], 'quad', 'quads')}, edge {source['edge_mm']:.1f} mm, "
               f"{' x '.join(f'{x:.0f}' for x in source['size_mm'])} mm")  # fmt: skip
     for finding in described["checks"]:
         print(f"  {finding['severity']}: {finding['message']}")
     if "layout" in described:
         layout = described["layout"]
-        print(f"  {counted(layout['patches'], 'panel', 'panels')}, worst distortion {layout['energy_max']:.4f}")
+        print(f"  {with_count(layout['patches'], 'panel', 'panels')}, worst distortion {layout['energy_max']:.4f}")
         for text in layout.get("remarks", ()):
             print(f"  warning: {text}")
     if "choose" in described:
         choice = described["choose"]
-        print(f"  {choice['note']} {counted(choice['layouts_judged'], 'layout was', 'layouts were')} judged:")
+        print(f"  {choice['note']} {with_count(choice['layouts_judged'], 'layout was', 'layouts were')} judged:")
         for number, one in enumerate(choice["proposals"]):
             mark, about = "*" if number == choice["taken"] else " ", "" if one["proved"] else "about "
-            print(f"  {mark} {counted(one['panels'], 'panel', 'panels')}, {counted(one['joints'], 'joint', 'joints')}, RMS {about}{format_figure(one['rms_percent'])} %, "
-                  f"strain {100 * one['strain_share_max']:.0f} % of the limit, {counted(one['sheets'], 'sheet', 'sheets')}, "
+            print(f"  {mark} {with_count(one['panels'], 'panel', 'panels')}, {with_count(one['joints'], 'joint', 'joints')}, RMS {about}{format_figure(one['rms_percent'])} %, "
+                  f"strain {100 * one['strain_share_max']:.0f} % of the limit, {with_count(one['sheets'], 'sheet', 'sheets')}, "
                   f"{one['join_minutes']} min to join: {one['origin']}")  # fmt: skip
     if "spirals" in described:
         spirals = described["spirals"]
-        print(f"  {counted(spirals['count'], 'spiral', 'spirals')}, narrowest slot {spirals['slot_min_mm']:.2f} mm")
+        print(f"  {with_count(spirals['count'], 'spiral', 'spirals')}, narrowest slot {spirals['slot_min_mm']:.2f} mm")
     if "optimise" in described:
         better = described["optimise"]
-        print(f"  optimised in {counted(better['iterations'], 'step', 'steps')}: RMSE {better['laplacian_rmse_mm_before']:.3g} "
+        print(f"  optimised in {with_count(better['iterations'], 'step', 'steps')}: RMSE {better['laplacian_rmse_mm_before']:.3g} "
               f"to {better['laplacian_rmse_mm']:.3g} mm. {better['end']}")  # fmt: skip
     if "equilibrium" in described:
         from ..bridge.store import equilibrium
@@ -52,7 +52,7 @@ def whole(described: dict[str, Any], args: argparse.Namespace) -> None:
         _structure(described["structure"])
     if "sheets" in described:
         sheets = described["sheets"]
-        print(f"  {counted(sheets['sheets'], 'sheet', 'sheets')}, {sheets['cut_length_m']:.1f} m of cuts")
+        print(f"  {with_count(sheets['sheets'], 'sheet', 'sheets')}, {sheets['cut_length_m']:.1f} m of cuts")
         if "base" in sheets:
             print(f"  {_held(sheets['base'])}")
         for warning in sheets["warnings"]:
@@ -78,7 +78,7 @@ def explored(described: dict[str, Any], args: argparse.Namespace) -> None:
     """Print the candidates of the Pareto front, one a line, then faults and conclusion."""
     rows, faults = described["candidates"], [one["fault"] for one in described["candidates"] if one["fault"]]
     print(
-        counted(len(rows), "candidate", "candidates")
+        with_count(len(rows), "candidate", "candidates")
         + ("" if described["finished"] else ", then stopped; call it again to go on")
     )
     for number in described["front"]:
@@ -112,10 +112,10 @@ def _held(base: dict[str, Any]) -> str:
     if "eyelets" in base:
         most = max((sum(x * x for x in force) ** 0.5 for force in base.get("forces_N", [])), default=None)
         bears = "" if most is None else f"; they bear up to {most:.3g} N"
-        return f"{counted(base['eyelets'], 'eyelet', 'eyelets')} of {base['eyelet_mm']:g} mm to hang it by{bears}"
+        return f"{with_count(base['eyelets'], 'eyelet', 'eyelets')} of {base['eyelet_mm']:g} mm to hang it by{bears}"
     under = (
-        f"a frame of {counted(base['planks'], 'plank', 'planks')}"
+        f"a frame of {with_count(base['planks'], 'plank', 'planks')}"
         if "planks" in base
-        else f"a base of {counted(base['plates'], 'plate', 'plates')}"
+        else f"a base of {with_count(base['plates'], 'plate', 'plates')}"
     )
-    return f"{under} with slots for {counted(base['feet'], 'foot', 'feet')}"
+    return f"{under} with slots for {with_count(base['feet'], 'foot', 'feet')}"

@@ -19,7 +19,7 @@ from ..engine.errors import FlexMapsError
 from ..engine.materials import MATERIALS, Material
 from ..engine.optimisation.optimise import optimise
 from ..engine.params import LayoutParams, OptimiseParams, SimulateParams, SpiralParams
-from ..engine.patches.flattening.flatten import flatten, measured
+from ..engine.patches.flattening.flatten import flatten, with_energies
 from ..engine.patches.layout import PatchLayout
 from ..engine.patches.merging.merge import merge
 from ..engine.patches.tracing.trace import trace
@@ -27,7 +27,7 @@ from ..engine.spirals.design import SpiralDesign
 from ..engine.spirals.fabricable import design_from_curvature
 from ..engine.surface.curvature import rms_curvature
 from ..engine.surface.mesh import QuadMesh
-from ..engine.surface.shapes import make, welded
+from ..engine.surface.shapes import make, weld_quads
 from . import chunks
 from .design_mesh import Resolution, make_mesh
 
@@ -140,7 +140,7 @@ def sheet(
     layout = PatchLayout(mesh, np.zeros(len(mesh.edges), dtype=bool))
     placed = np.zeros((int(layout.flat_corners.max()) + 1, 2))
     placed[layout.flat_corners] = flat[quads]
-    return SpiralDesign(measured(layout, placed), PARAMS, *_per_quad(len(quads), width, twist))
+    return SpiralDesign(with_energies(layout, placed), PARAMS, *_per_quad(len(quads), width, twist))
 
 
 def shell(mesh: QuadMesh, cut: np.ndarray, width: Values, twist: Values) -> SpiralDesign:
@@ -216,7 +216,7 @@ def box(n: int, faces: int, twist: float, width: float = 1.5) -> SpiralDesign:
     middle = points - 0.5 * n
     out = [middle[:, :1] * right + middle[:, 1:] * up + 0.5 * n * outward for right, up, outward in frames]
     whole = SIDE * np.concatenate(out)
-    mesh = welded(whole, np.concatenate([quads + k * len(points) for k in range(len(out))]))
+    mesh = weld_quads(whole, np.concatenate([quads + k * len(points) for k in range(len(out))]))
     inner = ~mesh.border
     p = mesh.vertices[mesh.quads]
     normal = np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])
@@ -242,7 +242,7 @@ def optimised(name: str, arms: str) -> SpiralDesign:
         kept = {"cut": found.flat.layout.cut, "points": found.flat.points, "width": found.width, "twist": found.twist}
         chunks.write(path, chunks.archive(kept))
     with np.load(path) as stored:
-        flat = measured(PatchLayout(mesh, stored["cut"]), stored["points"])
+        flat = with_energies(PatchLayout(mesh, stored["cut"]), stored["points"])
         return SpiralDesign(flat, SpiralParams(), stored["width"], stored["twist"])
 
 

@@ -22,7 +22,7 @@ from ..engine.mechanics.assembly import Pose
 from ..engine.mechanics.equilibrium import solve
 from ..engine.mechanics.loads import Loads
 from ..engine.params import Settings
-from ..engine.patches.flattening.flatten import measured
+from ..engine.patches.flattening.flatten import with_energies
 from ..engine.patches.layout import PatchLayout
 from ..engine.runs import job
 from ..engine.spirals.design import SpiralDesign
@@ -85,7 +85,7 @@ def optimised(name: str, make: Callable[[], QuadMesh]) -> SpiralDesign:
         chunks.write(path, chunks.archive({**kept, "width": made.width, "twist": made.twist}))
     with np.load(path) as stored:
         mesh = QuadMesh(stored["vertices"], stored["quads"])
-        flat = measured(PatchLayout(mesh, stored["cut"]), stored["points"])
+        flat = with_energies(PatchLayout(mesh, stored["cut"]), stored["points"])
         return meshable(SpiralDesign(flat, Settings().spiral, stored["width"], stored["twist"]))
 
 

@@ -187,7 +187,7 @@ def minimise(problem: Problem, start: Any, rule: Rule) -> Run:
     -------
     last state, reason for the end, and history
     """
-    return exhausted(stepping(problem, start, rule))
+    return run_to_end(stepping(problem, start, rule))
 
 
 def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, Run]:
@@ -208,7 +208,7 @@ def stepping(problem: Problem, start: Any, rule: Rule) -> Generator[Any, None, R
         yield state
 
 
-def exhausted(steps: Generator[Any, None, Result]) -> Result:
+def run_to_end(steps: Generator[Any, None, Result]) -> Result:
     """Run a generator to its end and return its return value."""
     while True:
         try:

@@ -42,7 +42,7 @@ def _formats(wanted: ObjectSettings) -> tuple[str, ...]:
     from ..engine.extras.calibrating.sheet_files import USUAL, WRITERS
     from ..engine.fabrication.writers import export
 
-    return tuple(key for key in export.chosen(wanted.export) if key in WRITERS) or USUAL
+    return tuple(key for key in export.chosen_formats(wanted.export) if key in WRITERS) or USUAL
 
 
 def _reading(name: str, description: str) -> object:

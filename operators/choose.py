@@ -151,7 +151,9 @@ class TakeChoice(LayoutStage, bpy.types.Operator):
             from ..engine.runs import by_hand
 
             cut = choices.cuts_of(snapshot.surface, number)
-            return reported(by_hand.flattened(result, cut, snapshot.settings, progress)), block | {"taken": number}
+            return reported(by_hand.flatten_by_hand(result, cut, snapshot.settings, progress)), block | {
+                "taken": number
+            }
 
         return go_on
 

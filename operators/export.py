@@ -43,7 +43,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
         from ..engine.fabrication.writers import export
 
         settings = snapshot.settings
-        formats, look = export.chosen(settings.export), flat_panels.look_of(settings)
+        formats, look = export.chosen_formats(settings.export), flat_panels.look_of(settings)
         # redraw panels beside the model that have other connectors
         stale = any(o.get(flat_panels.LOOK, look) != look for o in flat_panels.panels_of(obj))
         base = folder_of(settings.export.folder) / file_name(snapshot.name)

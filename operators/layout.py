@@ -117,7 +117,9 @@ class FlattenStage(LayoutStage):
             from ..engine.runs import by_hand
 
             previous = mesh.flat_of(snapshot.surface, result.mesh) if reuse else None
-            return reported(by_hand.flattened(result, snapshot.seams(result), snapshot.settings, progress, previous))
+            return reported(
+                by_hand.flatten_by_hand(result, snapshot.seams(result), snapshot.settings, progress, previous)
+            )
 
         return go_on
 

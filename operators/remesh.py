@@ -107,7 +107,7 @@ class SetSize(StageOperator["tuple[float, float, list[Finding]]"], bpy.types.Ope
             if not 0 < now < float("inf"):
                 raise FlexMapsError("The mesh has no size: its edges have no length; scale it by hand first")
             edge = times * now or settings.remesh.edge
-            return edge / now, edge, check.everything(check.scaled(surface.polygons, edge=edge))
+            return edge / now, edge, check.everything(check.scale_to_metres(surface.polygons, edge=edge))
 
         return work
 

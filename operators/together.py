@@ -53,7 +53,7 @@ class ExportTogether(IntoFolder, AnyMesh, StageOperator["BatchFiles"], bpy.types
                 f"There are no spirals yet on {', '.join(missing)}; make them, or select only objects that have them"
             )
         first = settings[0]
-        formats = export.chosen(first.export)
+        formats = export.chosen_formats(first.export)
         base = folder_of(first.export.folder) / f"{file_name(names[0])}-{ENDING}"
         guard = self.guard(first, export.present(base, formats), base.parent)
 

@@ -60,7 +60,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     """Return all rows of one mesh, with quads of 20 mm and sheets of 600 x 400 x 2 mm."""
     layout_params = LayoutParams()
     started = time.process_time()
-    mesh = regularise.regularise(check.as_quad_mesh(check.scaled(polygons, edge=EDGE)), RegulariseParams())
+    mesh = regularise.regularise(check.as_quad_mesh(check.scale_to_metres(polygons, edge=EDGE)), RegulariseParams())
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     merged = merge.merge(trace.trace(mesh, layout_params), layout_params)
     flat = split.split(merged, layout_params, params)

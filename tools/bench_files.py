@@ -71,7 +71,7 @@ def _folder(place: str, name: str) -> Path:
 def mesh_rows(name: str, polygons: PolygonMesh, place: str, thorough: bool) -> list[Row]:
     """Lay the panels of a mesh on sheets, and return the rows on their files."""
     quick = with_values(Settings(), {"sheet.nesting": "FAST"})
-    sheets = job.run(check.scaled(polygons, edge=EDGE), quick, stop_after="sheets").sheets
+    sheets = job.run(check.scale_to_metres(polygons, edge=EDGE), quick, stop_after="sheets").sheets
     assert sheets is not None
     folder = _folder(place, name)
     rows = [*travel_rows(name, sheets, folder), *sheet_rows(name, sheets, folder, thorough)]
@@ -144,7 +144,7 @@ def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> l
     new, old = folder / "new.stl", folder / "old.stl"
     panels = made.on_sheet(0)
     for path, tolerance in ((new, panel_solids.TOLERANCE), (old, FORMER)):
-        panel_solids.stl([panel_solids.extruded(p, made.thickness, tolerance) for p in panels], path)
+        panel_solids.stl([panel_solids.extrude_panel(p, made.thickness, tolerance) for p in panels], path)
     found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
     slicer = shutil.which("prusa-slicer")
     if thorough and slicer:

@@ -60,7 +60,7 @@ def main(arguments: list[str]) -> int:
 def measure(name: str, polygons: PolygonMesh) -> list[Row]:
     """Return all rows of one mesh."""
     params = LayoutParams()
-    polygons = check.scaled(polygons, edge=EDGE)
+    polygons = check.scale_to_metres(polygons, edge=EDGE)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
     mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
     started = time.process_time()

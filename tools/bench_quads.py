@@ -20,7 +20,7 @@ from flexmaps.bridge.hosts import remesh
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.runs import job
-from flexmaps.engine.surface.checking.check import as_quad_mesh, converted
+from flexmaps.engine.surface.checking.check import as_quad_mesh, with_numeric_arrays
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.remeshing import quality, requad
 from harness import EDGE, Bench, from_folder, processor
@@ -49,7 +49,7 @@ def main(arguments: list[str]) -> int:
 def _rows(name: str, polygons: PolygonMesh, count: int) -> Iterator[Row]:
     """Return the rows of one surface, remeshed by QuadriFlow's first result and by the program."""
     target = requad.target_of(
-        PolygonMesh.from_quads(polygons) if isinstance(polygons, QuadMesh) else converted(polygons)
+        PolygonMesh.from_quads(polygons) if isinstance(polygons, QuadMesh) else with_numeric_arrays(polygons)
     )
     triangles = PolygonMesh(target.vertices, target.triangles.ravel(), np.full(len(target.triangles), 3))
     found = {}

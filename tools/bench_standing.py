@@ -206,7 +206,7 @@ def read_eyelets(made: Result) -> Hung:
 
 
 def _file(name: str) -> PolygonMesh:
-    return meshio.named(str(MESHES / name), FILES[name])[1]
+    return meshio.read_named(str(MESHES / name), FILES[name])[1]
 
 
 def read_back(made: Result) -> Fit:

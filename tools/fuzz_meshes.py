@@ -104,7 +104,7 @@ def play(number: int, whole: bool) -> str:
     mesh = mutant(number)
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        scaled = check.scaled(mesh, edge=EDGE)
+        scaled = check.scale_to_metres(mesh, edge=EDGE)
         found = check.findings(scaled)
     errors = [f for f in found if f.is_error]
     if errors:
@@ -122,4 +122,4 @@ def described(number: int) -> str:
     """The mesh and what is found in it."""
     mesh = mutant(number)
     faces = np.split(mesh.corners, np.cumsum(mesh.sizes)[:-1])
-    return f"{mesh.vertices.tolist()}\n{[f.tolist() for f in faces]}\n{[f.message for f in check.findings(check.scaled(mesh, edge=EDGE))]}"
+    return f"{mesh.vertices.tolist()}\n{[f.tolist() for f in faces]}\n{[f.message for f in check.findings(check.scale_to_metres(mesh, edge=EDGE))]}"

@@ -201,12 +201,12 @@ def outcome(name: str, data: bytes, whole: bool = False) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         try:
-            mesh = meshio.parsed(data, name)
+            mesh = meshio.parse(data, name)
         except FlexMapsError as error:
             _sound(error)
             return "refused"
         check.findings(mesh)
-        scaled = check.scaled(mesh, edge=0.02)
+        scaled = check.scale_to_metres(mesh, edge=0.02)
         found = check.findings(scaled)
         assert [f.code for f in found if f.is_error] or check.as_quad_mesh(scaled, found)
     for finding in found:

@@ -14,7 +14,7 @@ from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.optimisation.optimise import optimise
 from flexmaps.engine.optimisation.wishes import Wishes
 from flexmaps.engine.params import Settings, with_values
-from flexmaps.engine.patches.flattening.flatten import measured
+from flexmaps.engine.patches.flattening.flatten import with_energies
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job
 from flexmaps.engine.runs.result import Result
@@ -104,7 +104,7 @@ def fresh(
 ) -> Simulation:
     """Simulate a design as it is stored, in single precision; start from the target by default."""
     flat, (width, twist) = design.flat, (_single(design.width), _single(design.twist))
-    stored = replace(design, flat=measured(flat.layout, _single(flat.points)), width=width, twist=twist)
+    stored = replace(design, flat=with_energies(flat.layout, _single(flat.points)), width=width, twist=twist)
     physics = settings.simulate if loaded else replace(settings.simulate, gravity=False)
     force = result.force if loaded else None
     material = settings.material.chosen

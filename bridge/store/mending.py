@@ -118,7 +118,7 @@ def _merge_short_edges(place: _Place) -> None:
 
 def _weld_doubles(place: _Place) -> None:
     """Weld only the border vertices that the check calls doubled."""
-    label = doubled(place.surface.polygons, sides_of(place.surface.polygons))
+    label = border_twins(place.surface.polygons, sides_of(place.surface.polygons))
     first = np.unique(label, return_index=True)[1]
     at = first[np.unique(label, return_inverse=True)[1]]
     verts = place.bm.verts
@@ -221,13 +221,13 @@ def _split_edges(place: _Place) -> None:
 
 def _round_folds(place: _Place) -> None:
     """Round the folds, in the object's own frame."""
-    from ...engine.surface.checking.folds import rounded
+    from ...engine.surface.checking.folds import smooth_folds
     from ...engine.surface.mesh import PolygonMesh
 
     own = np.array([tuple(v.co) for v in place.bm.verts])
     corners = np.array([v.index for face in place.bm.faces for v in face.verts])
     sizes = np.array([len(face.verts) for face in place.bm.faces])
-    for v, to in zip(place.bm.verts, rounded(PolygonMesh(own, corners, sizes)), strict=True):
+    for v, to in zip(place.bm.verts, smooth_folds(PolygonMesh(own, corners, sizes)), strict=True):
         v.co = to
 
 

@@ -36,7 +36,7 @@ import numpy as np
 from ...engine.arrays import Float, Int
 from ...engine.errors import FlexMapsError
 from ...engine.params import SpiralParams
-from ...engine.patches.flattening.flatten import FlatPatches, measured
+from ...engine.patches.flattening.flatten import FlatPatches, with_energies
 from ...engine.patches.layout import PatchLayout
 from ...engine.spirals.design import SpiralDesign
 from ...engine.spirals.fabricable import make_fabricable, unfabricable_quads
@@ -196,7 +196,7 @@ def flat_of(surface: ObjectSurface, mesh: QuadMesh) -> FlatPatches | None:
         raise FlexMapsError("The UV map 'flexmaps_flat' was changed; press Flatten to make it anew", faces=torn)
     with np.errstate(all="ignore"):  # a map of zero size yields NaN, which differs from the stored energy
         points[layout.flat_corners] -= patch_centres(layout, points)[layout.patch_of][:, None]
-        flat = measured(layout, points)
+        flat = with_energies(layout, points)
     stored = surface.values["energy"].astype(float)
     moved = np.flatnonzero(~(np.abs(flat.energy - stored) <= 1e-4 + 0.02 * stored))
     if len(moved):

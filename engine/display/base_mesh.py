@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Float, Int
 from ..fabrication.panels.panel import Panel
 from ..fabrication.standing.base import Base
-from ..fabrication.writers.panel_solids import extruded
+from ..fabrication.writers.panel_solids import extrude_panel
 
 DRAWN = 5e-5  # metres: tolerance of round corners
 
@@ -26,7 +26,7 @@ def base_mesh(base: Base) -> BaseMesh:
     """Return all plates of a base, their upper sides on the ground."""
     vertices, triangles, count = [], [], 0
     for plate in base.plates:
-        solid = extruded(Panel(0, -1, plate.outline, plate.holes, (), 0.0, kind="base"), base.thickness, DRAWN)
+        solid = extrude_panel(Panel(0, -1, plate.outline, plate.holes, (), 0.0, kind="base"), base.thickness, DRAWN)
         vertices.append(solid.vertices + np.array([0.0, 0.0, base.ground - base.thickness]))
         triangles.append(solid.triangles + count)
         count += len(solid.vertices)

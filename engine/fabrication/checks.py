@@ -13,7 +13,7 @@ from ..progress import SILENT, Progress
 from ..spirals.contours import Outline
 from ..spirals.design import SpiralDesign
 from ..spirals.touching import find_contacts, nearest_quads
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from .connectors.connect import Connections
 from .nesting.packing import lying_box, turn_that_fits
 from .panels.kerf import cut_paths
@@ -27,7 +27,7 @@ def check_mill(design: SpiralDesign, cut: CutParams) -> None:
     narrow = design.narrower(cut.mill)
     if len(narrow):
         raise FlexMapsError(
-            f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {counted(len(narrow), 'spiral', 'spirals')}, down to "
+            f"A mill of {cut.mill * 1e3:g} mm does not fit into the slots of {with_count(len(narrow), 'spiral', 'spirals')}, down to "
             f"{design.narrowest[0] * 1e3:.2g} mm wide; make the smallest slot at least {cut.mill * 1e3:g} mm and the fillet "
             f"{cut.mill * 500:g} mm, the object larger, or take a thinner mill",
             faces=narrow,
@@ -41,14 +41,14 @@ def check_nozzle(design: SpiralDesign, cut: CutParams) -> list[str]:
     least = f"down to {narrowest.min() * 1e3:.2g} mm wide"
     if len(lost):
         raise FlexMapsError(
-            f"The arms of {counted(len(lost), 'spiral', 'spirals')} are {least}, narrower than the nozzle of {cut.nozzle * 1e3:g} mm, and would not be "
+            f"The arms of {with_count(len(lost), 'spiral', 'spirals')} are {least}, narrower than the nozzle of {cut.nozzle * 1e3:g} mm, and would not be "
             "printed; make the smallest width or the object larger, or take a finer nozzle",
             faces=lost,
         )
     if not len(weak):
         return []
     return [
-        f"The arms of {counted(len(weak), 'spiral', 'spirals')} are {least}, less than two lines of the nozzle of {cut.nozzle * 1e3:g} mm, and will be weaker than "
+        f"The arms of {with_count(len(weak), 'spiral', 'spirals')} are {least}, less than two lines of the nozzle of {cut.nozzle * 1e3:g} mm, and will be weaker than "
         "computed: make the smallest width larger, or take a finer nozzle"
     ]
 
@@ -71,7 +71,8 @@ def check_kerf(design: SpiralDesign, panels: Sequence[Panel], cut: CutParams, pr
     where = find_contacts(paths, progress.part(0.5, 1.0))
     if len(where):
         raise FlexMapsError(
-            f"{counted(len(where), 'place', 'places')} cannot be cut: {remedy}", faces=nearest_quads(design.flat, where)
+            f"{with_count(len(where), 'place', 'places')} cannot be cut: {remedy}",
+            faces=nearest_quads(design.flat, where),
         )
 
 
@@ -156,7 +157,7 @@ def tight(design: SpiralDesign) -> list[str]:
     found, params = [finding.message for finding in design.findings], design.params
     if len(design.thin):
         found.append(
-            f"{counted(len(design.thin), 'quad has', 'quads have')} no room for arms {params.width_min * 1e3:g} mm wide; "
+            f"{with_count(len(design.thin), 'quad has', 'quads have')} no room for arms {params.width_min * 1e3:g} mm wide; "
             f"these are down to {design.width.min() * 1e3:.2g} mm: make the object larger or those quads more regular"
         )
     if design.narrowest[0] < min(params.slot_min, 2.0 * params.fillet or 1.0) * 0.999:

@@ -15,7 +15,7 @@ from ..spirals.contours import Outline
 from ..spirals.curves.spiral import centre_line
 from ..spirals.design import SpiralDesign
 from ..spirals.touching import find_contacts, nearest_quads
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from .beside import labels_beside
 from .checks import check_kerf, check_mill, check_nozzle, oversize, tight, without
 from .connectors.connect import Connections, connect
@@ -23,7 +23,7 @@ from .nesting.many import refuse_many
 from .nesting.nest import nest
 from .nesting.packing import Packing
 from .panels.kerf import cut_paths
-from .panels.labels import Labels, SmallLabel, key_label, make_labels, marked
+from .panels.labels import Labels, SmallLabel, key_label, make_labels, with_mark
 from .panels.panel import Panel
 from .panels.toolpath import WAY, SheetCuts, plan
 from .standing.base import Base
@@ -143,7 +143,7 @@ def make_sheets(
     progress(0.3, "checking outlines")
     _refuse_contacts(design, drawn, progress.part(0.3, 0.5))
     progress(0.5, "labels")
-    labels = engraved(design, made, params, base, progress=progress.part(0.5, 0.6))
+    labels = make_engraving(design, made, params, base, progress=progress.part(0.5, 0.6))
     panels = _panels(design, drawn, labels, base, progress.part(0.6, 0.6))
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors:
@@ -178,7 +178,7 @@ def _refuse_contacts(design: SpiralDesign, outlines: list[Outline], progress: Pr
     where = find_contacts(outlines, progress)
     if len(where):
         raise FlexMapsError(
-            f"The spirals of {counted(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",
+            f"The spirals of {with_count(len(np.unique(where[:, 0])), 'panel', 'panels')} touch each other; make the twist or the width smaller there",
             faces=nearest_quads(design.flat, where),
         )
 
@@ -232,7 +232,7 @@ def with_labels_beside(
     return tuple(found), more
 
 
-def engraved(
+def make_engraving(
     design: SpiralDesign,
     made: Connections,
     params: SheetParams,
@@ -308,7 +308,7 @@ def loose_keys(made: Connections, params: SheetParams, mark: str = "") -> tuple[
     params : heights of labels, and whether there are any
     mark : letter of the piece
     """
-    keyed = [(marked(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
+    keyed = [(with_mark(c.name, mark), c.made) for c in made.connectors if c.kind == "key"]
     return tuple(
         Panel(
             0,

@@ -25,12 +25,12 @@ from ..newton import (
     LineSearch,
     Local,
     Run,
-    exhausted,
+    run_to_end,
     stepping,
 )
 from ..params import SimulateParams
 from ..progress import SILENT, Progress
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from ..threads import one_thread
 from .assembly import Pose
 from .elastic import ElasticModel, Expansion
@@ -109,7 +109,7 @@ def solve(
     ------
     FlexMapsError : forces would carry away a piece without supports
     """
-    return exhausted(solve_stepwise(model, start, loads, params, progress, system, iterations, step, margins))
+    return run_to_end(solve_stepwise(model, start, loads, params, progress, system, iterations, step, margins))
 
 
 def solve_stepwise(
@@ -238,10 +238,10 @@ def _make_result(problem: _Balance, run: Run) -> Equilibrium:
     model, state, history = problem.model, run.state, np.array([(one.energy, one.residual) for one in run.history])
     torsion = float(np.abs(model.torsion(state)).max(initial=0.0))
     steps, converged, negative = len(history) - 1, run.ended in (CONVERGED, AT_ROUNDING), 0
-    sentence = STATUS.get(run.ended, "").format(counted(steps, "iteration", "iterations"))
+    sentence = STATUS.get(run.ended, "").format(with_count(steps, "iteration", "iterations"))
     if not converged:
         negative = problem.system.negative(problem.system.values(model.expand(state).hessian))
-        sentence += f" {counted(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
+        sentence += f" {with_count(negative, 'way leads', 'ways lead')} downhill from there." if negative else ""
     energy, residual = float(history[-1, 0]), float(history[-1, 1])
     joints = run.here.own.per_joint
     return Equilibrium(

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import Float
 from ..errors import FlexMapsError
 from ..params import OptimiseParams
-from ..patches.flattening.flatten import FlatPatches, measured, overlapping, seam_mismatch
+from ..patches.flattening.flatten import FlatPatches, overlapping, seam_mismatch, with_energies
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..spirals.fabricable import make_fabricable
@@ -100,7 +100,7 @@ def flat_shapes_of(point: DesignPoint, design: SpiralDesign) -> FlatPatches | No
         return design.flat
     layout = design.flat.layout
     points = point.problem.flat.points(point.flat_x)
-    found = measured(layout, centre_patches(design.flat, points))
+    found = with_energies(layout, centre_patches(design.flat, points))
     return None if overlapping(found) else found
 
 

@@ -15,7 +15,7 @@ from ..progress import SILENT, Progress
 from ..simulation.rests import snapping_spirals
 from ..simulation.shortfall import FarBody
 from ..simulation.simulate import Simulation
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from .eased import forecast_strain
 from .optimise import Optimisation
 from .remedies import CUT, FINER, LARGER, THINNER, Amounts, remedy_amounts
@@ -165,7 +165,7 @@ def _strain_advice(simulation: Simulation) -> str:
     if not over:
         return ""
     return (
-        f" The arms of {counted(over, 'spiral', 'spirals')} are strained beyond what the material bears: a larger object, a thinner sheet or a tougher "
+        f" The arms of {with_count(over, 'spiral', 'spirals')} are strained beyond what the material bears: a larger object, a thinner sheet or a tougher "
         "material would help."
     )
 
@@ -176,7 +176,7 @@ def _worst_kind_sentence(kind: np.ndarray, share: np.ndarray) -> str:
     if worst is None:
         return "Every spiral bends as the target asks."
     count = int((kind == worst).sum())
-    return f"{100 * share[worst]:.0f} % of the mismatch sits in {counted(count, 'spiral', 'spirals')}: {REASONS[worst][1]}."
+    return f"{100 * share[worst]:.0f} % of the mismatch sits in {with_count(count, 'spiral', 'spirals')}: {REASONS[worst][1]}."
 
 
 def _worst_kind(share: np.ndarray) -> int | None:

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from ..arrays import Bool, Float, Int
 from ..surface.curvature import corner_angles
 from ..surface.mesh import QuadMesh
-from .loops import counted, loops_of
+from .loops import compactness_lengths, loops_of
 
 
 def groups(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -160,7 +160,7 @@ class PatchLayout:
     def compactness(self) -> Float[np.ndarray, " patches"]:
         """Perimeter / sqrt(area) on the surface: 4 for a square, 3.54 for a disk.
 
-        The perimeter is the longest loop, because the others are holes of the surface; see ``counted`` for narrow
+        The perimeter is the longest loop, because the others are holes of the surface; see ``compactness_lengths`` for narrow
         surfaces.
         """
         area = np.bincount(self.patch_of, weights=self.mesh.areas)
@@ -168,7 +168,7 @@ class PatchLayout:
         sides = self.outline_sides
         border = np.bincount(self.loop_of[sides], weights=weights[sides])
         result = np.zeros(len(self.patches))
-        np.maximum.at(result, self.loop_patch, counted(self.loop_lengths, border, area[self.loop_patch]))
+        np.maximum.at(result, self.loop_patch, compactness_lengths(self.loop_lengths, border, area[self.loop_patch]))
         return result / np.sqrt(area)
 
     @cached_property

@@ -99,7 +99,7 @@ def loops_of(corners: Int[np.ndarray, "quads 4"], sides: Bool[np.ndarray, "quads
     return Loops(loop, where, np.array(lengths, dtype=np.int64))
 
 
-def counted(
+def compactness_lengths(
     lengths: Num[np.ndarray, " loops"],
     border: Num[np.ndarray, " loops"],
     area: Float[np.ndarray, " loops"] | float,
@@ -139,4 +139,4 @@ def perimeter(
     loop = loops.loop[corners[sides]]
     all_ = np.bincount(loop, weights=lengths[sides], minlength=len(loops))
     own = np.bincount(loop, weights=np.where(border, lengths, 0.0)[sides], minlength=len(loops))
-    return float(counted(all_, own, area).max(initial=0.0))
+    return float(compactness_lengths(all_, own, area).max(initial=0.0))

@@ -40,7 +40,7 @@ def traced_at(result: Result, seams: np.ndarray, settings: Settings, progress: P
     return made.with_outputs(replace(traced, layout=chosen))
 
 
-def flattened(
+def flatten_by_hand(
     result: Result,
     cut: np.ndarray,
     settings: Settings,

@@ -30,7 +30,7 @@ from .outputs import OUTPUTS, DesignVersion, FinalLayout, MergedLayout, Surface,
 from .result import Result
 from .stage import Stage
 from .stages import STAGES, TABLE, TRACED
-from .steps import at_rest, function_of, simulated
+from .steps import at_rest, function_of, simulated_shape
 
 __all__ = [
     "STAGE_NAMES",
@@ -151,7 +151,7 @@ def begin(
     polygons, edge, height, supports : as for ``run``
     """
     start = time.perf_counter()
-    source = check.scaled(polygons, edge=edge, height=height)
+    source = check.scale_to_metres(polygons, edge=edge, height=height)
     findings = check.everything(source)
     mesh = check.as_quad_mesh(source, findings)
     held = None if supports is None else loads.parse_supports(mesh, supports)
@@ -235,7 +235,7 @@ def scale_piece(
     begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
     notes = dict(flat.layout.notes)
     notes.pop("expected_percent", None)  # it holds for the former size only
-    larger = flatten.measured(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
+    larger = flatten.with_energies(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
     flat = made.needed(FinalLayout).flat
@@ -263,7 +263,7 @@ def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress:
     design = result.needed(DesignVersion).design
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
     found = at_rest(result, design, once, pose, progress)
-    return result.with_outputs(simulated(result, found, None, settings))
+    return result.with_outputs(simulated_shape(result, found, None, settings))
 
 
 def run_quick_stages(result: Result, settings: Settings, progress: Progress = SILENT) -> Result:

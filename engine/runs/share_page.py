@@ -18,7 +18,7 @@ from ..display.drawing import FONT, Drawing, svg
 from ..extras import registry
 from ..fabrication.estimates import duration
 from ..figures import format_figure
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 
 SHARE = "share.html"
 FOLDER = Path(__file__).with_name("page")
@@ -110,7 +110,7 @@ def facts(described: Mapping[str, Any]) -> list[str]:
         found.append(" \N{MULTIPLICATION SIGN} ".join(f"{x:.0f}" for x in source["size_mm"]) + " mm")
     panels, count = described.get("layout", {}).get("patches"), described.get("spirals", {}).get("count")
     if panels and count:
-        found.append(f"{counted(panels, 'panel', 'panels')}, {counted(count, 'spiral', 'spirals')}")
+        found.append(f"{with_count(panels, 'panel', 'panels')}, {with_count(count, 'spiral', 'spirals')}")
     settings = described.get("settings", {})
     if settings:
         found.append(", ".join([*([shape["material"]] if shape else []), f"{settings['spiral']['thickness']:g} mm"]))

@@ -13,8 +13,8 @@ from ..fabrication import assembly_check as assembly_check
 from ..fabrication import estimates, sheets
 from ..fabrication.standing.base import Base, make_base, refuse_rim
 from ..fabrication.standing.early import check_hold
-from ..fabrication.standing.eyelets import make_eyelets, overloaded
-from ..fabrication.standing.feet import footed
+from ..fabrication.standing.eyelets import make_eyelets, warn_of_overload
+from ..fabrication.standing.feet import quads_for_feet
 from ..mechanics.assembly import Pose
 from ..optimisation import optimise, reach
 from ..params import Settings
@@ -100,7 +100,7 @@ def _constraints(result: Result, settings: Settings) -> Constraints:
     asked: dict[str, np.ndarray] = {}
     if settings.base.stands and result.supports is not None:
         refuse_rim(settings.spiral)
-        asked["straight"] = footed(result.mesh, result.supports)
+        asked["straight"] = quads_for_feet(result.mesh, result.supports)
     if settings.base.base == "eyelets" and result.supports is not None:
         asked["wide"] = result.supports
     if result.protected is not None:
@@ -136,10 +136,10 @@ def _simulate(result: Result, version: DesignVersion, settings: Settings, progre
         plain = at_rest(result, version.design, settings, start, progress.part(0.0, 0.6))
         limits = reach.find_limits(plain if better is None else better, progress.part(0.6, 0.65))
         found = _with_band(plain, settings, progress.part(0.65, 1.0))
-    return result.with_outputs(simulated(result, found, limits, settings))
+    return result.with_outputs(simulated_shape(result, found, limits, settings))
 
 
-def simulated(
+def simulated_shape(
     result: Result, simulation: Simulation, limits: reach.MatchLimits | None, settings: Settings
 ) -> SimulatedShape:
     """Return the output for a simulation of the result's spirals."""
@@ -188,7 +188,7 @@ def _sheets(result: Result, version: DesignVersion, settings: Settings, progress
     found = sheets.make_sheets(version.design, settings.sheet, progress, settings.connect, settings.cut, base)
     inputs = ["design"]
     if base is not None:
-        more = overloaded(base.eyelets, base.thickness, settings.material.chosen)
+        more = warn_of_overload(base.eyelets, base.thickness, settings.material.chosen)
         found = replace(found, warnings=(*found.warnings, *more))
         inputs += ["simulation", "supports"]
     return result.with_outputs(SheetPlan(found, **made_by("sheets", settings, result.inputs(*inputs))))

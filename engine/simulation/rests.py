@@ -9,7 +9,7 @@ import numpy as np
 from ..arrays import Int
 from ..figures import format_figure
 from ..mechanics.equilibrium import Equilibrium
-from ..surface.checking.finding import Finding, counted
+from ..surface.checking.finding import Finding, with_count
 from ..surface.mesh import QuadMesh
 
 # function that returns the softest motion of the hubs (n, 6) and its stiffness as a share of the convex part
@@ -57,7 +57,7 @@ def rest_findings(
     if len(moving):
         text = (
             f"The piece is about to snap into another shape: {100.0 * share:.1f} % of its stiffness is left against the motion of "
-            f"{counted(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
+            f"{with_count(len(moving), 'spiral', 'spirals')}. Hold it there with supports, or press Optimise again."
         )
         findings.append(Finding("about-to-snap", "warning", text, tuple(moving.tolist())))
     other = lower_rest(equilibrium, others) or assembled

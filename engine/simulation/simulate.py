@@ -27,7 +27,7 @@ from ..params import SimulateParams
 from ..progress import SILENT, Progress
 from ..spirals.design import SpiralDesign
 from ..surface.checking.check import Finding
-from ..surface.checking.finding import counted, joined_alike
+from ..surface.checking.finding import joined_alike, with_count
 from ..surface.mesh import QuadMesh
 from ..threads import one_thread
 from .band import ToleranceBand
@@ -185,7 +185,7 @@ class Simulation:
             findings.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
-                f"{counted(len(part.spirals), 'spiral lies', 'spirals lie')} outside the range of the elastic model ({part}): it computes "
+                f"{with_count(len(part.spirals), 'spiral lies', 'spirals lie')} outside the range of the elastic model ({part}): it computes "
                 "with the limit of its range, so the shape is less sure there; change width, twist or quad size to be sure"
             )
             findings.append(Finding("beyond-model", "warning", text, tuple(part.spirals.tolist())))
@@ -202,7 +202,7 @@ class Simulation:
         if slots is not None and len(slots.closed):
             beside = np.unique(slots.arms[slots.closed] // 4)
             text = (
-                f"{counted(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {counted(len(beside), 'spiral', 'spirals')} would touch (the "
+                f"{with_count(len(slots.closed), 'slot closes', 'slots close')} in this shape: arms of {with_count(len(beside), 'spiral', 'spirals')} would touch (the "
                 f"model lets them overlap, here by up to {-1e3 * slots.width.min():.2g} mm). In the real piece they press on each other; to open "
                 "the slots, wind these spirals less with the brush Twist and Ctrl, then simulate"
             )

@@ -19,7 +19,7 @@ from ..arrays import Complex, Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from .clearance.slots import min_slot_width
 from .curves.arc_path import ArcPath
 from .curves.arcs import Curve
@@ -132,7 +132,7 @@ class Rim:
         tight = (bends & (radius < 0.5 * self.width + min_slot_width(params))) | (room <= 0.0)
         if tight.any():
             raise FlexMapsError(
-                f"The border turns so sharply at {counted(int(tight.sum()), 'place', 'places')} that a rim of {1e3 * self.width:g} mm has no room there; make it "
+                f"The border turns so sharply at {with_count(int(tight.sum()), 'place', 'places')} that a rim of {1e3 * self.width:g} mm has no room there; make it "
                 "narrower or the object larger, smooth the border, or choose Stubs or Left out for it",
                 faces=np.unique(self.quad[np.concatenate([i[tight], j[tight]])]),
             )

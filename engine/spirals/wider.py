@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Int
-from ..patches.flattening.flatten import FlatPatches, measured
+from ..patches.flattening.flatten import FlatPatches, with_energies
 from ..progress import SILENT, Progress
 from ..surface.remeshing.regularise import best_squares
 
@@ -42,7 +42,7 @@ def enlarge_quads(flat: FlatPatches, quads: Int[np.ndarray, " n"], progress: Pro
         goals = (centre + larger * (squares - centre)).reshape(-1, 3)
         total = np.stack([np.bincount(some.ravel(), goals[:, k], minlength=len(points)) for k in range(2)], axis=1)
         points[moving, :2] = (total / count[:, None])[moving]
-    patches = measured(layout, points[:, :2])
+    patches = with_energies(layout, points[:, :2])
     return flat if (_smallest_corner(patches)[near] <= 0.0).any() else patches
 
 

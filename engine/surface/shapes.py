@@ -43,7 +43,7 @@ def _grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return u.ravel(), v.ravel(), quads.reshape(-1, 4)
 
 
-def welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
+def weld_quads(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
     """Merge vertices at the same place and drop unused ones.
 
     Parameters
@@ -57,7 +57,7 @@ def welded(vertices: np.ndarray, quads: np.ndarray) -> QuadMesh:
     return QuadMesh(vertices[used], corners.reshape(-1, 4))
 
 
-def subdivided(mesh: QuadMesh) -> QuadMesh:
+def subdivide(mesh: QuadMesh) -> QuadMesh:
     """One Catmull-Clark subdivision step (1978); borders become cubic B-splines."""
     p, inner = mesh.vertices, ~mesh.border
     faces = mesh.centroids
@@ -99,13 +99,13 @@ def cubesphere(n: int = 5) -> QuadMesh:
     vertices = np.concatenate(sides)
     vertices /= np.linalg.norm(vertices, axis=1)[:, None]
     all_quads = [quads + k * len(u) if k < 3 else quads[:, ::-1] + k * len(u) for k in range(6)]
-    return welded(vertices, np.concatenate(all_quads))
+    return weld_quads(vertices, np.concatenate(all_quads))
 
 
 def dome(n: int = 8) -> QuadMesh:
     """The upper half of a sphere; ``n`` even."""
     sphere = cubesphere(n)
-    return welded(sphere.vertices, sphere.quads[sphere.centroids[:, 2] > 0])
+    return weld_quads(sphere.vertices, sphere.quads[sphere.centroids[:, 2] > 0])
 
 
 def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
@@ -120,7 +120,7 @@ def torus(around: int = 30, across: int = 12, ratio: float = 0.4) -> QuadMesh:
     u, v, quads = _grid(around, across)
     radius = 1 + ratio * np.cos(np.pi * v)
     vertices = np.stack([radius * np.cos(np.pi * u), radius * np.sin(np.pi * u), ratio * np.sin(np.pi * v)], axis=1)
-    return welded(vertices, quads)
+    return weld_quads(vertices, quads)
 
 
 def vault(n: int = 18) -> QuadMesh:
@@ -154,7 +154,7 @@ def three_holes(steps: int = 2) -> QuadMesh:
     filled[1::2, 1] = False
     mesh = voxels(filled)
     for _ in range(steps):
-        mesh = subdivided(mesh)
+        mesh = subdivide(mesh)
     return mesh
 
 
@@ -174,7 +174,7 @@ def voxels(filled: np.ndarray) -> QuadMesh:
             corner[:, :, second] += [0, 0, 1, 1] if step > 0 else [0, 1, 1, 0]
             quads.append(np.arange(4 * len(bare)).reshape(-1, 4) + 4 * sum(len(q) for q in quads))
             vertices.append(corner.reshape(-1, 3))
-    return welded(np.concatenate(vertices), np.concatenate(quads))
+    return weld_quads(np.concatenate(vertices), np.concatenate(quads))
 
 
 def two_bodies() -> QuadMesh:
@@ -193,7 +193,7 @@ def demo(n: int = 12) -> QuadMesh:
     u, v, quads = _grid(n, n)
     face = np.stack([np.tan((1 - u) * np.pi / 8), np.tan((1 - v) * np.pi / 8), np.ones_like(u)], axis=1)
     points = np.concatenate([np.roll(face, k, axis=1) for k in range(3)])
-    mesh = welded(
+    mesh = weld_quads(
         points / np.linalg.norm(points, axis=1)[:, None],
         np.concatenate([quads + k * len(u) for k in range(3)]),
     )

@@ -32,7 +32,7 @@ def short_edge(mesh: PolygonMesh) -> float:
     return float(np.percentile(lengths, SHORT)) if len(lengths) else 0.0
 
 
-def welded(mesh: PolygonMesh) -> PolygonMesh:
+def weld(mesh: PolygonMesh) -> PolygonMesh:
     """Weld vertices nearer than ``NEAR``, at their mean, but never two corners of one face."""
     used = np.unique(mesh.corners)
     if not np.isfinite(mesh.vertices[used]).all():
@@ -42,7 +42,7 @@ def welded(mesh: PolygonMesh) -> PolygonMesh:
     left = [len(np.unique(label[used])) for label in tried]
     # take the smallest distance beyond which nothing more joins; if there is none, noise and shape cannot be told apart
     best = next((k for k in range(len(WIDER) - 1) if left[k] == left[k + 1]), 0)
-    return joined(mesh, tried[best])
+    return merge_labelled(mesh, tried[best])
 
 
 def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) -> Int[np.ndarray, " vertices"]:
@@ -70,7 +70,7 @@ def clusters(mesh: PolygonMesh, among: Int[np.ndarray, " some"], near: float) ->
     return first[inverse]
 
 
-def joined(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
+def merge_labelled(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonMesh:
     """Merge vertices with equal labels at their mean; a label is the index of the first vertex of the cluster.
 
     Parameters

@@ -16,7 +16,7 @@ def test_every_surface_of_the_zoo_passes_the_checks_or_is_refused_for_its_reason
     for name, surface in zoo.SURFACES.items():
         if surface.remesh is not None:
             continue
-        polygons = check.scaled(surface.polygons(), edge=0.02)
+        polygons = check.scale_to_metres(surface.polygons(), edge=0.02)
         errors = [finding.code for finding in check.findings(polygons) if finding.is_error]
         assert errors == ([surface.refused] if surface.refused else []), name
 

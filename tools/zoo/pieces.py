@@ -59,7 +59,7 @@ def star(sectors: int, size: int, place: Place, power: float = 3.0) -> QuadMesh:
         angle = 2 * np.pi * (k + share) / sectors
         points.append(np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * angle], axis=1))
         quads.append(_cells(index) + k * len(i))
-    flat = shapes.welded(np.concatenate(points), np.concatenate(quads))
+    flat = shapes.weld_quads(np.concatenate(points), np.concatenate(quads))
     return flat.moved(_points(place, flat.vertices[:, 0], flat.vertices[:, 1]))
 
 
@@ -290,7 +290,7 @@ def noise(points: np.ndarray, seed: int, length: float, octaves: int = 1) -> np.
 def smoothed(mesh: QuadMesh, steps: int) -> QuadMesh:
     """The mesh after some steps of Catmull and Clark."""
     for _ in range(steps):
-        mesh = shapes.subdivided(mesh)
+        mesh = shapes.subdivide(mesh)
     return mesh
 
 

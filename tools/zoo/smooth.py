@@ -143,7 +143,7 @@ def torus(around: int, across: int, ratio: float, slip: int = 0, egg: float = 1.
         return radius * np.cos(u), radius * np.sin(u), egg * ratio * np.sin(v)
 
     ends = pieces.sheet(place, steps(0, 2 * PI, around), turn(across), (False, True))
-    return shapes.welded(ends.vertices, ends.quads)
+    return shapes.weld_quads(ends.vertices, ends.quads)
 
 
 def knot(windings: int, wraps: int, along: int, sectors: int, radius: float) -> QuadMesh:

@@ -92,7 +92,7 @@ def run(
         record |= described(result, settings)
     except FlexMapsError as error:
         record["refused"] = str(error)
-        record["findings"] = [finding.code for finding in check.findings(check.scaled(polygons, edge=EDGE))]
+        record["findings"] = [finding.code for finding in check.findings(check.scale_to_metres(polygons, edge=EDGE))]
     except Exception:
         record["traceback"] = traceback.format_exc()
     return record | {"ended_in": clock.stage, "wall": clock.wall, "busy": clock.busy, "silence": clock.silence}, result

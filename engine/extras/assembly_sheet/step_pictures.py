@@ -53,7 +53,7 @@ def line(points: list[list[float]] | np.ndarray) -> Curve:
     return Curve(points, np.zeros(len(points)), closed=False)
 
 
-def fitted(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
+def fit_box(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"], box: Box) -> tuple[float, np.ndarray]:
     """Return scale and shift that centre a rectangle in a box."""
     size = np.maximum(high - low, 1e-9)
     scale = float(min(box.width / size[0], box.height / size[1]))
@@ -73,7 +73,7 @@ def model(
     """Draw the part ``there`` of the target surface, seen along the camera's axes ``view``; the rest as a pale ghost."""
     layout, mesh = flat.layout, flat.layout.mesh
     ahead, places = view[2], mesh.vertices @ view.T
-    scale, shift = fitted(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
+    scale, shift = fit_box(places[:, :2].min(axis=0), places[:, :2].max(axis=0), box)
     drawn = places[:, :2] * scale + shift
     shown = np.isin(layout.patch_of, there)
     towards = mesh.normals @ ahead
@@ -92,8 +92,10 @@ def model(
                 page.stroke(Curve(points, np.zeros(4)), PALE, 5e-5)
             continue
         shade = 0.8 + 0.2 * abs(float(towards[index])) if towards[index] > 0 else 0.62
-        colour = mixed(look.patches[patch], "#ffffff", 0.0 if patch in strong else 0.45)
-        page.fill(points, mixed(colour, "#000000", round(1.0 - shade, 2)), mixed(colour, "#000000", 0.3), 5e-5)
+        colour = mix_colours(look.patches[patch], "#ffffff", 0.0 if patch in strong else 0.45)
+        page.fill(
+            points, mix_colours(colour, "#000000", round(1.0 - shade, 2)), mix_colours(colour, "#000000", 0.3), 5e-5
+        )
     _numbers(page, flat, there, places, drawn, towards)
 
 
@@ -109,7 +111,7 @@ def _numbers(
         candidates.append((patch, quads[np.argsort(-_suitability(towards[quads], mesh.centroids[quads]))[:LOOKED_AT]]))
     every = np.concatenate([quads for _, quads in candidates])
     open_ = np.zeros(len(mesh.quads), dtype=bool)
-    open_[every[seen(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
+    open_[every[are_visible(places, mesh.quads, every, np.isin(layout.patch_of, there))]] = True
     middles = drawn[mesh.quads].mean(axis=1)
     # position of the number in each cell of a grid whose cells are as large as a number
     written: dict[tuple[int, int], tuple[float, float]] = {}
@@ -131,7 +133,7 @@ def _suitability(towards: np.ndarray, centroids: np.ndarray) -> np.ndarray:
     return np.minimum(towards, 0.6) - 0.5 * apart / max(float(apart.max()), 1e-12)
 
 
-def seen(
+def are_visible(
     places: Float[np.ndarray, "vertices 3"], quads: Int[np.ndarray, "quads 4"],
     which: Int[np.ndarray, " m"], shown: Bool[np.ndarray, " quads"],
 ) -> Bool[np.ndarray, " m"]:  # fmt: skip
@@ -168,7 +170,7 @@ def best_view(flat: FlatPatches, step: Step) -> Float[np.ndarray, "3 3"]:
         for turn in (0.0, 0.6, -0.6, 1.3, -1.3, 2.2, -2.2, np.pi):
             view = camera(np.array([np.cos(start + turn), np.sin(start + turn), tilt]))
             facing_us = np.maximum(mesh.normals[some] @ view[2], 0.0)
-            share = float((seen(mesh.vertices @ view.T, mesh.quads, some, shown) * facing_us).mean())
+            share = float((are_visible(mesh.vertices @ view.T, mesh.quads, some, shown) * facing_us).mean())
             if share > best_share + 0.05:
                 best, best_share = view, share
             if best_share > 0.5:
@@ -195,11 +197,11 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
     corners = flat.points[layout.flat_corners[quads]]
     points = corners.reshape(-1, 2)
     inner = Box(box.x + 0.006, box.y + 0.006, box.width - 0.012, box.height - 0.012)
-    scale, shift = fitted(points.min(axis=0), points.max(axis=0), inner)
+    scale, shift = fit_box(points.min(axis=0), points.max(axis=0), inner)
     loop = flat.points[flat.outlines[step.panel]] * scale + shift
     page.fill(loop, look.patches[step.panel], INK, 2e-4)
     for corner in corners * scale + shift:
-        page.stroke(Curve(corner, np.zeros(4)), mixed(look.patches[step.panel], "#000000", 0.2), 4e-5)
+        page.stroke(Curve(corner, np.zeros(4)), mix_colours(look.patches[step.panel], "#000000", 0.2), 4e-5)
     page.text(
         panel_name(panel_numbers(layout)[step.panel]), tuple(middle(loop) - [0.0, 0.002]), 0.006, INK, middle=True
     )
@@ -217,7 +219,7 @@ def panel(page: Page, box: Box, flat: FlatPatches, step: Step, look: PatchColour
 
 
 @lru_cache(maxsize=4096)
-def mixed(one: str, two: str, share: float) -> str:
+def mix_colours(one: str, two: str, share: float) -> str:
     """Return a colour between two, "#rrggbb"."""
     a, b = (np.array([int(c[i : i + 2], 16) for i in (1, 3, 5)]) for c in (one, two))
     return "#" + "".join(f"{round(x):02x}" for x in ((1 - share) * a + share * b).tolist())

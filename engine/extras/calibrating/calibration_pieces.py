@@ -10,8 +10,8 @@ import numpy as np
 
 from ...arrays import Float
 from ...errors import FlexMapsError
-from ...fabrication.connectors.shape import Size, head, key, rounded, size, socket
-from ...fabrication.panels.kerf import offset, relieved
+from ...fabrication.connectors.shape import Size, head, key, round_polyline, size, socket
+from ...fabrication.panels.kerf import offset, open_inside_corners
 from ...fabrication.panels.lettering import length, strokes
 from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve, biarcs
@@ -139,7 +139,7 @@ def _recess(rung: Size, kind: str) -> Curve:
     wide, deep = 0.5 * (rung.head + rung.clearance), rung.length + 0.5 * rung.clearance
     edge_of_pad = 0.5 * rung.pad
     points = [(0.0, -edge_of_pad), (0.0, -wide), (-deep, -wide), (-deep, wide), (0.0, wide), (0.0, edge_of_pad)]
-    return relieved(rounded(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside)
+    return open_inside_corners(round_polyline(points, [0.0, 0.0, rung.rounding, rung.rounding, 0.0, 0.0]), rung.inside)
 
 
 def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: float) -> list[DrawnPiece]:
@@ -154,7 +154,7 @@ def _counterpart(rung: Size, kind: str, value: str, x: float, y: float, gap: flo
     else:
         half, deep, pad = 0.5 * (rung.head - rung.clearance), rung.length - 0.5 * rung.clearance, 0.5 * rung.pad
         corners = [(-pad, 0.0), (-half, 0.0), (-half, -deep), (half, -deep), (half, 0.0), (pad, 0.0)]
-        front = rounded(corners, [0.0, rung.inside, rung.rounding, rung.rounding, rung.inside, 0.0])
+        front = round_polyline(corners, [0.0, rung.inside, rung.rounding, rung.rounding, rung.inside, 0.0])
     points = [
         *front.points.tolist(),
         [wide, front.points[-1, 1]],

@@ -85,7 +85,7 @@ def take(result: Result, choice: Choice, settings: Settings, present: FlatPatche
     return result.with_outputs(layout, LayoutChoice(choice, **made))
 
 
-def taken(result: Result, number: int, settings: Settings) -> Result:
+def take_proposal(result: Result, number: int, settings: Settings) -> Result:
     """Change to the layout of another proposal; outputs made from the former layout are dropped.
 
     Parameters

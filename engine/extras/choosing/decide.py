@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from .choice import INITIAL, Choice, Proposal, proposal, worth_showing
 from .judge import LONG, WHOLE, FlatLayout, JudgedLayout
 from .layout_search import EXPECTED, SEARCH_SCATTER, LayoutSearch, key, short
@@ -84,7 +84,7 @@ def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached:
     if search.params.near and search.params.goal == "match":
         asked = "a nearer match by other cuts"
     elif search.params.goal == "panels":
-        asked = f"no more than {counted(search.params.panels, 'panel', 'panels')}"
+        asked = f"no more than {with_count(search.params.panels, 'panel', 'panels')}"
     elif search.params.goal == "match":
         asked = f"a match of {search.params.match:g} %"
     else:

@@ -13,7 +13,7 @@ import numpy as np
 from ...figures import format_figure
 from ...params import ChooseParams
 from ...progress import Progress
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...workers import cores
 from .judge import LONG, FlatLayout, JudgedLayout, LayoutProblem, judge
 from .predict import PredictionStart, judge_by_prediction
@@ -182,5 +182,5 @@ def key(laid: FlatLayout) -> bytes:
 
 def short(laid: FlatLayout, rms: float) -> str:
     """Describe a layout by its panels and distance in a few words."""
-    panels = counted(laid.panels, "panel", "panels")
+    panels = with_count(laid.panels, "panel", "panels")
     return f"{panels}, RMS distance {format_figure(100.0 * rms)} %"

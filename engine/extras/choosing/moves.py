@@ -9,7 +9,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...optimisation.reach import REASON_NAMES
 from ...patches.layout import PatchLayout, straight_on
-from ...patches.merging.dissolve import bounded
+from ...patches.merging.dissolve import limited_board
 from ...patches.tracing.trace import middle_line
 from ...simulation.shortfall import angle_defects
 from ...surface.symmetry import Symmetry, keeping
@@ -130,7 +130,7 @@ def merge_across_seams(piece: LayoutProblem, judged: JudgedLayout, most: int) ->
     The seams that matter least go first, with their images under the symmetries that the layout keeps.
     """
     layout, params, blame = judged.laid.flat.layout, piece.settings.layout, fixable_mismatch(judged)
-    board = bounded(layout, params, piece.symmetries)
+    board = limited_board(layout, params, piece.symmetries)
     while len(board.pieces) > most:
         for seam in weakest(board.layout, blame):
             change = board.attempt(seam) if board.is_first_image(seam) else None

@@ -24,7 +24,7 @@ from ...params import Settings
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation
-from ...surface.checking.folds import rounded
+from ...surface.checking.folds import smooth_folds
 from ...surface.mesh import PolygonMesh, QuadMesh
 from .judge import SHORT, Idea, LayoutProblem, judge, lay_flat
 from .moves import IDEAS, weight_by_fixability, with_cuts
@@ -63,7 +63,7 @@ def prospects(
     ways: list[tuple[str, Any]] = [] if supports is not None else list(_holding(found.target))
     ideas = with_cuts(found.design.flat.layout, weight_by_fixability(_mismatch(found), limits.kind))
     ways += [(CUT, idea) for idea in islice(ideas, IDEAS)]
-    design, smooth = found.design, found.target.moved(rounded(PolygonMesh.from_quads(found.target)))
+    design, smooth = found.design, found.target.moved(smooth_folds(PolygonMesh.from_quads(found.target)))
     piece = LayoutProblem(found.target, settings, supports, force, spirals=(design.width, design.twist))
     if not np.array_equal(smooth.vertices, found.target.vertices):
         ways.append((ROUND, replace(piece, mesh=smooth)))

@@ -111,7 +111,7 @@ def _lay_out(
     if any(name.startswith("layout.") for name in values):
         result = job.run_stages(result, settings, ("trace", "merge", "split"))
     else:
-        result = job.run_stages(by_hand.flattened(result, start.cut, settings), settings, ("split",))
+        result = job.run_stages(by_hand.flatten_by_hand(result, start.cut, settings), settings, ("split",))
     flat = result.needed(FinalLayout).flat
     if any(name.startswith("choose.") for name in values):
         piece = LayoutProblem(mesh, settings, base.supports, base.force)

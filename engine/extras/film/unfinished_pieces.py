@@ -30,7 +30,7 @@ from ...patches.layout import PatchLayout
 from ...progress import SILENT, Progress
 from ...simulation.simulate import build_model
 from ...spirals.design import SpiralDesign
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 
 # approximate number of stages in which a panel is joined, at least one per seam; by eye
 PARTS = 3
@@ -102,7 +102,7 @@ def find_stages(
         share = 1.0 - (1.0 - done / len(plan)) ** 2
         progress(
             share,
-            f"Taking the piece apart: panel {panel}, {counted(len(plan) - done, 'half-finished piece', 'half-finished pieces')} to go",
+            f"Taking the piece apart: panel {panel}, {with_count(len(plan) - done, 'half-finished piece', 'half-finished pieces')} to go",
         )
         made = search.stage(number, k, progress)
         if made is not None:

@@ -21,7 +21,7 @@ from ...mechanics.elastic import ElasticModel
 from ...mechanics.loads import Loads
 from ...mechanics.newton_system import NewtonSystem
 from ...mechanics.stance import Stance
-from ...patches.flattening.flatten import FlatPatches, flatten, measured
+from ...patches.flattening.flatten import FlatPatches, flatten, with_energies
 from ...patches.layout import PatchLayout
 from ...patches.tracing.trace import make_disks
 from ...simulation.simulate import build_model
@@ -159,7 +159,7 @@ def _flat(given: LiveInput, mesh: QuadMesh, old: LiveState | None) -> FlatPatche
     old_layout = PatchLayout(mesh, given.cut & ~mesh.border)
     points = np.zeros((int(old_layout.flat_corners.max()) + 1, 2))
     points[old_layout.flat_corners] = given.flat
-    stored = measured(old_layout, points)
+    stored = with_energies(old_layout, points)
     least, share = ROUNDING
     with np.errstate(invalid="ignore"):
         moved = ~(np.abs(stored.energy - given.energy) <= least + share * given.energy)

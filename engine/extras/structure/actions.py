@@ -175,11 +175,11 @@ def _lengths(quads: np.ndarray, ground: Ground) -> Float[np.ndarray, " some"]:
 def _on_exposed_areas(value: np.ndarray, quads: np.ndarray, ground: Ground) -> Float[np.ndarray, "some 3"]:
     """Return (k, 3) N of a pressure along an axis on the projected areas of quads that are not hidden."""
     axis = value / max(np.linalg.norm(value), 1e-300)
-    share = np.abs(ground.pose.rotations[quads, :, 2] @ axis) * ~hidden(ground.corners, axis)[quads]
+    share = np.abs(ground.pose.rotations[quads, :, 2] @ axis) * ~are_hidden(ground.corners, axis)[quads]
     return value * (share * ground.area[quads])[:, None]
 
 
-def hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
+def are_hidden(corners: Float[np.ndarray, "quads 4 3"], axis: Float[np.ndarray, " 3"]) -> Bool[np.ndarray, " quads"]:
     """Return whether the middle of a quad lies behind another quad, seen along an axis."""
     helper = np.eye(3)[np.abs(axis).argmin()]
     right = np.cross(axis, helper) / np.linalg.norm(np.cross(axis, helper))

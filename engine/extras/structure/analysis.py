@@ -27,7 +27,7 @@ from ...params import SimulateParams
 from ...progress import SILENT, Progress
 from ...simulation.simulate import Simulation, move_vertices
 from ...surface.checking.check import Finding
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...threads import one_thread
 from .actions import Action, Ground, actions, lasting
 from .buckling import linear_buckling

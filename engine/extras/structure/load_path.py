@@ -304,7 +304,7 @@ def follow(
             continue
         new, count = found_next
         if critical is None and new.unstable:
-            (last, new), kind = enclosed(follower, point, new, step), ""
+            (last, new), kind = bracket_critical(follower, point, new, step), ""
             points += [last] if last is not point else []
             critical, kind = _critical(follower, last, new)
             step = FIRST
@@ -336,7 +336,7 @@ def _leaps(follower: PathFollower, point: PathPoint, new: PathPoint, step: float
     return far > 4.0 * step + 1e-9
 
 
-def enclosed(
+def bracket_critical(
     follower: PathFollower, stable: PathPoint, unstable: PathPoint, step: float
 ) -> tuple[PathPoint, PathPoint]:
     """Bracket the critical factor: return the last stable and the first unstable point, close to each other."""

@@ -19,7 +19,7 @@ from ...fabrication.estimates import Estimates
 from ...fabrication.nesting.nest import nest
 from ...fabrication.panels.labels import Labels, seam_name
 from ...fabrication.panels.panel import Panel
-from ...fabrication.sheets import CutSheets, along_grain, engraved, loose_keys, with_keys, with_labels_beside
+from ...fabrication.sheets import CutSheets, along_grain, loose_keys, make_engraving, with_keys, with_labels_beside
 from ...materials import Material
 from ...params import SheetParams
 from ...progress import SILENT, Progress
@@ -157,7 +157,7 @@ def _engraved_copy(part: Part, copy: int, mark: str, params: SheetParams) -> tup
     made = part.sheets
     design = part.design if made.base is None else made.base.design
     known = [p for p in made.panels if p.kind != "key"]
-    labels = engraved(design, made.connections, params, made.base, mark)
+    labels = make_engraving(design, made.connections, params, made.base, mark)
     plates = iter(() if made.base is None else made.base.plate_labels(params, mark))
     known = [
         replace(p, labels=labels.strokes[p.patch], on_hubs=labels.on_hubs[p.patch], beside=())

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...params import ConnectorParams
 from ...spirals.curves.arcs import Curve
-from ..panels.kerf import offset, relieved
+from ..panels.kerf import offset, open_inside_corners
 
 FLANK = math.tan(math.radians(25.0))  # outward slope of the flanks of a dovetail; chosen by eye
 LENGTH = 0.85  # length of a head in necks
@@ -111,7 +111,7 @@ def tabs(width: float, params: ConnectorParams, scales: tuple[float, ...], mill:
     )
 
 
-def rounded(points: list[tuple[float, float]], radius: float | list[float], closed: bool = False) -> Curve:
+def round_polyline(points: list[tuple[float, float]], radius: float | list[float], closed: bool = False) -> Curve:
     """Return a polyline with its corners rounded by arcs.
 
     Parameters
@@ -145,7 +145,7 @@ def _middle(s: Size) -> Curve:
     n, h, p = 0.5 * s.neck, 0.5 * s.head, 0.5 * s.pad
     root = max(s.rounding, s.inside)
     points = [(0.0, -p), (0.0, -n), (s.length, -h), (s.length, h), (0.0, n), (0.0, p)]
-    return rounded(points, [0.0, root, s.rounding, s.rounding, root, 0.0])
+    return round_polyline(points, [0.0, root, s.rounding, s.rounding, root, 0.0])
 
 
 def _in_mate_frame(curve: Curve, shift: float) -> Curve:
@@ -180,7 +180,7 @@ def socket(s: Size, back: float = 0.0) -> Curve:
     s : size of the connector
     back : distance from the cut to the socket's face, metres
     """
-    return relieved(_in_mate_frame(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
+    return open_inside_corners(_in_mate_frame(offset(_middle(s), 0.5 * s.clearance), -back), s.inside)
 
 
 def face(s: Size, back: float = 0.0) -> Curve:
@@ -204,4 +204,4 @@ def key(s: Size, back: float = 0.0) -> Curve:
     right = [(back, -n), (x, -h), (x, h), (back, n)] if back else [(x, -h), (x, h), (0.0, n)]
     radii = [root, s.rounding, s.rounding, root] if back else [s.rounding, s.rounding, root]
     points = right + [(-a, -b) for a, b in right]
-    return offset(rounded(points, radii * 2, closed=True), -0.5 * s.clearance)
+    return offset(round_polyline(points, radii * 2, closed=True), -0.5 * s.clearance)

@@ -21,7 +21,7 @@ STRAY = 5e-5  # metres by which an outline may grow when it is simplified
 HULLS, SPREAD = 0.82, 0.035
 
 
-def grown(shape: Float[np.ndarray, "points 2"], distance: float, bay: float) -> Float[np.ndarray, "simple 2"]:
+def grow_outline(shape: Float[np.ndarray, "points 2"], distance: float, bay: float) -> Float[np.ndarray, "simple 2"]:
     """Return a counter-clockwise polygon around all points within ``distance`` metres of a shape.
 
     Bays narrower than twice ``bay`` metres are closed.

@@ -16,9 +16,9 @@ import numpy as np
 from ...arrays import Float
 from ...params import SheetParams
 from ...progress import Progress
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...workers import WorkerDied, Workers, as_done
-from .outlines import HULLS, SPREAD, grown, hull_area
+from .outlines import HULLS, SPREAD, grow_outline, hull_area
 from .packing import Packing, least_box, lying_box, pack, turn_that_fits, used_length
 from .strip import PackedStrip, StripTask, pack_strip
 
@@ -59,7 +59,7 @@ class SheetSearch:
         self.separation = params.spacing + ROUNDING
         bay = max(min(BAY, 0.25 * min(float(least_box(s)[1].min()) for s in shapes)), 0.5 * params.spacing)
         each = progress.part(0.0, 0.0).each(shapes, "simplifying the panels")
-        self.outlines = [grown(shape, 0.5 * self.separation, bay) for shape in each]
+        self.outlines = [grow_outline(shape, 0.5 * self.separation, bay) for shape in each]
         self.turns = [self._turns(outline) for outline in self.outlines]
         self.hull = np.array([hull_area(s) for s in shapes])
         self.area = np.array([shapely.Polygon(outline).area for outline in self.outlines])
@@ -271,7 +271,7 @@ class SheetSearch:
     def _strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
         """Return the strips of some tasks, packed at once, in metres within the margins of a sheet."""
         most = max((len(task.items) for task in tasks), default=0)
-        progress = self.progress.at(min(self.spent, 1.0), f"nesting {counted(most, 'panel', 'panels')}")
+        progress = self.progress.at(min(self.spent, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
         for number, future in as_done(self.workers, pack_strip, tasks, progress):
             with suppress(WorkerDied):  # there may be too little memory

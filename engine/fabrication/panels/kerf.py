@@ -20,7 +20,7 @@ _MIN_LENGTH = 1e-9  # metres; shorter segments are dropped
 Arc = tuple[complex, complex, float]  # start, end, bulge
 
 
-def cleaned(curve: Curve) -> Curve:
+def without_empty_segments(curve: Curve) -> Curve:
     """Return the curve without segments of zero length."""
     kept = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1) > _MIN_LENGTH
     if not curve.closed:
@@ -75,7 +75,7 @@ def offset(curve: Curve, distance: float) -> Curve:
     """
     if distance == 0.0:
         return curve
-    curve = cleaned(curve)
+    curve = without_empty_segments(curve)
     start, end, bulge = _segments(curve)
     before, after = _directions(start, end, bulge)
     begins, ends = start - 1j * distance * before, end - 1j * distance * after
@@ -104,7 +104,7 @@ def offset(curve: Curve, distance: float) -> Curve:
     nodes[place[corner] + 1], bulges[place[corner] + 1] = last[row[corner]], np.tan(0.25 * turn[corner])
     if not curve.closed:
         nodes, bulges = np.append(nodes, last[row[-1]]), np.append(bulges, 0.0)
-    return cleaned(Curve(np.column_stack([nodes.real, nodes.imag]), bulges, curve.closed))
+    return without_empty_segments(Curve(np.column_stack([nodes.real, nodes.imag]), bulges, curve.closed))
 
 
 def _segments(curve: Curve) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -180,7 +180,7 @@ def _crossings(one: Arc, two: Arc) -> list[complex]:
     return [foot + d * s * rest**0.5 for s in (-1.0, 1.0)] if rest >= 0.0 else []
 
 
-def relieved(curve: Curve, radius: float) -> Curve:
+def open_inside_corners(curve: Curve, radius: float) -> Curve:
     """Open the inside corners between straight lines of an open curve to ``radius`` metres; material on its left.
 
     A dogbone contains all of the original corner: its circle passes through the middle of the corner's arc. In an acute
@@ -249,5 +249,6 @@ def cut_paths(outline: Outline, outer: float, holes: float) -> Outline:
     outer, holes : whole widths of the kerf, metres
     """
     return Outline(
-        offset(cleaned(outline.outer), 0.5 * outer), tuple(offset(cleaned(h), 0.5 * holes) for h in outline.holes)
+        offset(without_empty_segments(outline.outer), 0.5 * outer),
+        tuple(offset(without_empty_segments(h), 0.5 * holes) for h in outline.holes),
     )

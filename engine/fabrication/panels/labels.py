@@ -70,7 +70,7 @@ def seam_name(number: int) -> str:
     return name
 
 
-def marked(name: str, mark: str) -> str:
+def with_mark(name: str, mark: str) -> str:
     """Return the name preceded by the letter of its piece, which makes it unique on common sheets.
 
     Parameters
@@ -91,7 +91,7 @@ def panel_name(number: int, mark: str = "") -> str:
     """
     name = str(number)
     if mark:
-        return marked(name, mark)
+        return with_mark(name, mark)
     return name + "." if set(name) <= set("01689") and name != name[::-1].translate(_UPSIDE_DOWN) else name
 
 
@@ -153,7 +153,7 @@ def make_labels(
         add(label, text, patch, ends[:: max(-(-len(ends) // _PLACES), 1)])
     for number, ((quad, side), joint) in enumerate(names.items()):
         progress(0.5 + 0.5 * number / len(names), "labels")
-        text, patch = marked(joint, mark), int(layout.patch_of[quad])
+        text, patch = with_mark(joint, mark), int(layout.patch_of[quad])
         add(_joint_label(text, quad, side, lines, params), text, patch, lines.points[quad, side, :1])
     left_out = sum(not one.placed for one in small)
     placed = len(layout.patches) + len(names) - left_out

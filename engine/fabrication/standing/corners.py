@@ -10,7 +10,9 @@ from ...spirals.curves.arcs import Curve
 STRAIGHT = 1e-6  # radians; smaller turns are not corners
 
 
-def rounded(points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | float, *, closed: bool = True) -> Curve:
+def round_corners(
+    points: Float[np.ndarray, "n 2"], radius: Float[np.ndarray, " n"] | float, *, closed: bool = True
+) -> Curve:
     """Return a polyline (metres) whose corners are rounded by arcs of these radii (metres).
 
     A radius of 0 keeps its corner; both ends of an open line stay. An arc takes at most half of a side.

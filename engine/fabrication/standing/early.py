@@ -8,7 +8,7 @@ from ...errors import FlexMapsError
 from ...params import BaseParams, SimulateParams, SpiralParams
 from ...surface.mesh import QuadMesh
 from .base import refuse_rim
-from .feet import FLATTEST, SIDEWAYS, footed, refuse_flat, refuse_inside, refuse_sideways
+from .feet import FLATTEST, SIDEWAYS, quads_for_feet, refuse_flat, refuse_inside, refuse_sideways
 
 # Radians by which the simulated piece may deviate from its target: supports closer to a limit are judged after
 # simulation. By eye, several times the deviation of optimised pieces
@@ -63,7 +63,7 @@ def check_early(
 
 def _check_feet(mesh: QuadMesh, supports: np.ndarray) -> None:
     """Apply the checks of ``feet`` to the target surface, with tolerance ``SLACK`` on the angles."""
-    refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
+    refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     corners = mesh.vertices[mesh.quads[supports]]
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]

@@ -19,7 +19,7 @@ from ...mechanics.assembly import Pose
 from ...params import CutParams
 from ...spirals.curves.arcs import Curve
 from ...spirals.design import SpiralDesign
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ..panels.labels import hub_circles
 
 EDGE = 1.0  # minimum material around a hole in diameters, as handbooks require between a pin and the edge of a plate
@@ -105,7 +105,7 @@ def make_eyelets(
     narrow = room < (1.0 - ROUNDED) * needed
     if narrow.any():
         raise FlexMapsError(
-            f"The hubs of {counted(int(narrow.sum()), 'supported spiral', 'supported spirals')} are too small for eyelets of {1e3 * diameter:g} mm with as much "
+            f"The hubs of {with_count(int(narrow.sum()), 'supported spiral', 'supported spirals')} are too small for eyelets of {1e3 * diameter:g} mm with as much "
             f"material round them: they have room for {1e3 * room.min() / (0.5 + EDGE):.2g} mm; make the eyelets smaller or the "
             "largest width larger, and press Spirals again while eyelets are chosen, which makes these spirals as wide as possible",
             faces=supports[narrow],
@@ -134,7 +134,7 @@ def eyelets_report(eyelets: tuple[Eyelet, ...]) -> dict[str, Any]:
     return found
 
 
-def overloaded(eyelets: tuple[Eyelet, ...], thickness: float, material: Material) -> list[str]:
+def warn_of_overload(eyelets: tuple[Eyelet, ...], thickness: float, material: Material) -> list[str]:
     """Return a warning if eyelets bear more than the strength of their material.
 
     Parameters
@@ -149,6 +149,6 @@ def overloaded(eyelets: tuple[Eyelet, ...], thickness: float, material: Material
         return []
     one = eyelets[worst]
     return [
-        f"{counted(sum(share > 1.0 for share in found), 'eyelet bears', 'eyelets bear')} more than {material.name}: {one.name} {one.force:.3g} N, "
+        f"{with_count(sum(share > 1.0 for share in found), 'eyelet bears', 'eyelets bear')} more than {material.name}: {one.name} {one.force:.3g} N, "
         f"{100.0 * found[worst]:.0f} % of what it can; hang the piece by more spirals, or make the eyelets larger"
     ]

@@ -20,9 +20,9 @@ from ...spirals.clearance.slots import min_slot_width
 from ...spirals.curves.arcs import Curve, biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, edge_points
 from ...spirals.design import SpiralDesign
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...surface.mesh import QuadMesh
-from .corners import rounded
+from .corners import round_corners
 
 # Minimum slope in radians. Flatter sheets would lie on the base instead of standing, with slots wider than three
 # thicknesses
@@ -83,7 +83,7 @@ class Foot:
         return corners if turned else corners[::-1]
 
 
-def footed(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np.ndarray, " feet"]:
+def quads_for_feet(mesh: QuadMesh, supports: Int[np.ndarray, " held"]) -> Int[np.ndarray, " feet"]:
     """Return the supported quads at an open border, where a foot can leave the piece.
 
     Parameters
@@ -106,7 +106,7 @@ def make_feet(
     wound = supports[design.twist[supports] > UNWOUND]
     if len(wound):
         raise FlexMapsError(
-            f"{counted(len(wound), 'supported spiral is', 'supported spirals are')} wound, so that arms would cross feet; press Spirals again while a "
+            f"{with_count(len(wound), 'supported spiral is', 'supported spirals are')} wound, so that arms would cross feet; press Spirals again while a "
             "base is chosen, which leaves their arms straight",
             faces=wound,
         )
@@ -131,7 +131,7 @@ def make_feet(
 def _sides(design: SpiralDesign, pose: Pose, supports: Int[np.ndarray, " held"]) -> tuple[np.ndarray, np.ndarray]:
     """Return the side (n,) at which every foot leaves its quad, and its direction (n, 2) in its patch, down the slope."""
     mesh, rotations = design.flat.layout.mesh, pose.rotations[supports]
-    refuse_inside(np.setdiff1d(supports, footed(mesh, supports)))
+    refuse_inside(np.setdiff1d(supports, quads_for_feet(mesh, supports)))
     way = -rotations[:, 2, :2]  # project -z onto the plane of the hub
     slope = np.linalg.norm(way, axis=1)
     refuse_flat(supports[slope < np.sin(FLATTEST)])
@@ -147,7 +147,7 @@ def refuse_inside(faces: Int[np.ndarray, " some"]) -> None:
     """Raise ``FlexMapsError`` if there are supports away from the open border."""
     if len(faces):
         raise FlexMapsError(
-            f"{counted(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
+            f"{with_count(len(faces), 'support lies', 'supports lie')} away from the open border, where no foot can leave the piece; "
             "choose supports at the border, or no base",
             faces=faces,
         )
@@ -157,7 +157,7 @@ def refuse_flat(faces: Int[np.ndarray, " some"]) -> None:
     """Raise ``FlexMapsError`` if there are supports that are too flat."""
     if len(faces):
         raise FlexMapsError(
-            f"{counted(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
+            f"{with_count(len(faces), 'supported spiral lies', 'supported spirals lie')} too flat for a foot to reach the ground: "
             f"{np.degrees(FLATTEST):.0f} degrees at least are needed; support the piece elsewhere, turn it, or choose no base",
             faces=faces,
         )
@@ -210,7 +210,7 @@ def _cap(
         lines.append(np.array(corners))
     radii = np.array([0.0, half, CORNER, 0.0, CORNER])
     line = np.concatenate([lines[0], lines[1][::-1]])
-    post = rounded(line @ frame + arm.centre[0], np.concatenate([radii, radii[::-1]]), closed=False)
+    post = round_corners(line @ frame + arm.centre[0], np.concatenate([radii, radii[::-1]]), closed=False)
     away = out @ frame
     parts = [
         _flare(right, -right_way, post.points[0], away),

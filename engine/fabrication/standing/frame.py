@@ -16,7 +16,7 @@ from ...errors import FlexMapsError
 from ...params import SheetParams
 from ...spirals.curves.arcs import Curve
 from ..nesting.packing import turn_that_fits
-from .corners import rounded
+from .corners import round_corners
 
 TURN = np.radians(75.0)  # maximum turn of a plank, so that it stays slender; by eye
 # narrowest and widest width and depth of a dovetail, as shares of the plank's width; by eye
@@ -221,7 +221,7 @@ def _cut_into_planks(
         corners = shapely.get_coordinates(shapely.orient_polygons(body).exterior.simplify(1e-7))[:-1]
         cutting = shapely.union_all([tongues[n], gates[n], sockets[n - 1], gates[n - 1]])
         sharp = shapely.distance(shapely.points(corners), cutting) < CORNER
-        found.append((rounded(corners, _radii(corners, sharp, margin)), order[rows]))
+        found.append((round_corners(corners, _radii(corners, sharp, margin)), order[rows]))
     return found
 
 

@@ -45,7 +45,7 @@ FORMATS = tuple(TABLE)
 USUAL = tuple(key for key, kind in TABLE.items() if kind.usual)
 
 
-def chosen(params: ExportParams) -> tuple[str, ...]:
+def chosen_formats(params: ExportParams) -> tuple[str, ...]:
     """Return the formats selected by the settings; raises ``FlexMapsError`` if there are none."""
     formats = tuple(key for key, kind in TABLE.items() if getattr(params, kind.setting) in kind.values)
     if not formats:
@@ -87,7 +87,7 @@ def write(
     files = [
         (TABLE[key], index, path)
         for key in wanted
-        for index, path in enumerate(series.numbered(_named(base, key), sheets.count))
+        for index, path in enumerate(series.numbered_paths(_named(base, key), sheets.count))
     ]
     for number, (kind, index, path) in enumerate(files):
         kind.write(sheets, index, new(path), progress.part(number / len(files), (number + 1) / len(files)))

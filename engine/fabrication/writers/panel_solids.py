@@ -42,7 +42,7 @@ class TriangleSolid:
     triangles: Int[np.ndarray, "triangles 3"]
 
 
-def extruded(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> TriangleSolid:
+def extrude_panel(panel: Panel, thickness: float, tolerance: float = TOLERANCE, nozzle: float = 0.0) -> TriangleSolid:
     """Extrude a panel from z = 0 to ``thickness`` metres, with the labels on its hubs as grooves.
 
     Every edge has exactly two triangles.
@@ -131,7 +131,7 @@ def _solids(sheets: CutSheets, index: int, progress: Progress) -> list[TriangleS
     solids = []
     for number, panel in enumerate(panels):
         progress(0.7 * number / len(panels), f"solids of sheet {index + 1}")
-        solids.append(extruded(panel, sheets.thickness, nozzle=sheets.cut.nozzle))
+        solids.append(extrude_panel(panel, sheets.thickness, nozzle=sheets.cut.nozzle))
     return solids
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ... import MARK
 from ...materials import Material
 from ...spirals.design import SpiralDesign
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ..panels.labels import panel_name
 from ..sheets import CutSheets
 
@@ -51,7 +51,7 @@ def write(sheets: CutSheets, designs: Sequence[SpiralDesign], material: Material
         table = csv.writer(stream)
         table.writerow(COLUMNS)
         table.writerows([*row[: numbers.start], *map(_format, row[numbers.start :]), ""] for row in rows)
-        table.writerow([f"{counted(len(rows), 'part', 'parts')}", "", sheets.count, *sums, MARK])
+        table.writerow([f"{with_count(len(rows), 'part', 'parts')}", "", sheets.count, *sums, MARK])
     return path
 
 

@@ -11,7 +11,7 @@ from ... import PROGRAM
 _LOOK = 1 << 16  # bytes at either end of a file that are searched for the program's name
 
 
-def numbered(path: str | os.PathLike[str], count: int) -> list[Path]:
+def numbered_paths(path: str | os.PathLike[str], count: int) -> list[Path]:
     """Return out/sheet-01.svg, out/sheet-02.svg, ... for out/sheet.svg."""
     path = Path(path)
     return [path.with_name(f"{path.stem}-{i + 1:02d}{path.suffix}") for i in range(count)]

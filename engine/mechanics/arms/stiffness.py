@@ -28,7 +28,7 @@ import numpy as np
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
 from ...spirals.clearance.table_range import SCALE_RANGE, table_limit_and_slope, table_twist_limit
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ..beyond import Beyond
 from . import beams
 
@@ -343,7 +343,7 @@ def lengths_and_twists(
     known = np.isfinite(twist) & np.isfinite(scale) & np.isfinite(width) & (scale > 0.0) & (width > 0.0)
     if not known.all():
         raise FlexMapsError(
-            f"{counted(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is not a number; make the spirals again",
+            f"{with_count(int((~known).sum()), 'arm has', 'arms have')} a length, a width or a twist that is not a number; make the spirals again",
             faces=np.flatnonzero(~known),
         )
     return scale, width, twist

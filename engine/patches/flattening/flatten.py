@@ -80,10 +80,10 @@ def flatten(
     for quads in progress.part(0.95, 1.0).each(fresh, "Flattening"):
         own, local = np.unique(layout.flat_corners[quads], return_inverse=True)
         points[own] = in_frame(points[own] @ np.array([1.0, 1.0j]), local.reshape(-1, 4))
-    return measured(layout, points)
+    return with_energies(layout, points)
 
 
-def measured(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
+def with_energies(layout: PatchLayout, points: Float[np.ndarray, "points 2"]) -> FlatPatches:
     """Compute the energies of given flat points.
 
     Parameters

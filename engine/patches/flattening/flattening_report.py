@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...params import LayoutParams
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...surface.curvature import is_flat
 from ...surface.symmetry import Symmetry
 from ..joining import panel_numbers
@@ -54,7 +54,7 @@ def remarks(notes: Mapping[str, object]) -> dict[str, object]:
         said += forced[:REMARKS]
         if len(forced) > REMARKS:
             said.append(
-                f"{counted(len(forced) - REMARKS, 'more panel goes', 'more panels go')} beyond a limit in such a way; the report names them"
+                f"{with_count(len(forced) - REMARKS, 'more panel goes', 'more panels go')} beyond a limit in such a way; the report names them"
             )
     return {"remarks": said} if said else {}
 
@@ -73,9 +73,9 @@ def forced_notes(flat: FlatPatches, params: LayoutParams) -> dict[str, object]:
     for patch, quads in enumerate(layout.patches):
         reasons = []
         if len(quads) < params.patch_min:
-            reasons.append(f"has only {counted(len(quads), 'quad', 'quads')}")
+            reasons.append(f"has only {with_count(len(quads), 'quad', 'quads')}")
         if necks[patch] < params.neck_min:
-            reasons.append(f"is only {counted(necks[patch], 'quad', 'quads')} wide at its narrowest")
+            reasons.append(f"is only {with_count(necks[patch], 'quad', 'quads')} wide at its narrowest")
         if layout.compactness[patch] > params.compactness_limit:
             reasons.append(f"is long or ragged (compactness {layout.compactness[patch]:.1f})")
         if (worst := flat.energy[quads].max()) > params.distortion_limit:

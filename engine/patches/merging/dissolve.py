@@ -43,13 +43,13 @@ def without_crumbs(
     small = min(len(quads) for quads in layout.patches) < params.patch_min
     if len(layout.patches) < 2 or not (small or (layout.isthmus_widths(own=False) < params.neck_min).any()):
         return layout
-    board = bounded(layout, params, symmetries, progress)
+    board = limited_board(layout, params, symmetries, progress)
     changed = widen(board)
     changed |= dissolve(board)
     return PatchLayout(layout.mesh, board.cut, dict(layout.notes)) if changed else layout
 
 
-def bounded(
+def limited_board(
     layout: PatchLayout, params: LayoutParams, symmetries: Sequence[Symmetry] = (), progress: Progress = SILENT
 ) -> Board:
     """Return a board with limited work whose panels may use the whole distortion limit; it keeps the layout's symmetries.

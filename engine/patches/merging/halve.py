@@ -34,7 +34,7 @@ def leaves_plane(board: Board) -> bool:
     return len(pieces) != 1 or bool(board.cut.any()) or pieces[0].flat.worst <= FLAT
 
 
-def halved(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
+def cut_in_half(board: Board, whole_group: list[Symmetry], progress: Progress) -> Board:
     """Cut the single panel where that leaves least distortion, symmetrically if that is nearly as good."""
     layout = board.layout
     ranked: list[tuple[float, int, Board]] = []

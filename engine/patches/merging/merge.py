@@ -10,7 +10,7 @@ import numpy as np
 
 from ...params import LayoutParams
 from ...progress import SILENT, Progress
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...surface.symmetry import Symmetry, close_under, keeping, subgroups, symmetries
 from ...threads import one_thread
 from ..flattening.flatten import FlatPatches, flatten
@@ -20,7 +20,7 @@ from ..tracing.regions import Halving
 from ..tracing.trace import make_disks
 from .board import BOTTLENECK, Board, Effort, SeamChange, Shared
 from .dissolve import dissolve
-from .halve import halved, leaves_plane
+from .halve import cut_in_half, leaves_plane
 from .ranking import Ranking, split_long, worth
 from .reroute import reroute
 from .straighten import natural_stops, straighten, widen
@@ -141,7 +141,7 @@ def _merge_body(
         board = again
     if seamless or leaves_plane(board):
         return board, symmetry_notes(whole_group, kept, ranked, board)
-    board = halved(board, whole_group, progress.part(0.95, 1.0))
+    board = cut_in_half(board, whole_group, progress.part(0.95, 1.0))
     said: dict[str, object] = {"halved": HALVED}
     if whole_group:
         rest = keeping(whole_group, board.cut)
@@ -235,7 +235,7 @@ LAST = Strategy(again=True)  # for layouts that were merged before
 
 def run(board: Board, strategy: Strategy, progress: Progress) -> None:
     """Merge and straighten alternately until nothing changes."""
-    board.tick = lambda: progress(0.0, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
+    board.tick = lambda: progress(0.0, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
     merged = greedy(board, strategy, progress.part(0.0, 0.5))
     if strategy.again:
         merged |= open_parts(board, strategy, progress.part(0.5, 0.6))
@@ -333,7 +333,7 @@ def greedy(board: Board, strategy: Strategy, progress: Progress) -> bool:
         best = tried[key]
         assert best is not None
         changed |= board.apply(best)
-        progress(1.0 - len(board.pieces) / first, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
+        progress(1.0 - len(board.pieces) / first, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
 
 
 def _score(board: Board, edges: np.ndarray, worst: float, strategy: Strategy) -> float:
@@ -357,7 +357,7 @@ def open_best_part(board: Board, strategy: Strategy, progress: Progress) -> bool
             score = _score(board, change.opens, worst, strategy)
             if best is None or (score, number) < best[:2]:
                 best = (score, number, change)
-    progress(0.5, f"Merging: {counted(len(board.pieces), 'panel', 'panels')}")
+    progress(0.5, f"Merging: {with_count(len(board.pieces), 'panel', 'panels')}")
     return best is not None and board.apply(best[2])
 
 

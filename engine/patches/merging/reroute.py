@@ -16,7 +16,7 @@ from ...arrays import Int
 from ...surface.corner_costs import rings
 from ...surface.mesh import QuadMesh
 from .board import Board
-from .straighten import GAIN, attempted, gain_of
+from .straighten import GAIN, gain_of, try_change
 
 # Cost of a quarter turn, in median edges, equal to a reflex corner of a patch; 1.5 and 6 give the same on two irregular
 # surfaces.
@@ -71,7 +71,7 @@ def reroute(board: Board) -> bool:
             if len(opens) and len(closes) and (gain := gain_of(board, opens, closes)) > GAIN:
                 listed.append((-round(gain, 6), slide, opens, closes))
         for _, _, opens, closes in sorted(listed, key=lambda item: item[:2]):
-            if attempted(board, opens, closes):
+            if try_change(board, opens, closes):
                 changed = True
                 break
     return changed

@@ -61,11 +61,11 @@ def _slide_all(board: Board) -> bool:
         flipped = flips_of(board, slide)
         if flipped is None or gain_of(board, *flipped) + size_gain(board, slide) <= GAIN:
             continue
-        changed |= attempted(board, *flipped)
+        changed |= try_change(board, *flipped)
     return changed
 
 
-def attempted(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
+def try_change(board: Board, opens: Int[np.ndarray, " opened"], closes: Int[np.ndarray, " closed"]) -> bool:
     """Make a change unless it is or was refused; return whether it was made."""
     names = np.unique(board.pieces_at(np.concatenate([opens, closes])))
     key = (opens.tobytes(), closes.tobytes(), names.tobytes())
@@ -302,7 +302,7 @@ def _close_inner(board: Board) -> bool:
             continue
         run = edges if free[1] else edges[::-1]
         for begin in natural_stops(board, run)[:-1]:
-            if attempted(board, np.sort(run[begin:]), NOTHING):
+            if try_change(board, np.sort(run[begin:]), NOTHING):
                 changed = True
                 break
     return changed

@@ -17,7 +17,7 @@ from ...arrays import Bool, Float, Int
 from ...errors import FlexMapsError
 from ...params import LayoutParams, SheetParams
 from ...progress import SILENT, Progress
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ...surface.symmetry import Symmetry, keeping, symmetries
 from ..flattening.edit import with_cuts
 from ..flattening.flatten import FlatPatches
@@ -87,7 +87,7 @@ def split(flat: FlatPatches, params: LayoutParams, sheet: SheetParams, progress:
     added = len(flat.layout.patches) - first
     if added:
         flat.layout.notes["split"] = (
-            f"{counted(added, 'more cut', 'more cuts')}, so that every panel fits a sheet of {sheet.sheet_width * 1e3:g} x "
+            f"{with_count(added, 'more cut', 'more cuts')}, so that every panel fits a sheet of {sheet.sheet_width * 1e3:g} x "
             f"{sheet.sheet_height * 1e3:g} mm"
         )
     if added and found:
@@ -118,7 +118,7 @@ def check_size(flat: FlatPatches, params: LayoutParams, sheet: SheetParams) -> N
     large = [p for p in range(len(flat.layout.patches)) if excess(_points(flat, p), box, sheet) > 1.0 + ROUNDING]
     if large:
         raise FlexMapsError(
-            f"{len(large)} of {counted(len(flat.layout.patches), 'panel is', 'panels are')} larger than the sheet of {sheet.sheet_width * 1e3:g} x "
+            f"{len(large)} of {with_count(len(flat.layout.patches), 'panel is', 'panels are')} larger than the sheet of {sheet.sheet_width * 1e3:g} x "
             f"{sheet.sheet_height * 1e3:g} mm less its margins: they were not cut for it; make the layout again, cut them "
             "by hand, or let too large panels have larger sheets",
             faces=np.concatenate([flat.layout.patches[p] for p in large]),

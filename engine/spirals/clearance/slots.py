@@ -16,7 +16,7 @@ from ...arrays import Bool, Float, Int
 from ...params import SpiralParams
 from ...patches.flattening.flatten import FlatPatches
 from ...progress import SILENT, Progress
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 from ..curves.arcs import dot
 from ..curves.spiral import (
     LEFT,
@@ -102,7 +102,7 @@ def too_small(flat: FlatPatches, params: SpiralParams, quads: Int[np.ndarray, " 
         if widest > 0.0
         else "those quads larger"
     )
-    return f"{counted(len(quads), 'quad is', 'quads are')} too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}"
+    return f"{with_count(len(quads), 'quad is', 'quads are')} too small or too thin for arms {params.width_min * 1e3:g} mm wide; make {remedy}"
 
 
 def _facing_gap(outer: Arms, inner: Arms, step: int) -> Float[np.ndarray, "quads k"]:

@@ -42,14 +42,14 @@ import numpy as np
 
 from ...errors import FlexMapsError
 from ..mesh import PolygonMesh, QuadMesh
-from .finding import REMESH, Finding, counted, finding, named
+from .finding import REMESH, Finding, finding, list_faces, with_count
 from .folds import SHARP, turns
 from .geometry import FOLDED, degenerate, far_out, in_unit, lengths_of, sizes
 from .overlaps import overlaps
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
 
-def converted(polygons: PolygonMesh) -> PolygonMesh:
+def with_numeric_arrays(polygons: PolygonMesh) -> PolygonMesh:
     """Return the mesh with float and int arrays; raise FlexMapsError if they cannot be converted."""
     try:
         vertices = np.asarray(polygons.vertices, dtype=float)
@@ -72,7 +72,7 @@ def median_edge(polygons: PolygonMesh) -> float:
     return float(np.ldexp(np.median(lengths_of(unit, sides_of(unit))), power))
 
 
-def scaled(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
+def scale_to_metres(polygons: PolygonMesh, *, edge: float | None = None, height: float | None = None) -> PolygonMesh:
     """Scale the mesh about its origin to metres; with neither size it is taken to be in metres already.
 
     Parameters
@@ -152,7 +152,7 @@ def not_quads(polygons: PolygonMesh) -> int:
     return sum(len(found.faces) for found in findings(polygons) if found.code == "non-quad")
 
 
-def remeshed(faces: int) -> Finding:
+def remeshing_warning(faces: int) -> Finding:
     """Return the warning that the mesh was remeshed because so many faces were not quads."""
     return finding(
         "remeshed",
@@ -170,7 +170,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
         bad = (polygons.corners < 0) | (polygons.corners >= len(polygons.vertices))
         faces = np.unique(face_of[bad]) if len(bad) == len(face_of) else ()
         text = (
-            f"{named(faces)} refer to vertices that are not there"
+            f"{list_faces(faces)} refer to vertices that are not there"
             if len(faces)
             else "Faces and corners do not fit together"
         )
@@ -195,7 +195,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
         found.append(finding("several-bodies", text, smallest, severity="warning"))
     loose = len(polygons.vertices) - len(np.unique(polygons.corners))
     if loose:
-        text = f"{counted(loose, 'vertex belongs', 'vertices belong')} to no face and {'is' if loose == 1 else 'are'} left out"
+        text = f"{with_count(loose, 'vertex belongs', 'vertices belong')} to no face and {'is' if loose == 1 else 'are'} left out"
         found.append(finding("loose-vertices", text, severity="warning"))
     found += [finding("left-out", text, severity="warning") for text in polygons.left_out]
     found += [finding(code, text, severity="warning") for code, text in polygons.cured]
@@ -230,11 +230,11 @@ def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[
     others = np.flatnonzero(polygons.sizes != 4)
     if len(others):
         triangles = int((polygons.sizes == 3).sum())
-        kinds = [counted(triangles, "triangle", "triangles")] if triangles else []
+        kinds = [with_count(triangles, "triangle", "triangles")] if triangles else []
         if len(others) > triangles:
-            kinds.append(counted(len(others) - triangles, "n-gon", "n-gons"))
+            kinds.append(with_count(len(others) - triangles, "n-gon", "n-gons"))
         parts = f", in a mesh of {body.max() + 1} separate bodies" if body.max() > 0 else ""
-        text = f"{len(others)} of {counted(len(polygons.sizes), 'face is not a quad', 'faces are not quads')} ({' and '.join(kinds)}{parts}): {REMESH}"
+        text = f"{len(others)} of {with_count(len(polygons.sizes), 'face is not a quad', 'faces are not quads')} ({' and '.join(kinds)}{parts}): {REMESH}"
         found.append(finding("non-quad", text, others))
     order = np.lexsort((polygons.corners, sides.face))
     face, corner = sides.face[order], polygons.corners[order]

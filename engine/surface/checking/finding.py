@@ -68,7 +68,7 @@ def joined_alike(findings: Iterable[Finding]) -> list[Finding]:
     ]
 
 
-def counted(n: int, one: str, many: str) -> str:
+def with_count(n: int, one: str, many: str) -> str:
     """Return for example "1 edge has" or "2 edges have".
 
     Parameters

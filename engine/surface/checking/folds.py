@@ -39,7 +39,7 @@ def radius(edge: float) -> float:
     return edge / (2.0 * float(np.sin(0.5 * SHARP)))
 
 
-def rounded(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
+def smooth_folds(polygons: PolygonMesh) -> Float[np.ndarray, "vertices 3"]:
     """Smooth vertices at and near folds towards their neighbours' mean until no fold is left; return the vertices.
 
     Border vertices stay on the border.

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Float
 from ..mesh import PolygonMesh
-from .finding import REMESH, Finding, counted, finding, named
+from .finding import REMESH, Finding, finding, list_faces, with_count
 from .topology import Sides, sides_of
 
 RATIO_ERROR, RATIO_WARNING = 10.0, 3.0  # limits of the 99th over the 1st percentile of the faces' mean edge lengths
@@ -52,7 +52,7 @@ def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
     far = used[away > FAR * typical] if typical > 0 else used[:0]
     if len(far):
         faces = np.unique(face_of[np.isin(polygons.corners, far)])
-        text = f"{counted(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {named(faces)}: move them back or delete them"
+        text = f"{with_count(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {list_faces(faces)}: move them back or delete them"
         return [finding("far-vertices", text, faces)]
     edge = float(np.median(lengths_of(polygons, sides_of(polygons))))
     if 0 < edge * ROUNDED < np.abs(p).max() * np.finfo(float).eps:

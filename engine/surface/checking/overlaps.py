@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from ...arrays import Bool, Float, Int
 from ..mesh import PolygonMesh
 from ..welding import NEAR, short_edge
-from .finding import Finding, counted, finding, named
-from .sewing import doubled, joinable, lying_on_each_other, places, t_junctions
+from .finding import Finding, finding, list_faces, with_count
+from .sewing import border_twins, joinable, lying_on_each_other, places, t_junctions
 from .topology import Sides, bodies, sides_of
 
 # largest distance between the two skins of a shell, in median edges; larger takes the walls of a room for skins
@@ -81,7 +81,7 @@ def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> lis
 def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     """Report doubled border vertices and T-junctions."""
     found = []
-    label = doubled(mesh, sides)
+    label = border_twins(mesh, sides)
     # otherwise parts of the surface merely meet there, and welding them would add faults
     if joinable(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)

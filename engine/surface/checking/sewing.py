@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Bool, Float, Int
 from ..mesh import PolygonMesh
-from ..welding import NEAR, clusters, joined, short_edge
-from .finding import counted
+from ..welding import NEAR, clusters, merge_labelled, short_edge
+from .finding import with_count
 from .topology import Sides, bodies, inconsistent, repeated_faces, sides_of, split_vertices
 
 # Share of a border edge: a vertex nearer to it than this, and farther from its ends, lies inside it. More than the sag
@@ -42,7 +42,7 @@ def border_sides(sides: Sides) -> Int[np.ndarray, " sides"]:
     return np.flatnonzero(np.bincount(sides.edge, minlength=len(sides.edges))[sides.edge] == 1)
 
 
-def doubled(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
+def border_twins(mesh: PolygonMesh, sides: Sides) -> Int[np.ndarray, " vertices"]:
     """Return for every vertex the first border vertex at the same place, or its own index.
 
     Parameters
@@ -121,7 +121,7 @@ def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1), 1e-300)[:, None]
 
 
-def sewn(mesh: PolygonMesh) -> PolygonMesh:
+def sew(mesh: PolygonMesh) -> PolygonMesh:
     """Join doubled border vertices and repair T-junctions; ``cured`` of the returned mesh reports it."""
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         return mesh
@@ -133,7 +133,7 @@ def sewn(mesh: PolygonMesh) -> PolygonMesh:
     quads = _carry_cuts(mesh, sides, found)
     more = 0 if quads is None else len(quads.sizes) - len(mesh.sizes)
     place = "({:.4g}, {:.4g}, {:.4g})".format(*mesh.vertices[found.vertex[0]])
-    named = counted(len(found.vertex), "T-junction", "T-junctions")
+    named = with_count(len(found.vertex), "T-junction", "T-junctions")
     if quads is None:
         text = f"{named}, the first at {place}, in the unit of the file: the edge was split there, and the mesh needs a Quad remesh"
         return replace(_insert_vertices(mesh, found), cured=(*mesh.cured, ("t-junction", text)))
@@ -178,12 +178,12 @@ def _duplicate_shells(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> Boo
 
 def _join_doubled(mesh: PolygonMesh) -> PolygonMesh:
     """Join doubled border vertices, and turn over faces that then disagree with their neighbours."""
-    label = doubled(mesh, sides_of(mesh))
+    label = border_twins(mesh, sides_of(mesh))
     count = int((label != np.arange(len(label))).sum())
     one = joinable(mesh, label)
     if one is None:
         return mesh
-    text = f"{counted(count, 'doubled vertex was', 'doubled vertices were')} joined with others, as Merge by Distance does in Blender"
+    text = f"{with_count(count, 'doubled vertex was', 'doubled vertices were')} joined with others, as Merge by Distance does in Blender"
     return replace(one, cured=(*mesh.cured, ("doubled-vertices", text)))
 
 
@@ -191,7 +191,7 @@ def joinable(mesh: PolygonMesh, label: Int[np.ndarray, " vertices"]) -> PolygonM
     """Return the mesh with vertices of equal label joined, bodies turned over to agree; None if nothing joins or faults arise."""
     if (label == np.arange(len(label))).all():
         return None
-    one = joined(mesh, label)
+    one = merge_labelled(mesh, label)
     sides = sides_of(one)
     turned = inconsistent(sides, bodies(sides, len(one.sizes)))[0]
     if len(turned) and not len(inconsistent(sides_of(mesh), bodies(sides_of(mesh), len(mesh.sizes)))[0]):

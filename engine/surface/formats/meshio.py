@@ -17,7 +17,7 @@ from .. import shapes
 from ..checking.topology import repeated_faces
 from ..far import about_middle, coarse_step
 from ..mesh import PolygonMesh
-from ..welding import welded
+from ..welding import weld
 from .obj import parse_obj
 from .off import parse_off
 from .ply import parse_ply
@@ -55,10 +55,10 @@ def read(path: str | Path) -> PolygonMesh:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise FlexMapsError(f"{path} cannot be read ({reason}); check the file and its permissions") from None
-    return parsed(data, path.name)
+    return parse(data, path.name)
 
 
-def parsed(data: bytes, name: str) -> PolygonMesh:
+def parse(data: bytes, name: str) -> PolygonMesh:
     """Parse the mesh in the bytes of a file; see ``read``.
 
     Parameters
@@ -70,7 +70,7 @@ def parsed(data: bytes, name: str) -> PolygonMesh:
         raise FlexMapsError(f"{name} is empty; export the mesh again")
     suffix = Path(name).suffix.lower()
     mesh = _check_raw(PARSERS[suffix](data, name), name)
-    return welded(mesh) if suffix == ".stl" else mesh
+    return weld(mesh) if suffix == ".stl" else mesh
 
 
 def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
@@ -120,7 +120,7 @@ def _describe_dropped(faces: np.ndarray, raw: RawMesh, one: str, many: str) -> s
     return f"{len(faces)} {many} are left out ({places})"
 
 
-def named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
+def read_named(source: str, up: str | None = None) -> tuple[str, PolygonMesh]:
     """Read a mesh, z up, moved to the origin if it lies far from there; return its name and the mesh.
 
     Parameters

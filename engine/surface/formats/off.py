@@ -14,7 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import FlexMapsError
-from .text import RawMesh, Row, first_that_fits, integers, lines_place, numbers, refuse_binary, rows_of, shown, whole
+from .text import (
+    RawMesh,
+    Row,
+    first_that_fits,
+    integers,
+    lines_place,
+    numbers,
+    quote_words,
+    refuse_binary,
+    rows_of,
+    whole,
+)
 
 KEYWORD = re.compile(rb"((?:ST|[CN4])*)(n?)OFF(\d*)", re.IGNORECASE)
 
@@ -104,7 +115,7 @@ def _left(head: _Head, rest: list[Row], name: str) -> tuple[str, ...]:
             " promises; export it again"
         )
     many = f"{len(rest)} lines after the last face are" if len(rest) > 1 else "A line after the last face is"
-    return (f"{many} left out, from line {line} on ('{shown(words)}')",)
+    return (f"{many} left out, from line {line} on ('{quote_words(words)}')",)
 
 
 def _cut_short(head: _Head, name: str) -> FlexMapsError:

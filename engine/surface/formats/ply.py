@@ -17,7 +17,7 @@ from .text import (
     integers,
     lines_place,
     numbers,
-    shown,
+    quote_words,
     whole,
 )
 
@@ -98,7 +98,7 @@ def _ply_head(data: bytes, name: str) -> tuple[str, list[_Element], int, int]:
                 raise ValueError
         except (KeyError, IndexError, ValueError):
             raise FlexMapsError(
-                f"{name}, line {number}: '{shown(words)}' does not belong in a PLY head; export it again"
+                f"{name}, line {number}: '{quote_words(words)}' does not belong in a PLY head; export it again"
             ) from None
     if order is None:
         raise FlexMapsError(f"{name} does not say whether it is text or binary; export it again")
@@ -150,7 +150,7 @@ def _words_of(rows: list[Row], elements: list[_Element], name: str) -> Iterator[
             at = end
         left: tuple[str, ...] = ()
         if element is elements[-1] and at < len(words):
-            rest = shown(words[at:])
+            rest = quote_words(words[at:])
             left = (f"What follows the last element is left out, from line {line_of[at]} on ('{rest}')",)
         yield own, left
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Float, Int
 from ...errors import FlexMapsError
-from ...surface.checking.finding import counted
+from ...surface.checking.finding import with_count
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")  # byte order marks of UTF-16
@@ -76,7 +76,7 @@ def _logical_lines(data: bytes, continued: bool) -> Iterator[tuple[int, bytes]]:
         yield start, b" ".join(parts)
 
 
-def shown(words: Sequence[bytes]) -> str:
+def quote_words(words: Sequence[bytes]) -> str:
     """Return words of a file as text for a message, at most 60 characters."""
     return b" ".join(words).decode(errors="replace")[:60]
 
@@ -85,7 +85,7 @@ def bytes_left(data: bytes) -> tuple[str, ...]:
     """Describe bytes after the last element of a binary file."""
     if not data.strip(b"\0 \r\n\t"):
         return ()
-    return (f"{counted(len(data), 'byte', 'bytes')} after the last element of the file left out",)
+    return (f"{with_count(len(data), 'byte', 'bytes')} after the last element of the file left out",)
 
 
 def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, name: str, what: str) -> np.ndarray:
@@ -99,7 +99,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
     for row, line in zip(rows, lines, strict=True):
         if len(row) < width:
             raise FlexMapsError(
-                f"{name}, line {line}: {what} needs {width} numbers, not '{shown(row)}'; the file may be cut short"
+                f"{name}, line {line}: {what} needs {width} numbers, not '{quote_words(row)}'; the file may be cut short"
             )
         try:
             if not _grouped([row]):
@@ -107,7 +107,7 @@ def numbers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], width: int, n
                 continue
         except ValueError:
             pass
-        raise FlexMapsError(f"{name}, line {line}: '{shown(row)}' are not {width} numbers; mend the line")
+        raise FlexMapsError(f"{name}, line {line}: '{quote_words(row)}' are not {width} numbers; mend the line")
     raise AssertionError("a row of numbers that was refused has no fault")
 
 
@@ -127,7 +127,7 @@ def integers(rows: Sequence[Sequence[bytes]], lines: Sequence[int], name: str) -
                     continue
             except (ValueError, OverflowError):
                 pass
-            raise FlexMapsError(f"{name}, line {line}: '{shown([word])}' is not a vertex index; mend the line")
+            raise FlexMapsError(f"{name}, line {line}: '{quote_words([word])}' is not a vertex index; mend the line")
     raise AssertionError("a list of integers that was refused has no fault")
 
 
@@ -138,7 +138,7 @@ def whole(word: bytes, line: int, name: str) -> int:
             return int(word)
     except ValueError:
         pass
-    raise FlexMapsError(f"{name}, line {line}: '{shown([word])}' is not a whole number; mend the line")
+    raise FlexMapsError(f"{name}, line {line}: '{quote_words([word])}' is not a whole number; mend the line")
 
 
 def _grouped(rows: Sequence[Sequence[bytes]]) -> bool:

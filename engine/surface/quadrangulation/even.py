@@ -16,7 +16,7 @@ TURNED = (
 MANY = 1.3  # meshes with more than this many times the triangles needed are simplified first
 
 
-def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
+def even_out(mesh: Triangles, longest: float, fold: float) -> Triangles:
     """Return the same surface without sides longer than ``longest``, and without sides that connect two points of
 
     ``Triangles.lines`` but are not part of them.
@@ -30,7 +30,7 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
     vertices, corners = mesh.vertices, mesh.corners
     needed = int(MANY * mesh.areas.sum() / (0.43 * (0.7 * longest) ** 2))
     if len(corners) > needed:
-        vertices, corners = simplified(vertices, corners, needed)
+        vertices, corners = simplify(vertices, corners, needed)
     for _ in range(40):
         mesh = Triangles(vertices, corners)
         long = np.abs(mesh.sides).ravel() > longest
@@ -46,7 +46,7 @@ def evened(mesh: Triangles, longest: float, fold: float) -> Triangles:
     return Triangles(vertices, corners)
 
 
-def simplified(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def simplify(vertices: np.ndarray, corners: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Simplify to about ``count`` triangles by edge collapses (Garland and Heckbert 1997).
 
     Parameters
@@ -115,7 +115,7 @@ def _halve_edges(mesh: Triangles, sides: np.ndarray) -> tuple[np.ndarray, Int[np
     return vertices, np.concatenate(made)
 
 
-def smoothed(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength: float) -> Triangles:
+def smooth_surface(mesh: Triangles, lines: Bool[np.ndarray, " sides"], strength: float) -> Triangles:
     """Smooth the surface, so that directions follow its shape and not noise smaller than a triangle.
 
     Points move to the mean of their neighbours, points on lines to the mean of their neighbours on the line; where

@@ -52,7 +52,9 @@ class _CellPieces:
         return np.where(mine[at] == asked, at, -1)
 
 
-def extracted(mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]) -> PolygonMesh:
+def extract_quads(
+    mesh: Triangles, jump: Int[np.ndarray, " sides"], uv: Float[np.ndarray, "triangles 3 2"]
+) -> PolygonMesh:
     """Return the quads of the grid.
 
     Parameters

@@ -9,11 +9,11 @@ from ...errors import FlexMapsError
 from ...progress import SILENT, Progress
 from ...threads import one_thread
 from ..mesh import PolygonMesh
-from .even import evened, smoothed
-from .extraction import extracted
+from .even import even_out, smooth_surface
+from .extraction import extract_quads
 from .field import ALIGNMENT, Triangles, cross_field
-from .rounding import rounded
-from .seamless import Maps, lattice, opened
+from .rounding import round_unknowns
+from .seamless import Maps, cut_to_disk, lattice
 from .separation import NOTHING, TOO_MANY_FOLDS, apart
 
 # Longest edge of the map's triangles, in quads; 0.4 gives the same quads on 16 meshes in two to three times the time.
@@ -54,7 +54,7 @@ def quadrangulate(
     edge : wanted quad edge, metres
     fold : quads have sides along edges where the surface turns by more, radians
     alignment : with the curvature, see ``cross_field``
-    smoothing : of the surface before the field is computed, see ``smoothed``
+    smoothing : of the surface before the field is computed, see ``smooth_surface``
     progress : called with the fraction done
 
     Raises
@@ -63,7 +63,7 @@ def quadrangulate(
     """
     given = Triangles(mesh.vertices, mesh.corners.reshape(-1, 3))
     try:
-        return _quads_by_map(evened(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
+        return _quads_by_map(even_out(given, FINE * edge, fold), edge, fold, alignment, smoothing, progress)
     except (ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:  # errors of the solvers
         raise FlexMapsError("Some triangles are too thin for a map: dissolve them") from error
 
@@ -74,8 +74,8 @@ def _quads_by_map(
     """Return the quads of the first size that gives a map without folds."""
     lines = triangles.long_lines(fold, SHORTEST * edge)
     progress(0.1, "Looking for the directions of quads")
-    smooth = smoothed(triangles, lines, smoothing)
-    chart = opened(cross_field(smooth, lines, alignment))
+    smooth = smooth_surface(triangles, lines, smoothing)
+    chart = cut_to_disk(cross_field(smooth, lines, alignment))
     progress(0.3, "Opening the surface")
     maps = Maps(chart, lattice(chart, lines))
     if maps.lattice.whole.shape[1] > WHOLE:
@@ -85,17 +85,17 @@ def _quads_by_map(
     for number, (scale, asked) in enumerate(ways[:ATTEMPTS]):
         part = progress.part(0.4 + 0.6 * number / ATTEMPTS, 0.4 + 0.6 * (number + 1) / ATTEMPTS)
         part(0.0, MAPPING)
-        whole = rounded(*maps.energy(scale * edge), asked)
+        whole = round_unknowns(*maps.energy(scale * edge), asked)
         if not asked.hold(whole):  # too many points are too near each other, and another size seldom helps
             continue
         try:
-            return extracted(triangles, chart.jump, _unfold(maps, scale * edge, whole, part))
+            return extract_quads(triangles, chart.jump, _unfold(maps, scale * edge, whole, part))
         except FlexMapsError as error:
             last = error
     raise last
 
 
-def folded(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
+def folded_triangles(uv: Float[np.ndarray, "triangles 3 2"]) -> np.ndarray:
     """Mask the triangles that the map turns over."""
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] <= 0
@@ -116,7 +116,7 @@ def _unfold(
     for k in range(STIFFER):
         progress(k / STIFFER, MAPPING)
         uv = maps.map(edge, whole)
-        turned = folded(uv)
+        turned = folded_triangles(uv)
         if turned.sum() < fewest:
             best, fewest, last = uv, int(turned.sum()), k
         if not turned.any() or k - last >= IDLE:

@@ -17,7 +17,7 @@ GAP = 0.1  # relative gap to the optimum that is good enough, since single steps
 STEPS = 200  # largest number of single steps; far more than were ever taken
 
 
-def rounded(
+def round_unknowns(
     matrix: Float[np.ndarray, "whole whole"], right: Float[np.ndarray, " whole"], apart: PositiveSums
 ) -> Int[np.ndarray, " whole"]:
     """Round the unknowns of an energy to integers.

@@ -48,7 +48,7 @@ class Chart:
         return self.field.angles + 0.5 * np.pi * self.turn
 
 
-def opened(field: CrossField) -> Chart:
+def cut_to_disk(field: CrossField) -> Chart:
     """Cut a connected mesh to a disk through all irregular points, and make the crosses consistent there."""
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 

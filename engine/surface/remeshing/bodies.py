@@ -41,7 +41,7 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
             pieces = apart(cut_apart(part))
             if len(pieces) > 1:
                 found.append(
-                    said(
+                    make_warning(
                         "bodies-cut",
                         f"Three or more parts of the surface met at an edge; they were cut apart there, and each of the {len(pieces)} bodies is made by itself",
                     )
@@ -99,10 +99,12 @@ def without_crumbs(
             f"--crumbs {np.ceil(100 * left) / 100:g}); if corners only lie in one place, merge them (Merge by Distance)",
             quads=enough,
         )
-    return large, [said("bodies-left-out", f"{which}, and they were left out; ask for {enough} quads to keep them")]
+    return large, [
+        make_warning("bodies-left-out", f"{which}, and they were left out; ask for {enough} quads to keep them")
+    ]
 
 
-def said(code: str, message: str) -> Finding:
+def make_warning(code: str, message: str) -> Finding:
     """Make a warning."""
     return Finding(code, "warning", message)
 
@@ -147,7 +149,7 @@ def is_clean(mesh: PolygonMesh) -> bool:
     return body.max() == 0 and not len(turned) and not len(one_sided)
 
 
-def joined(parts: list[PolygonMesh]) -> PolygonMesh:
+def concatenate_meshes(parts: list[PolygonMesh]) -> PolygonMesh:
     """Concatenate meshes."""
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
     return PolygonMesh(

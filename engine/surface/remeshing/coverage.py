@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..checking.finding import Finding, counted, finding
+from ..checking.finding import Finding, finding, with_count
 from ..mesh import PolygonMesh
 from .mend import TargetSurface
 
@@ -27,7 +27,9 @@ def finer(count: int) -> int:
     return round(MORE * count / 10.0) * 10
 
 
-def uncovered(quads: PolygonMesh, made: TargetSurface, whole: TargetSurface, count: int, first: int) -> list[Finding]:
+def warn_of_gaps(
+    quads: PolygonMesh, made: TargetSurface, whole: TargetSurface, count: int, first: int
+) -> list[Finding]:
     """Warn if the quads miss parts of the surface; the warning names the quads beside these parts.
 
     Parameters

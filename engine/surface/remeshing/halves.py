@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from ...arrays import Float
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .bodies import joined, target_of
+from .bodies import concatenate_meshes, target_of
 from .mend import of_rows
 
 ALIKE = 1e-3  # symmetry tolerance, as a share of the extent: farthest that a mirrored vertex may lie from the surface
@@ -107,7 +107,7 @@ def half(mesh: PolygonMesh, plane: Plane) -> PolygonMesh | None:
     return of_rows(np.array(points), np.array(made))
 
 
-def doubled(
+def mirror_and_join(
     quads: PolygonMesh, plane: Plane, edge: float, ends: Float[np.ndarray, "ends 3"] | None = None
 ) -> PolygonMesh:
     """Join the quads of a half and their images along the plane.
@@ -127,7 +127,7 @@ def doubled(
         near = away < edge
         points[np.flatnonzero(on_plane)[nearest[near]]] = ends[near]
     moved = replace(quads, vertices=points)
-    both = joined([moved, plane.mirrored(moved)])
+    both = concatenate_meshes([moved, plane.mirrored(moved)])
     count = len(heights)
     index = np.arange(2 * count)
     index[count:][on_plane] = np.flatnonzero(on_plane)

@@ -135,7 +135,7 @@ class TargetSurface:
         return np.sqrt(np.asarray(self._tree.squared_distance(self.vertices, self.triangles, points)[0]).ravel())
 
 
-def mended(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
+def mend_quads(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
     """Repair poor quads as far as possible; ``check.findings`` reports the rest.
 
     Parameters
@@ -150,7 +150,7 @@ def mended(quads: PolygonMesh, target: TargetSurface) -> PolygonMesh:
             break
         poor = fewest[-1] if quads is best else _poor_faces(quads)[-1]
         # means of neighbours unfold quads but squeeze them; squares make them broad again
-        quads = moved(quads, poor, target, to_middles if done % 2 == 0 else to_squares)
+        quads = move_corners(quads, poor, target, to_middles if done % 2 == 0 else to_squares)
         found = _poor_faces(quads)
         if len(found[1]):
             collapsed = _collapse(quads, found[1], target)
@@ -211,7 +211,7 @@ def _sum_by_index(
     return np.stack([np.bincount(at, values[:, k], minlength=count) for k in range(3)], axis=1)
 
 
-def moved(
+def move_corners(
     quads: PolygonMesh, poor: np.ndarray, target: TargetSurface, way: Callable[[PolygonMesh, np.ndarray], Move]
 ) -> PolygonMesh:
     """Move corners of poor quads, and two rings round them, along the surface to the positions that ``way`` gives.

@@ -7,7 +7,7 @@ import numpy as np
 from ...arrays import Float
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
-from .mend import TargetSurface, line_corners, moved, of_rows, to_middles, to_squares
+from .mend import TargetSurface, line_corners, move_corners, of_rows, to_middles, to_squares
 
 # in quad edges: corners nearer to a sharp edge or the border are put onto it; below 0.5, else both ends of a quad's
 # side would be
@@ -28,7 +28,7 @@ def split(polygons: PolygonMesh) -> PolygonMesh:
     return of_rows(np.concatenate([polygons.vertices, halves, middles]), rows)
 
 
-def refined(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
+def refine_quads(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMesh:
     """Split every quad into four, ``times`` times; project the corners onto the surface and make the quads square.
 
     Corners near sharp edges of the surface go onto them and stay there; border corners go to the surface's border.
@@ -37,7 +37,7 @@ def refined(quads: PolygonMesh, target: TargetSurface, times: int) -> PolygonMes
     for _ in range(times):
         quads = _snap(split(quads), target)
         for way in (to_middles, to_squares):  # means unfold quads, squares make them square
-            quads = moved(quads, np.arange(len(quads.sizes)), target, way)
+            quads = move_corners(quads, np.arange(len(quads.sizes)), target, way)
     return quads
 
 

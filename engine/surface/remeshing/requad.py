@@ -21,12 +21,12 @@ from ...progress import SILENT, Progress
 from ..checking.check import Finding
 from ..checking.topology import bodies, sides_of
 from ..mesh import PolygonMesh
-from ..quadrangulation.even import simplified
+from ..quadrangulation.even import simplify
 from ..quadrangulation.quadrangulate import quadrangulate
-from ..welding import welded
-from .bodies import is_clean, is_closed, joined, parts_of, target_of, without_crumbs
-from .coverage import uncovered
-from .halves import Plane, doubled, euler, half, own_planes, planes_of
+from ..welding import weld
+from .bodies import concatenate_meshes, is_clean, is_closed, parts_of, target_of, without_crumbs
+from .coverage import warn_of_gaps
+from .halves import Plane, euler, half, mirror_and_join, own_planes, planes_of
 from .mend import SHARP, TargetSurface, of_rows
 from .refine import split
 from .soundness import SoundQuads, judge, judge_raw, squarer
@@ -107,7 +107,7 @@ def requad(
     progress(0.0, "Looking for bodies")
     if not len(mesh.sizes) or not np.isfinite(mesh.vertices[mesh.corners]).all():
         raise FlexMapsError("The mesh has no faces, or vertices that are not finite: add faces, or delete these")
-    mesh = welded(mesh).in_order()
+    mesh = weld(mesh).in_order()
     low, high = mesh.vertices[mesh.corners].min(axis=0), mesh.vertices[mesh.corners].max(axis=0)
     scale = EXTENT / max(float((high - low).max()), 1e-300)
     triangles = tool.triangles(replace(mesh, vertices=(mesh.vertices - low) * scale), JOINED * EXTENT, progress.quiet())
@@ -119,7 +119,7 @@ def requad(
     fewest = np.where([is_closed(part) for part in parts], FEWEST_CLOSED, FEWEST)
     large, left_out = without_crumbs(areas, count, fewest, crumbs)
     kept = np.flatnonzero(large)
-    planes = planes_of(joined([parts[k] for k in kept])) if symmetric else []
+    planes = planes_of(concatenate_meshes([parts[k] for k in kept])) if symmetric else []
     searches: list[_BodySearch | _MirroredSearch] = []
     for done, k in enumerate(kept):
         image = next(_images(parts, kept[:done].tolist(), searches, k, planes), None)
@@ -128,7 +128,7 @@ def requad(
         searches.append(image or _BodySearch(parts[k], wanted, tool, name, own_planes(parts[k], planes, EXTENT)))
 
     def together() -> PolygonMesh:
-        quads = joined([search.best for search in searches])
+        quads = concatenate_meshes([search.best for search in searches])
         return replace(quads, vertices=quads.vertices / scale + low)
 
     try:
@@ -210,7 +210,7 @@ class _BodySearch:
         if not self._clean:
             return []
         best = replace(self.best, vertices=(self.best.vertices - self._middle) * self._scale)
-        return uncovered(best, target_of(best), self._whole, count, first)
+        return warn_of_gaps(best, target_of(best), self._whole, count, first)
 
     def _tell(self, text: str) -> Progress:
         self._tried += 1
@@ -267,7 +267,7 @@ class _BodySearch:
         ends = side.vertices[np.abs(first.heights(side.vertices)) < JOINED]
         ends = ends[self._whole.to_border(ends) < JOINED]
         for quads in search.ranked:
-            made = doubled(quads, first, edge, ends)
+            made = mirror_and_join(quads, first, edge, ends)
             if is_clean(made) and euler(made) == euler(self._small):
                 judged = judge(made, self._whole, self._count)
                 if isinstance(judged, SoundQuads):
@@ -367,7 +367,7 @@ def _simplify(body: PolygonMesh, count: int) -> PolygonMesh:
     triangles = target_of(body)
     if len(triangles.triangles) <= DENSE * count:
         return body
-    fewer = of_rows(*simplified(triangles.vertices, triangles.triangles, round(DENSE * count)))
+    fewer = of_rows(*simplify(triangles.vertices, triangles.triangles, round(DENSE * count)))
     return fewer if is_clean(fewer) else body
 
 

@@ -12,9 +12,9 @@ from ..checking.check import Finding, as_quad_mesh, findings
 from ..checking.topology import sides_of
 from ..mesh import PolygonMesh
 from .bodies import is_clean, target_of
-from .mend import FOLDED, POOR, USELESS, TargetSurface, mended, of_rows
+from .mend import FOLDED, POOR, USELESS, TargetSurface, mend_quads, of_rows
 from .quality import quality
-from .refine import refined
+from .refine import refine_quads
 from .regularise import flatter, regularise
 
 WORTH = 10.0  # cost factor per share of poor quads: a tenth of them poor doubles the cost; not measured
@@ -53,8 +53,8 @@ def judge_raw(
         return "QuadriFlow left faces that are no quads"
     if not is_clean(raw):
         return "its quads are no clean surface"
-    unfilled = opened(raw, whole)
-    made = mended(refined(unfilled, whole, times) if times or sharp else unfilled, whole)
+    unfilled = reopen_holes(raw, whole)
+    made = mend_quads(refine_quads(unfilled, whole, times) if times or sharp else unfilled, whole)
     judged = judge(made, whole, count)
     moved = onto_corners(made, whole)
     again = judged if moved is made else judge(moved, whole, count)
@@ -103,7 +103,7 @@ def judge(quads: PolygonMesh, whole: TargetSurface, count: int) -> SoundQuads | 
     return SoundQuads(quads, (useless, missed, poor), cost)
 
 
-def opened(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
+def reopen_holes(raw: PolygonMesh, whole: TargetSurface) -> PolygonMesh:
     """Remove quads that fill holes: QuadriFlow fills every hole with at most 25 of its edges round it."""
     rows = raw.corners.reshape(-1, 4)
     size = (target_of(raw).area / len(rows)) ** 0.5

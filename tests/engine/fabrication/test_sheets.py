@@ -235,13 +235,13 @@ def test_unknown_formats_are_refused(made, tmp_path):
 
 
 def test_the_settings_choose_every_format():
-    assert export.chosen(ExportParams(dxf="R12", pdf=False, solids="3MF")) == ("svg", "dxf-r12", "3mf")
+    assert export.chosen_formats(ExportParams(dxf="R12", pdf=False, solids="3MF")) == ("svg", "dxf-r12", "3mf")
     off = {kind.setting: False if True in kind.values else "NONE" for kind in export.TABLE.values()}
     with pytest.raises(FlexMapsError, match="switch SVG"):
-        export.chosen(ExportParams(**off))
+        export.chosen_formats(ExportParams(**off))
     for name, kind in export.TABLE.items():
         for value in kind.values:
-            assert name in export.chosen(ExportParams(**off | {kind.setting: value}))
+            assert name in export.chosen_formats(ExportParams(**off | {kind.setting: value}))
 
 
 def test_fewer_sheets_than_before_leave_no_stale_ones(made, tmp_path):

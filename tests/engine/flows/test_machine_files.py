@@ -64,7 +64,7 @@ def test_arms_are_compared_with_the_nozzle(drawn: SpiralDesign) -> None:
 
 def test_solids_are_as_fine_as_they_are_printed(made: CutSheets) -> None:
     panel = made.panels[0]
-    solid = panel_solids.extruded(panel, 0.002)
+    solid = panel_solids.extrude_panel(panel, 0.002)
     fine = shapely.Polygon(panel.outline.sampled(1e-7), [h.sampled(1e-7) for h in panel.holes])
     flat = solid.vertices[: len(solid.vertices) // 2, :2]
     assert shapely.distance(shapely.points(flat), fine.boundary).max() < 1e-6
@@ -73,4 +73,4 @@ def test_solids_are_as_fine_as_they_are_printed(made: CutSheets) -> None:
     lines = [shapely.LinearRing(flat[a:b]) for a, b in pairwise(starts.tolist())]
     away = [shapely.distance(shapely.points(r.sampled(1e-7)), line).max() for r, line in zip(rings, lines, strict=True)]
     assert 1e-5 < max(away) <= 2.01e-5
-    assert len(solid.triangles) < 0.55 * len(panel_solids.extruded(panel, 0.002, 4e-6).triangles)
+    assert len(solid.triangles) < 0.55 * len(panel_solids.extrude_panel(panel, 0.002, 4e-6).triangles)

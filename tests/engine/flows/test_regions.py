@@ -262,7 +262,7 @@ def test_foreign_meshes(shared_meshes: Path, name: str, most: int) -> None:
     path = shared_meshes / "foreign" / name
     if not path.is_file():
         pytest.skip(f"{path} is not there")
-    mesh = check.as_quad_mesh(check.scaled(meshio.read(path), edge=0.02))
+    mesh = check.as_quad_mesh(check.scale_to_metres(meshio.read(path), edge=0.02))
     mesh = regularise.regularise(mesh, RegulariseParams())
     made = merged(mesh)
     assert layout_report(made)["overlaps"] == 0

@@ -14,7 +14,7 @@ from flexmaps.engine.display.panel_mesh import DETAILS, panel_mesh
 from flexmaps.engine.extras.film import assembly_film
 from flexmaps.engine.fabrication import estimates, sheets
 from flexmaps.engine.fabrication.writers import export, operations
-from flexmaps.engine.fabrication.writers.panel_solids import TOLERANCE, extruded
+from flexmaps.engine.fabrication.writers.panel_solids import TOLERANCE, extrude_panel
 from flexmaps.engine.materials import MATERIALS
 from flexmaps.engine.mechanics.arms.bent import bend_arms
 from flexmaps.engine.mechanics.assembly import target_pose
@@ -163,7 +163,7 @@ def _closed(vertices, corners, sizes):
 def test_solids_are_closed_and_as_heavy_as_the_panels(case):
     _, made, cut = case
     for panel in cut.panels:
-        solid = extruded(panel, made.params.thickness)
+        solid = extrude_panel(panel, made.params.thickness)
         mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
         # between an arc and its chords lies at most two thirds of the tolerance along it
         length = panel.outline.length + sum(hole.length for hole in panel.holes)

@@ -23,7 +23,7 @@ from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
 from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
-from flexmaps.engine.patches.flattening.flatten import flatten, flips, measured, overlapping, seam_mismatch
+from flexmaps.engine.patches.flattening.flatten import flatten, flips, overlapping, seam_mismatch, with_energies
 from flexmaps.engine.patches.layout import PatchLayout
 from flexmaps.engine.progress import SILENT, Progress
 from flexmaps.engine.runs import job
@@ -180,7 +180,7 @@ def test_geometry_of_the_joints_follows_the_vertices() -> None:
     h = 1e-7
 
     def numbers(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        made_of = assembly_from_design(dataclasses.replace(design, flat=measured(layout, p)))
+        made_of = assembly_from_design(dataclasses.replace(design, flat=with_energies(layout, p)))
         along = made_of.axes[..., 1]
         return made_of.lever[..., :2], np.arctan2(along[..., 1], along[..., 0])
 
@@ -216,7 +216,7 @@ def test_barriers() -> None:
     points = flat.points + 1e-4 * rng.normal(size=flat.points.shape)
     cost, step = FlatCost.from_points(limits, points), 1e-3 * rng.normal(size=points.shape)
     # the same measures as those of the layout
-    known = measured(flat.layout, points)
+    known = with_energies(flat.layout, points)
     assert cost.energy == pytest.approx(known.energy, rel=1e-12)
     assert np.abs(cost.apart) == pytest.approx(seam_mismatch(known), abs=1e-12)
     found = slope(lambda t: FlatCost.from_points(limits, points + t * step).value, 1e-3)
@@ -330,6 +330,6 @@ def test_patches_that_overlap_are_no_design() -> None:
     first = here.own + 2 * design.flat.layout.flat_corners[0, 0]
     x[first : first + 2] = 1.0
     broken = dataclasses.replace(here, problem=dataclasses.replace(whole, flat=folded), x=x)
-    assert overlapping(measured(design.flat.layout, folded.points(broken.flat_x)))
+    assert overlapping(with_energies(design.flat.layout, folded.points(broken.flat_x)))
     assert codesign.to_design(broken, design) is None
     assert codesign.to_design(here, design) is not None

@@ -289,7 +289,7 @@ def thin_ring() -> tuple[SpiralDesign, QuadMesh]:
     index = np.arange(around * across).reshape(around, across)
     ahead = np.roll(index, -1, axis=0)
     quads = np.stack([index, ahead, np.roll(ahead, -1, axis=1), np.roll(index, -1, axis=1)], axis=-1)
-    mesh = shapes.subdivided(QuadMesh(points.reshape(-1, 3), quads.reshape(-1, 4)))
+    mesh = shapes.subdivide(QuadMesh(points.reshape(-1, 3), quads.reshape(-1, 4)))
     found = job.run(PolygonMesh.from_quads(mesh), Settings(), edge=0.02, stop_after="spirals")
     assert found.design is not None
     return found.design, found.mesh

@@ -128,7 +128,7 @@ def test_every_output_says_how_it_came_about(made: Result, settings: ObjectSetti
     traced, version = made.needed(FinalLayout), made.needed(DesignVersion)
     assert (traced.origin, version.origin) == (stages.TRACED, stages.CURVED)
     cut = traced.flat.layout.cut
-    again = by_hand.flattened(made, cut, settings)
+    again = by_hand.flatten_by_hand(made, cut, settings)
     assert again.needed(FinalLayout).origin == BY_HAND and there(again) == {"merged", "flat"}
     painted = by_hand.with_design(made, version.design, BY_HAND, settings)
     assert painted.needed(DesignVersion).origin == BY_HAND and there(painted) == there(made)

@@ -110,7 +110,7 @@ def test_against_libigl(mesh):
 
 
 def test_bunny_against_libigl(shared_meshes):
-    mesh = check.as_quad_mesh(check.scaled(meshio.read(shared_meshes / "bunny.obj"), edge=0.02))
+    mesh = check.as_quad_mesh(check.scale_to_metres(meshio.read(shared_meshes / "bunny.obj"), edge=0.02))
     got, other = curvature.rms_curvature(mesh), _by_igl(mesh)
     assert np.median(got / other) == pytest.approx(1, abs=0.1)
     assert np.isfinite(got).all()

@@ -71,7 +71,7 @@ def test_subdivision_of_a_cube():
     """Catmull and Clark's own first step: a cube's corners move to 5/9 of the way out."""
     cube = shapes.voxels(np.ones((1, 1, 1), dtype=bool))
     cube = QuadMesh(2 * cube.vertices - cube.vertices.max(axis=0) - cube.vertices.min(axis=0), cube.quads)
-    finer = shapes.subdivided(cube)
+    finer = shapes.subdivide(cube)
     assert len(finer.quads) == 24
     extent = np.abs(finer.vertices)
     corners = extent[(extent > 0.3).all(axis=1)]

@@ -99,11 +99,11 @@ def test_a_view_shows_the_panel_and_not_what_hides_it(flat_grid):
     view = step_pictures.camera(np.array([0.0, 0.0, 1.0]))
     np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(view) == pytest.approx(1.0)
-    assert step_pictures.seen(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
+    assert step_pictures.are_visible(mesh.vertices @ view.T, mesh.quads, np.arange(16), np.ones(16, dtype=bool)).all()
     # a second sheet above hides the first one, seen from above
     places = np.concatenate([mesh.vertices, mesh.vertices + np.array([0.0, 0.0, 0.1])])
     quads = np.concatenate([mesh.quads, mesh.quads + len(mesh.vertices)])
-    assert not step_pictures.seen(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
+    assert not step_pictures.are_visible(places, quads, np.arange(16), np.ones(32, dtype=bool)).any()
 
 
 def test_joints_that_do_not_hold_by_themselves_are_named(flat_grid):

@@ -393,8 +393,8 @@ def test_another_proposal_can_be_taken_and_what_was_made_goes() -> None:
     assert made.simulation.match["rms_percent"] == pytest.approx(100.0 * made.choice.best.rms, rel=0.05, abs=0.002)
     assert made.flat is made.choice.best.flat
     other = next(k for k in range(len(made.choice.proposals)) if k != made.choice.taken)
-    changed = choice_stage.taken(made, other, quick)
+    changed = choice_stage.take_proposal(made, other, quick)
     assert changed.flat is made.choice.proposals[other].flat and changed.design is None
     assert changed.choice is not None and changed.choice.taken == other
     with pytest.raises(Exception, match="no proposal 99"):
-        choice_stage.taken(made, 99, quick)
+        choice_stage.take_proposal(made, 99, quick)

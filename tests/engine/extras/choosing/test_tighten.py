@@ -61,7 +61,7 @@ def test_a_cut_along_the_folds_replaces_more_panels_that_hold_the_match() -> Non
     x, y = (k.ravel() for k in np.meshgrid(np.arange(9), np.arange(-3, 4), indexing="ij"))
     corner = np.arange(63).reshape(9, 7)
     quads = np.stack([corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]], axis=-1).reshape(-1, 4)
-    mesh = shapes.welded(0.02 * np.c_[x, y, -0.7 * np.abs(y)], quads)
+    mesh = shapes.weld_quads(0.02 * np.c_[x, y, -0.7 * np.abs(y)], quads)
     ends = mesh.vertices[mesh.edges]
     across = (np.abs(ends[:, :, 0] - 0.08) < 1e-9).all(axis=1)
     piece, layout = LayoutProblem(mesh, SETTINGS), trace(mesh, SETTINGS.layout)

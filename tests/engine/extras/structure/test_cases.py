@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexmaps.engine.errors import FlexMapsError
-from flexmaps.engine.extras.structure.actions import Action, Ground, actions, hidden, lasting
+from flexmaps.engine.extras.structure.actions import Action, Ground, actions, are_hidden, lasting
 from flexmaps.engine.extras.structure.cases import Case, Combination, Load, line_of, plan
 from flexmaps.engine.mechanics.assembly import Pose
 from flexmaps.engine.mechanics.loads import parse_supports
@@ -164,8 +164,8 @@ def test_what_lies_behind_something_else_is_hidden() -> None:
     both = np.concatenate([low.vertices, high.vertices + EDGE * np.array([1.0, 0.0, 1.0])])
     mesh = QuadMesh(both, np.concatenate([low.quads, high.quads + len(low.vertices)]))
     corners = mesh.vertices[mesh.quads]
-    assert np.flatnonzero(hidden(corners, np.array([0.0, 0.0, -1.0]))).tolist() == [1, 2]
-    assert np.flatnonzero(hidden(corners, np.array([0.0, 0.0, 1.0]))).tolist() == [4, 5]
+    assert np.flatnonzero(are_hidden(corners, np.array([0.0, 0.0, -1.0]))).tolist() == [1, 2]
+    assert np.flatnonzero(are_hidden(corners, np.array([0.0, 0.0, 1.0]))).tolist() == [4, 5]
 
 
 def test_only_supports_can_be_moved() -> None:

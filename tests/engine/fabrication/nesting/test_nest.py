@@ -9,7 +9,7 @@ import shapely
 from flexmaps.engine.errors import Cancelled
 from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import sheet_search
-from flexmaps.engine.fabrication.nesting.outlines import grown
+from flexmaps.engine.fabrication.nesting.outlines import grow_outline
 from flexmaps.engine.fabrication.nesting.packing import Packing, fill, pack, used_length
 from flexmaps.engine.fabrication.nesting.sheet_search import SheetSearch
 from flexmaps.engine.fabrication.nesting.strip import PackedStrip, StripTask, pack_strip
@@ -144,7 +144,7 @@ def test_bays_narrower_than_any_panel_are_closed_and_nothing_is_cut_off():
         comb += [[0.01 * k, 0.05], [0.01 * k + 0.009, 0.05], [0.01 * k + 0.009, 0.01], [0.01 * k + 0.01, 0.01]]
     comb += [[0.1, 0]]
     outline = shapely.Polygon(comb)
-    simple = shapely.Polygon(grown(np.array(comb), 0.001, 0.005))
+    simple = shapely.Polygon(grow_outline(np.array(comb), 0.001, 0.005))
     assert len(simple.exterior.coords) - 1 <= 4 * 7  # a rectangle with four rounded corners, not 42 corners
     # a little more than all that lies so near to the box, whose corners the arcs round off
     assert simple.contains(outline.buffer(0.001, quad_segs=64))

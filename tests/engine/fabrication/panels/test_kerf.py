@@ -7,7 +7,7 @@ import pytest
 import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets
-from flexmaps.engine.fabrication.connectors.shape import rounded
+from flexmaps.engine.fabrication.connectors.shape import round_polyline
 from flexmaps.engine.fabrication.panels import kerf
 from flexmaps.engine.params import CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import fabricable
@@ -40,7 +40,7 @@ def test_circle_stays_a_circle():
 @pytest.mark.parametrize("points", [SQUARE, NOTCHED], ids=["square", "notched"])
 @pytest.mark.parametrize("distance", [2e-4, -2e-4, 4e-4])
 def test_offset_is_the_buffer(points, radius, distance):
-    curve = rounded(points, radius, closed=True) if radius else _corners(points)
+    curve = round_polyline(points, radius, closed=True) if radius else _corners(points)
     made = kerf.offset(curve, distance)
     wanted = _polygon(curve).buffer(distance, quad_segs=400)
     assert shapely.hausdorff_distance(_polygon(made).boundary, wanted.boundary) < 1e-7
@@ -49,7 +49,7 @@ def test_offset_is_the_buffer(points, radius, distance):
 
 
 def test_arcs_smaller_than_the_offset_vanish():
-    made = kerf.offset(rounded(NOTCHED, 0.0005, closed=True), 0.0007)
+    made = kerf.offset(round_polyline(NOTCHED, 0.0005, closed=True), 0.0007)
     wanted = shapely.Polygon(NOTCHED).buffer(0.0007, quad_segs=400)
     assert _polygon(made).is_valid
     # outside corners were rounded before, so only the notch is compared
@@ -59,7 +59,7 @@ def test_arcs_smaller_than_the_offset_vanish():
 
 def test_segments_without_length_go():
     doubled = _corners([p for p in SQUARE for _ in range(2)])
-    assert len(kerf.cleaned(doubled).points) == 4
+    assert len(kerf.without_empty_segments(doubled).points) == 4
     assert kerf.offset(doubled, 1e-4).area == pytest.approx(kerf.offset(_corners(SQUARE), 1e-4).area, rel=1e-12)
 
 

@@ -9,7 +9,7 @@ from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.fabrication import sheets, sheets_report
 from flexmaps.engine.fabrication.connectors.shape import head, size, socket
 from flexmaps.engine.fabrication.panels import toolpath
-from flexmaps.engine.fabrication.panels.kerf import relieved, without_short
+from flexmaps.engine.fabrication.panels.kerf import open_inside_corners, without_short
 from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import ConnectorParams, CutParams, SheetParams, SpiralParams
 from flexmaps.engine.spirals import fabricable
@@ -195,7 +195,7 @@ def test_mill_reaches_all_of_a_socket_and_its_head_fits(mill):
 
 def test_dogbone_holds_the_corner():
     corner = Curve(np.array([[0.0, 0.0], [0.0098, 0.0], [0.01, -0.0002], [0.01, -0.01]])[:, ::1], np.array([0, -np.tan(np.pi / 8), 0, 0]), closed=False)  # fmt: skip
-    made = relieved(corner, 0.001)
+    made = open_inside_corners(corner, 0.001)
     assert len(made.points) == 4
     ring = made.sampled(1e-8)
     # the free side is on the right: below and to the left; the mill's circle passes through the middle of the old arc
@@ -203,7 +203,7 @@ def test_dogbone_holds_the_corner():
     assert before.difference(opened).area < 1e-12
     assert opened.difference(before).area > 0.0
     with pytest.raises(FlexMapsError, match="mill"):
-        relieved(corner, 0.02)
+        open_inside_corners(corner, 0.02)
 
 
 def test_panels_for_a_mill(milled):

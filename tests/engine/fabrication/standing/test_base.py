@@ -149,11 +149,11 @@ def test_a_wound_support_asks_for_spirals_anew():
 
 def test_rounded_corners_touch_their_sides():
     square = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
-    curve = corners.rounded(square, 0.5)
+    curve = corners.round_corners(square, 0.5)
     shape = shapely.Polygon(curve.sampled(1e-6))
     assert shape.symmetric_difference(shapely.Polygon(square).buffer(-0.5).buffer(0.5, quad_segs=400)).area < 1e-4
     notch = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 4.0], [2.0, 2.0], [0.0, 2.0]])
-    inner = shapely.Polygon(corners.rounded(notch, np.array([0, 0, 0, 0, 0.5, 0])).sampled(1e-6))
+    inner = shapely.Polygon(corners.round_corners(notch, np.array([0, 0, 0, 0, 0.5, 0])).sampled(1e-6))
     assert inner.area == pytest.approx(12.0 + (1 - np.pi / 4) * 0.25, abs=1e-5)
 
 

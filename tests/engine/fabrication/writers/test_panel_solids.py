@@ -69,7 +69,7 @@ def test_3mf_holds_every_panel_by_its_number(made, tmp_path):
 def test_a_ring_has_exactly_its_volume():
     square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
     hole = Curve(np.array([[0.02, 0.02], [0.02, 0.05], [0.05, 0.05], [0.05, 0.02]]), np.zeros(4))
-    solid = solid_files.extruded(Panel(1, 0, square, (hole,), (), 0.0091), 0.002)
+    solid = solid_files.extrude_panel(Panel(1, 0, square, (hole,), (), 0.0091), 0.002)
     mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(0.0091 * 0.002)
@@ -82,7 +82,7 @@ def test_letters_on_hubs_are_grooves_of_a_fifth_of_the_thickness(text):
     lines = lettering.straight(text, 0.004, np.array([0.05, 0.05]), np.array([0.8, 0.6]))
     strokes = tuple(Curve(s, np.zeros(len(s)), closed=False) for s in lines)
     for nozzle in (0.0, 0.0006):
-        solid = solid_files.extruded(Panel(1, 0, square, (), (), 0.01, on_hubs=strokes), 0.002, nozzle=nozzle)
+        solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, on_hubs=strokes), 0.002, nozzle=nozzle)
         mesh = trimesh.Trimesh(solid.vertices, solid.triangles, process=False)
         assert mesh.is_volume
         wide = nozzle or solid_files.GROOVE
@@ -94,14 +94,14 @@ def test_letters_on_hubs_are_grooves_of_a_fifth_of_the_thickness(text):
 def test_letters_near_an_edge_are_left_out():
     square = Curve(np.array([[0, 0], [0.1, 0], [0.1, 0.1], [0, 0.1]]), np.zeros(4))
     stroke = Curve(np.array([[0.0005, 0.01], [0.0005, 0.02]]), np.zeros(2), closed=False)
-    solid = solid_files.extruded(Panel(1, 0, square, (), (), 0.01, on_hubs=(stroke,)), 0.002)
+    solid = solid_files.extrude_panel(Panel(1, 0, square, (), (), 0.01, on_hubs=(stroke,)), 0.002)
     assert set(solid.vertices[:, 2]) == {0.0, 0.002}
 
 
 def test_an_outline_that_crosses_itself_is_refused():
     bow = Curve(np.array([[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]), np.zeros(4))
     with pytest.raises(FlexMapsError, match="Panel 7"):
-        solid_files.extruded(Panel(7, 6, bow, (), (), 0.0), 0.002)
+        solid_files.extrude_panel(Panel(7, 6, bow, (), (), 0.0), 0.002)
 
 
 def test_solids_are_written_only_when_asked_for(made, tmp_path):

@@ -16,7 +16,7 @@ from flexmaps.engine.mechanics.arms.model import ArmModel
 from flexmaps.engine.mechanics.arms.stiffness import table_tip_compliance
 from flexmaps.engine.mechanics.assembly import Assembly, CutSettings, Pose, assembly_from_design, target_pose
 from flexmaps.engine.params import MaterialParams, SheetParams, SpiralParams
-from flexmaps.engine.patches.flattening.flatten import measured
+from flexmaps.engine.patches.flattening.flatten import with_energies
 from flexmaps.engine.spirals.design import SpiralDesign
 from scipy.spatial.transform import Rotation
 
@@ -228,7 +228,7 @@ def test_bent_arms_meet_and_follow_the_grain(flat_grid: object, clockwise: bool)
 @pytest.mark.parametrize("degrees", [0.0, 30.0, -70.0])
 def test_panels_lie_along_the_grain_that_the_physics_knows(flat_grid: object, degrees: float) -> None:
     design = plate(flat_grid, grain=np.radians(degrees))
-    turned = measured(design.flat.layout, design.flat.points - design.flat.points.mean(axis=0))
+    turned = with_energies(design.flat.layout, design.flat.points - design.flat.points.mean(axis=0))
     found = make_sheets(replace(design, flat=turned), SheetParams(rotation="GRAIN", nesting_seconds=1.0, labels=False))
     on_sheet = np.degrees(found.packing.rotation[0]) + degrees
     assert on_sheet % 180.0 == pytest.approx(0.0, abs=1e-6) or on_sheet % 180.0 == pytest.approx(180.0, abs=1e-6)

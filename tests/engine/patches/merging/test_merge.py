@@ -170,7 +170,7 @@ def test_progress_rises() -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize(("name", "patches"), [("bunny.obj", 10), ("three_holes.obj", 11), ("amo_quad.off", 8)])
 def test_real_meshes(shared_meshes: Path, name: str, patches: int) -> None:
-    polygons = check.scaled(meshio.read(shared_meshes / name), edge=0.02)
+    polygons = check.scale_to_metres(meshio.read(shared_meshes / name), edge=0.02)
     mesh = regularise.regularise(check.as_quad_mesh(polygons), RegulariseParams())
     flat = merged(mesh)
     report = layout_report(flat)

@@ -90,7 +90,7 @@ def test_arrays_of_scripts():
         (good.corners.tolist(), good.sizes.tolist()),
         (good.corners.astype("u1"), good.sizes.astype("i1")),
     ):
-        mesh = check.converted(PolygonMesh(vertices.tolist(), corners, sizes))
+        mesh = check.with_numeric_arrays(PolygonMesh(vertices.tolist(), corners, sizes))
         assert not found(mesh)
         assert sides_of(mesh).edges.tolist() == sides_of(good).edges.tolist()
     for wrong in (
@@ -101,7 +101,7 @@ def test_arrays_of_scripts():
         PolygonMesh(None, None, None),
     ):
         with pytest.raises(FlexMapsError, match="needs vertices"):
-            check.converted(wrong)
+            check.with_numeric_arrays(wrong)
     assert errors(PolygonMesh(vertices, good.corners, -good.sizes)) == {"bad-index"}
     assert errors(PolygonMesh(vertices, good.corners[1:], good.sizes)) == {"bad-index"}
 
@@ -190,7 +190,7 @@ def test_any_unit_will_do_once_it_is_scaled(size):
     mesh = polygons(vertices / 0.04 * size, faces)
     assert errors(mesh) == {"size"}
     assert check.median_edge(mesh) == pytest.approx(size / 2, rel=1e-3)  # the smallest numbers have few digits
-    scaled = check.scaled(mesh, edge=0.02)
+    scaled = check.scale_to_metres(mesh, edge=0.02)
     assert not found(scaled)
     np.testing.assert_allclose(scaled.vertices, vertices, atol=1e-12 if size > 1e-300 else 1e-4)
 
@@ -330,7 +330,7 @@ def test_small_quads_know_the_scale():
     assert "small-quads" not in found(mesh, edge=0.009 * small.larger)
     assert "small-quads" in found(mesh, edge=0.009 * (small.larger - 0.06))
     assert "small-quads" not in found(of(shapes.make("vault", 2.0)), edge=0.02)
-    assert "small-quads" in found(check.scaled(mesh, edge=0.009))
+    assert "small-quads" in found(check.scale_to_metres(mesh, edge=0.009))
     assert "small-quads" not in found(of(shapes.make("cubesphere", 0.015)))
 
 
@@ -370,7 +370,7 @@ def test_orientation_against_brute_force(seed):
 
 def test_shared_meshes(shared_meshes):
     def judged(name):
-        return found(check.scaled(meshio.read(shared_meshes / name), edge=0.02))
+        return found(check.scale_to_metres(meshio.read(shared_meshes / name), edge=0.02))
 
     suzanne = judged("suzanne.obj")
     assert "32 triangles" in suzanne["non-quad"].message

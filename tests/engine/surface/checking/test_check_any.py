@@ -22,20 +22,20 @@ def errors(mesh: PolygonMesh) -> set[str]:
 
 def test_scaled():
     mesh = PolygonMesh.from_quads(shapes.make("vault", 1.0))
-    assert check.scaled(mesh) is mesh
-    assert check.median_edge(check.scaled(mesh, edge=0.015)) == pytest.approx(0.015)
-    assert np.ptp(check.scaled(mesh, height=0.3).vertices[:, 2]) == pytest.approx(0.3)
+    assert check.scale_to_metres(mesh) is mesh
+    assert check.median_edge(check.scale_to_metres(mesh, edge=0.015)) == pytest.approx(0.015)
+    assert np.ptp(check.scale_to_metres(mesh, height=0.3).vertices[:, 2]) == pytest.approx(0.3)
     loose = polygons([*mesh.vertices, [0, 0, 1e6]], mesh.corners.reshape(-1, 4).tolist())
-    assert np.ptp(check.scaled(loose, height=0.3).vertices[:-1, 2]) == pytest.approx(0.3)
+    assert np.ptp(check.scale_to_metres(loose, height=0.3).vertices[:-1, 2]) == pytest.approx(0.3)
     for wrong in ({"edge": 0.0}, {"edge": -1.0}, {"height": float("nan")}, {"edge": 1.0, "height": 1.0}):
         with pytest.raises(FlexMapsError):
-            check.scaled(mesh, **wrong)
+            check.scale_to_metres(mesh, **wrong)
     with pytest.raises(FlexMapsError, match="flat along z"):
-        check.scaled(PolygonMesh.from_quads(shapes.make("quad")), height=0.3)
+        check.scale_to_metres(PolygonMesh.from_quads(shapes.make("quad")), height=0.3)
     broken = polygons([[0, 0, 0], [1, 0, 0], [1, 1, 0], [np.nan, 1, 0]], [[0, 1, 2, 3]])
-    assert errors(check.scaled(broken, edge=0.02)) == {"not-finite"}
+    assert errors(check.scale_to_metres(broken, edge=0.02)) == {"not-finite"}
     empty = PolygonMesh(np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int))
-    assert errors(check.scaled(empty, height=0.02)) == {"no-faces"}
+    assert errors(check.scale_to_metres(empty, height=0.02)) == {"no-faces"}
 
 
 @settings(max_examples=100, deadline=None)

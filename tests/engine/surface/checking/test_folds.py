@@ -42,7 +42,7 @@ def test_layouts_are_proposed_that_are_cut_along_folds() -> None:
 def test_a_rounded_fold_is_an_arc_that_spirals_can_follow(degrees: float) -> None:
     """No edge is left that turns too sharply, all turns together are what they were, and the ends of the ridge stay in the border's plane."""
     polygons = roof(degrees)
-    moved = folds.rounded(polygons)
+    moved = folds.smooth_folds(polygons)
     after = PolygonMesh(moved, polygons.corners, polygons.sizes)
     turned = np.degrees(folds.turns(after, sides_of(after)))
     assert turned.max() <= 45.0

@@ -12,12 +12,12 @@ import pytest
 from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh, findings
 from flexmaps.engine.surface.checking.overlaps import overlaps
-from flexmaps.engine.surface.checking.sewing import sewn, t_junctions
+from flexmaps.engine.surface.checking.sewing import sew, t_junctions
 from flexmaps.engine.surface.checking.topology import bodies, inconsistent, sides_of
 from flexmaps.engine.surface.far import about_middle, coarse_step
 from flexmaps.engine.surface.formats import meshio
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.welding import welded
+from flexmaps.engine.surface.welding import weld
 
 NAMES = [name for name in shapes.NAMES if name != "quad"]
 
@@ -61,7 +61,7 @@ def codes(mesh: PolygonMesh) -> set[str]:
 @pytest.mark.parametrize("name", NAMES)
 def test_soups_come_back_whole(name: str, noise: float) -> None:
     for mesh in (triangles(name), quads(name)):
-        made = welded(soup(mesh, noise, 1))
+        made = weld(soup(mesh, noise, 1))
         assert euler(made) == euler(mesh)
         assert sides_of(made).edges.shape == sides_of(mesh).edges.shape
 
@@ -71,7 +71,7 @@ def test_two_corners_of_a_face_are_never_one() -> None:
     mesh = triangles("dome")
     vertices = np.concatenate([mesh.vertices, mesh.vertices[[0, 0]] + np.array([[0, 0, 1e-6], [0, 0.01, 0]])])
     n = len(mesh.vertices)
-    made = welded(PolygonMesh(vertices, np.concatenate([mesh.corners, [0, n, n + 1]]), np.append(mesh.sizes, 3)))
+    made = weld(PolygonMesh(vertices, np.concatenate([mesh.corners, [0, n, n + 1]]), np.append(mesh.sizes, 3)))
     assert len(set(made.corners[-3:].tolist())) == 3
 
 
@@ -93,9 +93,9 @@ def test_quads_with_vertices_of_their_own(name: str) -> None:
     apart = soup(mesh, 0.0, 0)
     assert "doubled-vertices" in codes(apart)
     assert any("Merge by Distance" in one.message for one in overlaps(apart))
-    made = sewn(apart)
+    made = sew(apart)
     assert euler(made) == euler(mesh) and [code for code, _ in made.cured] == ["doubled-vertices"]
-    assert sewn(mesh) is mesh and not codes(mesh)
+    assert sew(mesh) is mesh and not codes(mesh)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -105,7 +105,7 @@ def test_halves_that_are_not_merged(name: str, axis: int) -> None:
     side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, axis] > mesh.vertices[:, axis].mean()
     halves = joined(mesh.kept(side), mesh.kept(~side))
     assert "doubled-vertices" in codes(halves)
-    assert euler(sewn(halves)) == euler(mesh)
+    assert euler(sew(halves)) == euler(mesh)
 
 
 def test_what_joining_would_spoil_stays_apart() -> None:
@@ -113,7 +113,7 @@ def test_what_joining_would_spoil_stays_apart() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     turned = [square * (np.cos(t), 1, 1) + np.outer(square[:, 0], (0, 0, np.sin(t))) for t in (0, 2, 4)]
     sheets = joined(*(PolygonMesh(p, np.arange(4), np.array([4])) for p in turned))
-    assert sewn(sheets) is sheets
+    assert sew(sheets) is sheets
 
 
 # -- T-junctions -----------------------------------------------------------------------------------------------------------
@@ -161,7 +161,7 @@ def test_t_junctions_are_cured(name: str) -> None:
     mesh = quads(name)
     some = np.zeros(len(mesh.sizes), bool)
     some[len(some) // 2] = True
-    made = sewn(finer(mesh, some))
+    made = sew(finer(mesh, some))
     assert [code for code, _ in made.cured] == ["t-junction"]
     assert euler(made) == euler(mesh)
     assert bodies(sides_of(made), len(made.sizes)).max() == bodies(sides_of(mesh), len(mesh.sizes)).max()
@@ -179,7 +179,7 @@ def test_triangles_beside_finer_ones() -> None:
     points = np.concatenate([mesh.vertices, [mesh.vertices[row[:2]].mean(axis=0)]])
     n = len(mesh.vertices)
     corners = np.concatenate([[row[0], n, row[2], n, row[1], row[2]], mesh.corners[3:]])
-    made = sewn(PolygonMesh(points, corners, np.append(mesh.sizes, 3)))
+    made = sew(PolygonMesh(points, corners, np.append(mesh.sizes, 3)))
     assert euler(made) == euler(mesh)
 
 
@@ -292,7 +292,7 @@ BODIES = {
 @pytest.mark.parametrize("name", [*THEMSELVES, *BODIES])
 def test_a_surface_through_itself_is_named_and_not_sewn(name: str) -> None:
     mesh = (THEMSELVES | BODIES)[name]
-    made = sewn(mesh)
+    made = sew(mesh)
     assert not made.cured and made.corners is mesh.corners
     assert codes(mesh) == {"cuts-itself" if name in THEMSELVES else "bodies-cross"}
 
@@ -314,14 +314,14 @@ def test_a_half_that_faces_the_other_way_is_turned_over() -> None:
     mesh = quads("dome")
     side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, 0] < 0
     other = mesh.kept(~side)
-    made = sewn(joined(mesh.kept(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
+    made = sew(joined(mesh.kept(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
     assert euler(made) == euler(mesh) and "Merge by Distance" in made.cured[0][1]
     sides = sides_of(made)
     assert not len(inconsistent(sides, bodies(sides, len(made.sizes)))[0])
 
 
 def test_a_shell_that_is_there_twice_in_other_faces() -> None:
-    made = sewn(joined(quads("dome"), triangles("dome")))
+    made = sew(joined(quads("dome"), triangles("dome")))
     assert len(made.sizes) == len(quads("dome").sizes) and "lie on each other" in made.cured[0][1]
 
 
@@ -351,7 +351,7 @@ def test_text_files_far_away_are_read_to_a_hundredth_of_a_millimetre(tmp_path: P
         )
         text = "\n".join(["solid a", *facets, "endsolid a"])
     path.write_text(text + "\n")
-    read = meshio.named(str(path), "z")[1]
+    read = meshio.read_named(str(path), "z")[1]
     assert not read.left_out
     a, b = (one.vertices[one.corners] - one.vertices[one.corners].mean(axis=0) for one in (read, mesh))
     assert np.abs(a - b).max() < 1e-5

@@ -150,7 +150,7 @@ def _content(suffix, name):
 
 
 def _read(suffix, content):
-    return meshio.parsed(content if isinstance(content, bytes) else content.encode(), f"x.{suffix}")
+    return meshio.parse(content if isinstance(content, bytes) else content.encode(), f"x.{suffix}")
 
 
 @pytest.mark.parametrize(("suffix", "name"), CASES)
@@ -192,7 +192,7 @@ def test_what_is_left_out_is_said(case):
     assert mesh.corners.reshape(-1, 4).tolist() == [list(f) for f in FACES]
     assert len(mesh.left_out) == 1
     assert "left out" in mesh.left_out[0]
-    scaled = check.scaled(mesh, edge=0.02)
+    scaled = check.scale_to_metres(mesh, edge=0.02)
     assert [f.message for f in check.findings(scaled) if f.code == "left-out"] == [mesh.left_out[0]]
     assert len(check.as_quad_mesh(scaled).quads) == 2
 
@@ -205,7 +205,7 @@ def test_doubled_triangles_and_a_missing_end_of_stl():
 
 def test_stray_vertices_may_be_anywhere():
     mesh = _read("obj", V + "v nan inf 0\nv 9 9 9\n" + F)
-    found = check.findings(check.scaled(mesh, edge=0.02))
+    found = check.findings(check.scale_to_metres(mesh, edge=0.02))
     assert [f.code for f in found] == ["loose-vertices"]
     assert len(check.as_quad_mesh(mesh).vertices) == 6
 

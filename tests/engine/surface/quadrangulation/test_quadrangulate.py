@@ -13,11 +13,11 @@ from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.curvature import misalignment
 from flexmaps.engine.surface.mesh import PolygonMesh, QuadMesh
 from flexmaps.engine.surface.quadrangulation import separation
-from flexmaps.engine.surface.quadrangulation.even import evened
-from flexmaps.engine.surface.quadrangulation.extraction import _has_same_topology, extracted
+from flexmaps.engine.surface.quadrangulation.even import even_out
+from flexmaps.engine.surface.quadrangulation.extraction import _has_same_topology, extract_quads
 from flexmaps.engine.surface.quadrangulation.field import ALIGNMENT, Triangles
 from flexmaps.engine.surface.quadrangulation.quadrangulate import quadrangulate
-from flexmaps.engine.surface.quadrangulation.rounding import rounded
+from flexmaps.engine.surface.quadrangulation.rounding import round_unknowns
 from flexmaps.engine.surface.quadrangulation.seamless import _kernel
 from flexmaps.engine.surface.quadrangulation.separation import NOTHING, PositiveSums
 
@@ -97,7 +97,7 @@ def test_a_map_by_hand_gives_its_grid():
     """u and v are x and y: the grid's points are the whole numbers, whatever the triangles."""
     mesh = plane()
     uv = mesh.vertices[mesh.corners][..., :2]
-    quads = extracted(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv)
+    quads = extract_quads(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv)
     assert len(quads.sizes) == 12
     found = {tuple(p) for p in np.round(quads.vertices, 4)}
     assert found == {(float(x), float(y), 0.0) for x in range(5) for y in range(4)}
@@ -108,7 +108,7 @@ def test_a_map_smaller_than_a_quad_is_refused():
     mesh = Triangles(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     uv = np.array([[[0.1, 0.1], [0.1, 0.4], [0.4, 0.1]]])
     with pytest.raises(FlexMapsError):
-        extracted(mesh, np.zeros(3, int), uv)
+        extract_quads(mesh, np.zeros(3, int), uv)
 
 
 def test_the_grid_goes_on_over_turns_and_shifts():
@@ -121,11 +121,11 @@ def test_the_grid_goes_on_over_turns_and_shifts():
     jump = np.zeros(3 * len(mesh.corners), dtype=np.int64)
     inner = np.flatnonzero(mesh.opposite >= 0)
     jump[inner] = (turn[mesh.opposite[inner] // 3] - turn[inner // 3]) % 4
-    quads = extracted(mesh, jump, uv)
+    quads = extract_quads(mesh, jump, uv)
     assert len(quads.sizes) == 12 and len(quads.vertices) == 20
     jump[inner[0]] += 1
     with pytest.raises(FlexMapsError):
-        extracted(mesh, jump, uv)
+        extract_quads(mesh, jump, uv)
 
 
 def test_whole_number_solutions_are_all_found():
@@ -143,7 +143,7 @@ def test_whole_number_solutions_are_all_found():
 
 def test_even_triangles_keep_the_surface():
     mesh = t.ellipsoid()
-    fine = evened(mesh, 0.15, np.pi)
+    fine = even_out(mesh, 0.15, np.pi)
     assert np.abs(fine.sides).max() <= 0.15
     assert fine.areas.sum() == pytest.approx(mesh.areas.sum(), rel=1e-9)
     assert igl.euler_characteristic(fine.corners) == 2
@@ -183,7 +183,7 @@ def energy(matrix: np.ndarray, right: np.ndarray, x: np.ndarray) -> float:
 def test_rounding_is_near_the_best_whole_numbers(seed):
     """Against all of a box of whole numbers: among the best few of 7^4, and no step of one is better."""
     matrix, right = quadratic(seed, 4)
-    got = rounded(matrix, right, NOTHING)
+    got = round_unknowns(matrix, right, NOTHING)
     every = np.array(list(itertools.product(range(-3, 4), repeat=4)))
     all_of_them = 0.5 * np.einsum("ni,ij,nj->n", every, matrix, every) - every @ right
     assert (all_of_them < energy(matrix, right, got) - 1e-9).sum() < 10
@@ -200,15 +200,15 @@ def test_rounding_keeps_pairs_apart(seed):
     matrix = np.eye(size) + 0.1 * np.ones((size, size))
     right = matrix @ (np.random.default_rng(seed).uniform(-1, 1) + 0.25 * np.arange(size))
     chain = PositiveSums(np.diff(np.eye(size), axis=0), np.ones(size - 1))
-    assert not chain.hold(rounded(matrix, right, NOTHING))
-    got = rounded(matrix, right, chain)
+    assert not chain.hold(round_unknowns(matrix, right, NOTHING))
+    got = round_unknowns(matrix, right, chain)
     assert chain.hold(got)
     np.testing.assert_array_equal(np.diff(got), 1)
 
 
 def test_what_cannot_be_kept_apart_is_left():
     impossible = PositiveSums(np.array([[1.0], [-1.0]]), np.ones(2))
-    assert rounded(np.eye(1), np.zeros(1), impossible) == 0
+    assert round_unknowns(np.eye(1), np.zeros(1), impossible) == 0
 
 
 def test_sharp_points_near_each_other_stay_apart():
@@ -255,7 +255,7 @@ def test_torn_quads_are_told_from_sound_ones():
     """A grid is like the rectangle; with a hole, a corner joined to another one, or a quad turned round it is not."""
     mesh = plane()
     uv = mesh.vertices[mesh.corners][..., :2]
-    rows = extracted(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv).corners.reshape(-1, 4)
+    rows = extract_quads(mesh, np.zeros(3 * len(mesh.corners), dtype=np.int64), uv).corners.reshape(-1, 4)
     assert _has_same_topology(mesh, rows)
     use = np.bincount(rows.ravel())
     corners = np.flatnonzero(use == 1)

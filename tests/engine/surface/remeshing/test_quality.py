@@ -71,7 +71,7 @@ def test_finer_quads_lie_on_the_surface_and_on_its_sharp_edges() -> None:
     """Coarse quads whose corners miss the cube by a little; the cube's own measures are the reference."""
     coarse = cube(4)
     moved = coarse.vertices + 0.02 * np.random.default_rng(1).standard_normal(coarse.vertices.shape)
-    made = refine.refined(PolygonMesh(moved, coarse.corners, coarse.sizes), as_target(cube(1)), 1)
+    made = refine.refine_quads(PolygonMesh(moved, coarse.corners, coarse.sizes), as_target(cube(1)), 1)
     assert len(made.sizes) == 4 * len(coarse.sizes)
     found = quality.quality(made, as_target(cube(1)))
     assert (found.irregular, found.lost) == (8, 0.0)
@@ -88,6 +88,6 @@ def test_the_border_of_a_sheet_stays_where_it_is() -> None:
     k = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
     sheet = of_rows(np.stack([x, y, 0 * x], axis=1), np.stack([k, k + n + 1, k + n + 2, k + 1], axis=1))
     small = PolygonMesh(0.05 + 0.9 * sheet.vertices * [1.0, 1.0, 0.0], sheet.corners, sheet.sizes)
-    made = refine.refined(small, as_target(sheet), 1)
+    made = refine.refine_quads(small, as_target(sheet), 1)
     p = made.vertices[made.corners.reshape(-1, 4)]
     assert np.cross(p[:, 2] - p[:, 0], p[:, 3] - p[:, 1])[:, 2].sum() / 2 == pytest.approx(1.0)

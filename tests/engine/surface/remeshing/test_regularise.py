@@ -245,7 +245,7 @@ def test_scale_does_not_matter():
     ],
 )
 def test_shared_meshes(shared_meshes, name, falls):
-    mesh = check.as_quad_mesh(check.scaled(meshio.read(shared_meshes / name), edge=0.02))
+    mesh = check.as_quad_mesh(check.scale_to_metres(meshio.read(shared_meshes / name), edge=0.02))
     better = regularise(mesh, PARAMS)
     before, after = energy(mesh), energy(better)
     assert np.median(after) < falls * np.median(before)

@@ -12,7 +12,7 @@ from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.checking.topology import bodies, sides_of
 from flexmaps.engine.surface.mesh import PolygonMesh
 from flexmaps.engine.surface.remeshing import coverage, requad, soundness
-from flexmaps.engine.surface.remeshing.mend import TargetSurface, mended, of_rows
+from flexmaps.engine.surface.remeshing.mend import TargetSurface, mend_quads, of_rows
 
 RADIUS = 0.5
 OWN = requad.OWN
@@ -240,7 +240,7 @@ def test_folded_quads_are_unfolded_on_the_surface(seed: int) -> None:
         points[[a, b]] = points[[b, a]]  # two corners changed places
     folded = PolygonMesh(points, quads.corners, quads.sizes)
     assert "crossed" in poor(folded)
-    good = mended(folded, sphere_target())
+    good = mend_quads(folded, sphere_target())
     assert not poor(good)
     assert np.linalg.norm(good.vertices, axis=1) == pytest.approx(RADIUS, rel=5e-3)
 
@@ -252,7 +252,7 @@ def test_corners_at_one_place_are_drawn_apart() -> None:
     points[a] = points[b]
     squeezed = PolygonMesh(points, quads.corners, quads.sizes)
     assert "zero-edge" in poor(squeezed)
-    good = mended(squeezed, sphere_target())
+    good = mend_quads(squeezed, sphere_target())
     assert not poor(good) and len(good.sizes) == len(quads.sizes)
 
 
@@ -300,7 +300,7 @@ def test_needles_and_slivers_become_broad_or_go(spoil: Callable[[PolygonMesh, in
     lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
     assert sharpest(spoilt).min() < 5 or (lengths.min(axis=1) / lengths.max(axis=1)).min() < 0.05
     assert requad.is_clean(spoilt) and not poor(spoilt)
-    good = mended(spoilt, sphere_target())
+    good = mend_quads(spoilt, sphere_target())
     assert not check.findings(good) and len(good.sizes) in (len(spoilt.sizes), len(spoilt.sizes) - 1)
     p = good.vertices[good.corners.reshape(-1, 4)]
     lengths = np.linalg.norm(np.roll(p, -1, axis=1) - p, axis=2)
@@ -317,7 +317,7 @@ class Needles(Balls):
 
 
 def test_quads_without_needles_are_taken_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(soundness, "mended", lambda quads, target: quads)
+    monkeypatch.setattr(soundness, "mend_quads", lambda quads, target: quads)
     assert sharpest(flattened(ball(4), 20)).min() < 5
     assert sharpest(requad.requad(ball(6), 96, Needles()).polygons).min() > 45
 
@@ -331,7 +331,7 @@ def test_two_quads_that_share_two_sides_become_one() -> None:
     doubled = of_rows(
         np.concatenate([points, [middle]]), np.concatenate([[(a, b, c, extra), (a, extra, c, d)], rows[1:]])
     )
-    good = mended(doubled, sphere_target())
+    good = mend_quads(doubled, sphere_target())
     assert len(good.sizes) == len(quads.sizes) and len(good.vertices) == len(points)
     assert not poor(good)
 
@@ -344,7 +344,7 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
     points = sheet.vertices.copy()
     points[[1, n + 2]] = points[[n + 2, 1]]  # a corner of the border and one within
     target = requad.target_of(halved(sheet))
-    good = mended(PolygonMesh(points, sheet.corners, sheet.sizes), target)
+    good = mend_quads(PolygonMesh(points, sheet.corners, sheet.sizes), target)
     assert not poor(good)
     for corner in ((0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)):
         assert np.abs(good.vertices - corner).sum(axis=1).min() < 1e-9
@@ -353,10 +353,10 @@ def test_a_border_keeps_its_corners_and_its_line() -> None:
 def test_what_the_quads_miss_is_found_and_what_they_cover_is_not() -> None:
     """A ball's upper half alone misses the lower one; the whole ball misses nothing."""
     whole, quads = requad.target_of(ball(8)), ball(6)
-    assert not coverage.uncovered(quads, requad.target_of(quads), whole, 216, 0)
+    assert not coverage.warn_of_gaps(quads, requad.target_of(quads), whole, 216, 0)
     rows = quads.corners.reshape(-1, 4)
     half = of_rows(quads.vertices, rows[quads.vertices[rows].mean(axis=1)[:, 2] > 0])
-    (found,) = coverage.uncovered(half, requad.target_of(half), whole, 216, 1000)
+    (found,) = coverage.warn_of_gaps(half, requad.target_of(half), whole, 216, 1000)
     assert found.code == "surface-missed" and "430 quads" in found.message
     lowest = half.vertices[half.corners.reshape(-1, 4)[np.array(found.faces) - 1000]][:, :, 2].min(axis=1)
     assert (lowest < 0.5 * RADIUS).all(), "beside the border"

@@ -33,7 +33,7 @@ def sheet(n: int = 6) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_an_open_side_that_was_filled_is_opened_again(filled: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
     points, own, filling = filled
     target = target_of(of_rows(points, np.concatenate([own[:, [0, 1, 2]], own[:, [0, 2, 3]]])))
-    opened = soundness.opened(of_rows(points, np.concatenate([own, filling])), target)
+    opened = soundness.reopen_holes(of_rows(points, np.concatenate([own, filling])), target)
     assert sorted(map(sorted, opened.corners.reshape(-1, 4).tolist())) == sorted(map(sorted, own.tolist()))
 
 
