@@ -201,7 +201,7 @@ def outcome(name: str, data: bytes, whole: bool = False) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
         try:
-            mesh = meshio.parse(data, name)
+            mesh = meshio.parse_mesh(data, name)
         except FlexMapsError as error:
             _sound(error)
             return "refused"

@@ -55,10 +55,10 @@ def read(path: str | Path) -> PolygonMesh:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise FlexMapsError(f"{path} cannot be read ({reason}); check the file and its permissions") from None
-    return parse(data, path.name)
+    return parse_mesh(data, path.name)
 
 
-def parse(data: bytes, name: str) -> PolygonMesh:
+def parse_mesh(data: bytes, name: str) -> PolygonMesh:
     """Parse the mesh in the bytes of a file; see ``read``.
 
     Parameters

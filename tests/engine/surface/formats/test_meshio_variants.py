@@ -150,7 +150,7 @@ def _content(suffix, name):
 
 
 def _read(suffix, content):
-    return meshio.parse(content if isinstance(content, bytes) else content.encode(), f"x.{suffix}")
+    return meshio.parse_mesh(content if isinstance(content, bytes) else content.encode(), f"x.{suffix}")
 
 
 @pytest.mark.parametrize(("suffix", "name"), CASES)
