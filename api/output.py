@@ -70,7 +70,7 @@ def export(
             return job_folder.write_batch(made, base, tuple(formats), new, True, reporter.part(0.8, 1.0))
     one = pieces[0]
     ready = one if one.result.sheets is not None else sheets(one, progress=reporter.part(0.0, 0.8))
-    packed = ready.result.needed(SheetPlan).sheets
+    packed = ready.result.need(SheetPlan).sheets
     with files.write_all_atomically(exporting.stale(base, packed.count), base.parent, guard) as new:
         title, guide, rest = Path(one.name).stem, job_folder.guide_of(base), reporter.part(0.8, 1.0)
         return job_folder.write_sheets(ready.result, title, base, tuple(formats), new, guide, rest)
@@ -219,7 +219,7 @@ def calibrated(sheet: str | Path, *, name: str | None = None, **readings: Any) -
     registry.need("calibrating")
     from ..engine.extras.calibrating import calibrate, coupons
 
-    made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.shown(**readings))
+    made = calibrate.calibrate(coupons.read(sheet), calibrate.Readings.from_measurements(**readings))
     if name is not None:
         from ..bridge.store import presets
 

@@ -59,7 +59,7 @@ def paint(
     """
     reporter = progress_of(progress)
     ready = go_to(piece, "design", reporter.part(0.0, 0.8))
-    design, kept = ready.result.needed(DesignVersion).design, ready.result.protected
+    design, kept = ready.result.need(DesignVersion).design, ready.result.protected
     weight, share = field(ready, where), _share(strength)
     level = weight if brush == "stiffness" else None
     stroke = painting.Stroke(inverted, None if direction is None else _direction(direction), level)

@@ -118,7 +118,7 @@ def change(
     made = piece.made
     if made is not None:
         if wanted != piece.settings:
-            made = made.updated(wanted)
+            made = made.without_outdated(wanted)
         if wanted.loads != piece.settings.loads:
             if piece.uid is None:
                 raise FlexMapsError(

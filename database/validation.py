@@ -112,7 +112,7 @@ def balances(case: Case, progress: Progress = SILENT) -> Iterator[tuple[Loads, D
         part = progress.part(number / len(case.loadings), (number + 1) / len(case.loadings))
         supports, rest = loads(case, loading)
         guess = solve(coarse, rest, supports, PARAMS).pose
-        fixed = supports.held(coarse.pairs, rest.centres)
+        fixed = supports.held_increments(coarse.pairs, rest.centres)
         held = np.flatnonzero(fixed.any(axis=1))
         if solid is None or solid.held != held.tolist():
             solid = solid_of(case, held.tolist())
@@ -209,7 +209,7 @@ def load(folder: Path = FOLDER, only: str | None = None) -> list[Reference]:
             if arrays["force"][k].any() and not arrays["fixed"][k].any():
                 # forces of fixed direction turn a free body: the hub that the solid was held by belongs to the state
                 supports, rest = loads(case, loading)
-                arrays["fixed"][k] = supports.held(assembly_from_design(case.design).pairs, rest.centres)
+                arrays["fixed"][k] = supports.held_increments(assembly_from_design(case.design).pairs, rest.centres)
         states = tuple(one.name for one in case.loadings)
         out.append(Reference(case, states, unknowns=header["unknowns"], **arrays))
     return out

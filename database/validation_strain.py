@@ -187,7 +187,7 @@ def compare(case: Case) -> list[ArmStrains]:
     for k, loading in enumerate(case.loadings):
         supports, rest = validation.loads(case, loading)
         if supports.force.any() and not supports.fixed.any():
-            supports = Loads(supports.held(coarse.pairs, rest.centres), supports.force)
+            supports = Loads(supports.held_increments(coarse.pairs, rest.centres), supports.force)
         true = Pose(arrays["centres"][k], Rotation.from_rotvec(arrays["turns"][k]).as_matrix())
         pose = solve(coarse, true, supports, validation.PARAMS).pose
         known = coarse.assembly

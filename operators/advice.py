@@ -75,7 +75,7 @@ class Advised(ContinuedStage["Made"]):
             else:
                 made = live_shape.settled(made, wanted, progress.part(0.3, 0.9))
             progress(0.92, "Drawing outlines")
-            panels = PanelDrawing.from_design(made.needed(DesignVersion).design, wanted, progress.part(0.92, 0.99))
+            panels = PanelDrawing.from_design(made.need(DesignVersion).design, wanted, progress.part(0.92, 0.99))
             return advised.Made(result, made, panels, report.blocks(made, progress=progress.part(0.99, 1.0)))
 
         return go_on
@@ -120,7 +120,7 @@ class MakeLarger(Advised, bpy.types.Operator):
 
         about = snapshot.surface.to_metres[:3, 3]
         made = job.scale_piece(result, self._amount, about, snapshot.settings, progress.part(0.0, 0.8))
-        if searched or snapshot.note is None or not mesh.as_noted(result.needed(DesignVersion).design, snapshot.note):
+        if searched or snapshot.note is None or not mesh.as_noted(result.need(DesignVersion).design, snapshot.note):
             return made  # optimised or hand-made spirals are a better start than those from the curvature
         return job.run_stages(made, snapshot.settings, ("spirals",), progress.part(0.8, 1.0))
 
@@ -160,9 +160,9 @@ class MakeThinner(Advised, bpy.types.Operator):
     def changed(self, result: Result, snapshot: Snapshot, searched: bool, progress: Progress) -> Result:
         from ..engine.runs.outputs import DesignVersion
 
-        result.needed(DesignVersion)
+        result.need(DesignVersion)
         self._was = snapshot.settings.spiral.thickness * MILLIMETRES
-        return result.updated(self.settings(snapshot))
+        return result.without_outdated(self.settings(snapshot))
 
     def finish(self, context: bpy.types.Context, obj: bpy.types.Object, surface: ObjectSurface, result: Made) -> str:
         from ..bridge.store import states

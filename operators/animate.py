@@ -49,7 +49,7 @@ class Animate(ContinuedStage["MadeFilm"], bpy.types.Operator):
             from ..engine.extras.film.film_params import FilmParams
             from ..engine.runs.outputs import DesignVersion
 
-            design = result.needed(DesignVersion).design
+            design = result.need(DesignVersion).design
             detail = DETAILS[settings.section(FilmParams).film_detail]
             table = arrange.on_table(design, stored)
             tips = preview.tips_of(design, settings, progress.part(0.0, 0.2))

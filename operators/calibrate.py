@@ -93,7 +93,7 @@ class Calibrated(AtOnce, OnObject, bpy.types.Operator):
         a, b = numbers(self.sag_a), numbers(self.sag_b)
         if len(a) != len(b):
             raise FlexMapsError("Give as many sags of spiral A as of spiral B")
-        return Readings.shown(
+        return Readings.from_measurements(
             kerf_comb=numbers(self.kerf_comb), clearance=numbers(self.clearance), kind=self.kind,
             thickness=numbers(self.thickness), strip_sag=numbers(self.strip_sag), strip_weight=numbers(self.strip_weight),
             strip_mass=numbers(self.strip_mass), spiral_sag=list(zip(a, b, strict=True)), spiral_weight=numbers(self.weights),

@@ -45,7 +45,7 @@ class ChooseStage(LayoutStage):
                 optimised = result.with_outputs(replace(version, origin=OPTIMISED))
                 result = job.simulate_from_pose(optimised, pose, snapshot.settings, progress.part(0.0, 0.01))
             made = job.run_stages(result, snapshot.settings, ("choose",), progress.part(0.01, 1.0))
-            choice = made.needed(LayoutChoice).choice
+            choice = made.need(LayoutChoice).choice
             strip = choices.pictures([one.flat for one in choice.proposals])
             return None if made.flat is result.flat else reported(made), choice, strip
 
@@ -98,7 +98,7 @@ class CutThere(ChooseStage, bpy.types.Operator):
         def go_on(result: Result, progress: Progress) -> Any:
             from ..engine.runs.outputs import FinalLayout
 
-            layout, design = result.needed(FinalLayout), result.design
+            layout, design = result.need(FinalLayout), result.design
             if design is not None:
                 result = result.with_outputs(replace(layout, start=(design.width, design.twist)))
             return cut(result, progress)

@@ -54,7 +54,7 @@ class ContinuedStage(StageOperator[Made]):
             progress(0.0, "Reading the object")
             result = snapshot.result()
             if needs and needs != "simulation":  # an object stores only the figures of a simulation
-                result.needed(OUTPUTS[needs])
+                result.need(OUTPUTS[needs])
             return go_on(result, progress)
 
         return work

@@ -47,7 +47,7 @@ class Explore(ContinuedStage["Exploration"], bpy.types.Operator):
         from ..bridge.store import explored
 
         explored.write(obj, result.report())
-        held = result.best is not None and not result.space.missed(result.candidates[result.best].measures)
+        held = result.best is not None and not result.space.shortfall(result.candidates[result.best].measures)
         self.level = "INFO" if held else "WARNING"
         many = "{} candidate was tried. {}" if len(result.candidates) == 1 else "{} candidates were tried. {}"
         return translate(many, len(result.candidates), result.note)

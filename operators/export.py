@@ -62,7 +62,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
             if rest is not None:
                 result = job.simulate_from_pose(result, rest, settings, progress.part(0.0, 0.05))
             made = job.run_stages(result, settings, ("sheets",), progress.part(0.05, 0.85))
-            sheets, estimate = made.needed(SheetPlan).sheets, made.needed(MakingEstimate)
+            sheets, estimate = made.need(SheetPlan).sheets, made.need(MakingEstimate)
             progress(0.85, "Writing files")
             with files.write_all_atomically(export.stale(base, sheets.count), base.parent, guard) as new:
                 guide = job_folder.guide_of(base) if settings.export.guide else None
@@ -71,7 +71,7 @@ class Export(IntoFolder, ContinuedStage["SheetFiles"], bpy.types.Operator):
                 )
             blocks = report.blocks(made, ("sheets", "assembly"))
             blocks["sheets"] |= {"files": [file.name for file in written]}
-            cut = made.needed(DesignVersion).design if sheets.base is None else sheets.base.design
+            cut = made.need(DesignVersion).design if sheets.base is None else sheets.base.design
             again = stale or sheets.base is not None
             drawing = flat_panels.PanelDrawing.connected(cut, sheets.connections, settings) if again else None
             return blocks, base.parent, drawing, estimate.assembly.warnings

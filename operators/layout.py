@@ -65,7 +65,7 @@ def reported(result: Result, **more: object) -> FlatReported:
     from ..engine.patches.flattening.flattening_report import layout_report
     from ..engine.runs.outputs import FinalLayout
 
-    flat = result.needed(FinalLayout).flat
+    flat = result.need(FinalLayout).flat
     return flat, layout_report(flat) | more
 
 
@@ -81,7 +81,7 @@ class Trace(LayoutStage, bpy.types.Operator):
             from ..engine.runs.outputs import TracedLayout
 
             made = job.run_stages(result, snapshot.settings, ("trace",), progress)
-            return reported(made, **{notes.TRACED: len(made.needed(TracedLayout).layout.patches) > 1})
+            return reported(made, **{notes.TRACED: len(made.need(TracedLayout).layout.patches) > 1})
 
         return go_on
 

@@ -57,7 +57,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
 
             begun = self.begun(result, snapshot, progress.part(0.0, FIRST))
             made = search(begun, progress.part(FIRST, SEARCHED))
-            better = made.needed(DesignVersion).design
+            better = made.need(DesignVersion).design
             try:
                 progress(SEARCHED, "Drawing outlines")
                 panels = PanelDrawing.from_design(better, snapshot.settings, progress.part(SEARCHED, DRAWN))
@@ -67,7 +67,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
                 panels, spirals = PanelDrawing.plain(better), design_report(better, measured=False)
             made = _with_prospects(made, snapshot.settings, progress.part(DRAWN, 1.0))
             layout = None if better.flat is result.flat else layout_report(better.flat)
-            return panels, made, made.needed(OptimisationRecord).optimisation.report(), spirals, layout
+            return panels, made, made.need(OptimisationRecord).optimisation.report(), spirals, layout
 
         return go_on
 
@@ -81,7 +81,7 @@ class SearchStage(ContinuedStage["SearchedSpirals"]):
         from ..engine.runs.outputs import OptimisationRecord
 
         panels, made, report, block, layout = result
-        simulation = made.needed(OptimisationRecord).optimisation.after
+        simulation = made.need(OptimisationRecord).optimisation.after
         panels.write(obj, surface, block, layout)
         equilibrium.write(obj, surface, simulation, made.limits)
         shape = simulation.report()

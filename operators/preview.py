@@ -41,7 +41,7 @@ class Preview(ContinuedStage["BuiltPreview"], bpy.types.Operator):
             from ..engine.mechanics.assembly import target_pose
             from ..engine.runs.outputs import DesignVersion
 
-            design = result.needed(DesignVersion).design
+            design = result.need(DesignVersion).design
             wires = settings.preview.detail == "LINES"
             tips = () if wires else preview.tips_of(design, settings, progress.part(0.2, 0.7))
             bending = progress.part(0.7, 1.0)

@@ -34,7 +34,7 @@ class Simulate(ContinuedStage["Result"], bpy.types.Operator):
         from ..engine.runs import report
         from ..engine.runs.outputs import SimulatedShape
 
-        shape = result.needed(SimulatedShape)
+        shape = result.need(SimulatedShape)
         equilibrium.write(obj, surface, shape.simulation, shape.limits)
         blocks = report.blocks(result, ("equilibrium", "reach"))
         notes.write_all(obj.data, blocks)

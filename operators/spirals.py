@@ -39,7 +39,7 @@ class Spirals(ContinuedStage["DrawnSpirals"], bpy.types.Operator):
             from ..engine.runs.outputs import DesignVersion
             from ..engine.spirals.design_report import design_report
 
-            made = job.run_stages(result, settings, ("spirals",), progress.part(0.0, 0.5)).needed(DesignVersion).design
+            made = job.run_stages(result, settings, ("spirals",), progress.part(0.0, 0.5)).need(DesignVersion).design
             progress(0.5, "Drawing outlines")
             drawing = PanelDrawing.from_design(made, settings, progress.part(0.5, 0.9))
             layout = None if made.flat is result.flat else layout_report(made.flat)

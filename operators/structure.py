@@ -43,7 +43,7 @@ class CheckStructure(ContinuedStage["Structure"], bpy.types.Operator):
 
             at_rest = job.simulate_from_pose(result, rest, settings, progress.part(0.0, 0.1))
             made = job.run_stages(at_rest, settings, ("structure",), progress.part(0.1, 1.0))
-            return made.needed(LoadAnalysis).structure
+            return made.need(LoadAnalysis).structure
 
         return go_on
 

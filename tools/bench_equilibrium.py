@@ -175,7 +175,7 @@ def linear_algebra(table: Table) -> None:
     loads = Loads.for_spirals(found.assembly.size)
     for kind, model in both(found):
         rest = solve(model, found.pose, loads, SimulateParams())
-        system = NewtonSystem(model.pairs, loads.held(model.pairs, rest.pose.centres))
+        system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, rest.pose.centres))
         state = model.start(rest.pose)
         here = model.expand(state)
         values = system.values(here.hessian)

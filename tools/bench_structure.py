@@ -50,7 +50,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _follower(model: ArmModel, loads: Loads, action: Action, pose: object) -> PathFollower:
-    held = loads.held(model.pairs, pose.centres)  # type: ignore[attr-defined]
+    held = loads.held_increments(model.pairs, pose.centres)  # type: ignore[attr-defined]
     return PathFollower(model, NewtonSystem(model.pairs, held), action, 1e-9)
 
 

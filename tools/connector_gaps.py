@@ -68,7 +68,7 @@ def _joint(
     point += 1j * way * a.aside
     parts = []
     for half, sign in zip(halves, (1.0, -1.0), strict=True):
-        place = half.placed(np.array([sign * point]))[0]
+        place = half.in_patch_frames(np.array([sign * point]))[0]
         reach = a.size.pad + a.size.length + abs(a.back)
         window = (place.real - reach, place.imag - reach, place.real + reach, place.imag + reach)
         left = shapely.clip_by_rect(panels[int(half.patch[0])], *window).buffer(-0.5 * kerf, quad_segs=64)
@@ -77,7 +77,7 @@ def _joint(
             # that belongs to this arm
             through = Throughs(half, halves[0] if half is halves[1] else halves[1])
             behind = _point_along(through, a.back + a.size.length + a.size.wall - sign * a.shift)[0]
-            at = shapely.Point(pairs(half.placed(np.array([behind]))[0]))
+            at = shapely.Point(pairs(half.in_patch_frames(np.array([behind]))[0]))
             pieces = shapely.get_parts(left)
             left = pieces[int(np.argmin(shapely.distance(pieces, at)))]
         into = lambda p, half=half, sign=sign: pairs((sign * half.local(complexes(p)[None])[0] - point) / way)  # noqa: E731

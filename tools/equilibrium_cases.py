@@ -121,4 +121,4 @@ def shaken(pose: Pose, shift: float, turn: float, seed: int) -> Pose:
 
 def turned(pose: Pose) -> Pose:
     """Return the pose after a rigid motion."""
-    return pose.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
+    return pose.transform(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))

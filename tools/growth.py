@@ -69,7 +69,7 @@ def _stages(layout: PatchLayout, params: SheetParams) -> Iterator[tuple[str, flo
     made = connectors.connect(spirals, ConnectorParams())
     yield spent("connectors")
     touching.find_contacts(list(made.outlines))
-    spirals.measured()
+    spirals.measure()
     yield spent("proof")
     labels.make_labels(layout, spirals.arms, spirals.roots, params, made.taken)
     yield spent("labels")

@@ -130,7 +130,7 @@ def after_optimise(result: Result, settings: Settings) -> list[Comparison]:
     block = made.optimisation.report()
     told = State(found.size * block["rms_percent"] / 100.0, None, block["strain_share_max"])
     rest = without_loads(made.simulation, settings.simulate)
-    at_rest = replace(made.simulation, equilibrium=rest.placed(made.simulation.loads.laid(
+    at_rest = replace(made.simulation, equilibrium=rest.with_pose(made.simulation.loads.align(
         rest.pose, made.simulation.assembly.pairs, made.simulation.equilibrium.pose)))  # fmt: skip
     return [
         _compared("optimise", told, found),

@@ -52,7 +52,7 @@ class Pushed:
 
     @property
     def follower(self) -> PathFollower:
-        system = NewtonSystem(self.model.pairs, self.loads.held(self.model.pairs, self.rest.pose.centres))
+        system = NewtonSystem(self.model.pairs, self.loads.held_increments(self.model.pairs, self.rest.pose.centres))
         return PathFollower(self.model, system, self.action, PARAMS.tolerance)
 
     def path(self, most: float, marks: tuple[float, ...] = ()) -> Path:

@@ -151,9 +151,9 @@ def write_sheets(
     The paths of the files.
     """
     made, estimate, design = (
-        result.needed(SheetPlan).sheets,
-        result.needed(MakingEstimate),
-        result.needed(DesignVersion).design,
+        result.need(SheetPlan).sheets,
+        result.need(MakingEstimate),
+        result.need(DesignVersion).design,
     )
     figures = estimate.estimates
     written = export.write(made, base, formats, new, progress.part(0.0, 0.7))

@@ -60,7 +60,7 @@ def write(
         del blocks["spirals"]
     else:
         mesh.write_design(obj, surface, made.panels.design)
-    shape = made.after.needed(SimulatedShape)
+    shape = made.after.need(SimulatedShape)
     equilibrium.write(obj, surface, shape.simulation, shape.limits)
     brought = advice.compared(*change, figures, blocks["equilibrium"])
     blocks["reach"] |= {advice.BROUGHT: brought}

@@ -116,8 +116,8 @@ class Easel:
         self._surface = mesh.read_surface(obj, scene)
         taken = self._taken(obj, self._surface)
         result = taken.result()
-        result.needed(FinalLayout)
-        self._hold(taken.start(result).needed(DesignVersion).design, taken)
+        result.need(FinalLayout)
+        self._hold(taken.start(result).need(DesignVersion).design, taken)
         measured = spiral_stiffness(self.design, self._used.material.chosen)
         self.stiffness = np.ones(len(self.design.twist)) if measured is None else measured
         self.range = float(self.stiffness.min()), float(self.stiffness.max())

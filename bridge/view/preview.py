@@ -130,7 +130,7 @@ def build(
     design = design if base is None else base.design
     panels = panel_mesh(design, DETAILS[detail], tips, progress.part(0.4, 0.8))
     progress(0.8, "Drawing the arms")
-    vertices = panels.placed(arms, pose)
+    vertices = panels.at_pose(arms, pose)
     return Built(design, pose, arms, panels, vertices, time.perf_counter() - began, below)
 
 

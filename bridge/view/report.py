@@ -117,7 +117,7 @@ def drawn(result: Result, found: Reported, progress: Progress = SILENT) -> tuple
     FlexMapsError where nothing was laid out yet.
     """
     taken = found.taken
-    result.needed(FinalLayout)
+    result.need(FinalLayout)
     described = report.build(result, source=taken.name, settings=taken.settings, progress=progress)
     measured = _measured_values(result, found)
     described |= {name: block for name, block in found.blocks.items() if name != "checks"}

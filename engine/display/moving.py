@@ -37,7 +37,7 @@ class MovingPanels:
 
     def follow(self, design: SpiralDesign) -> None:
         """Show another design of the same flat patches and settings; only spirals that changed are redrawn."""
-        touched = design.reshaped(self.design)
+        touched = design.changed_arms(self.design)
         if not touched.any():
             return
         where = self.solid.arms
@@ -62,7 +62,7 @@ class MovingPanels:
             own = side[quads]
             vertices[own[own >= 0], :2] = points[own >= 0]
         if strip is not None and touched[strip.rim.quad].any():
-            strip = strip.necked(design)
+            strip = strip.with_necks_of(design)
             moved = rim_points(strip, design, self.centres, self.solid.flat)
             vertices[len(vertices) - len(moved) :] = moved
         self.design, self.solid = design, replace(self.solid, vertices=vertices, strip=strip)

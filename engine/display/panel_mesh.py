@@ -79,7 +79,7 @@ class PanelMesh:
         """Number of triangles, if all faces were triangulated."""
         return int((self.sizes - 2).sum())
 
-    def placed(self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None) -> np.ndarray:
+    def at_pose(self, arms: BentArms, pose: Pose, only: Bool[np.ndarray, " quads"] | None = None) -> np.ndarray:
         """Return the vertices in space, (V, 3) metres.
 
         Parameters
@@ -99,7 +99,7 @@ class PanelMesh:
         head, head_turn = arms.at(heads.arm[points], heads.t[points], heads.line[points])
         alone[later], alone_up[later] = head + matvec(head_turn, heads.side[points]), head_turn[:, :, 2]
         made = self._thick(edges, up, alone, alone_up)
-        return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.placed(arms))])
+        return made if self.strip is None else np.concatenate([made, self._plates(*self.strip.at_pose(arms))])
 
     def flat(self, centres: Float[np.ndarray, "patches 2"]) -> Float[np.ndarray, "vertices 3"]:
         """Return the vertices of the flat panels, metres; patch origins are at ``centres``, the middle plane at z = 0."""

@@ -66,7 +66,7 @@ class RimMesh:
         centre, quad = _flat(rim.centre)[of], rim.quad[of]
         return cls(rim, necks, of, plane, arm, t, line, side, centre, quad, triangles, walls)
 
-    def necked(self, design: SpiralDesign) -> RimMesh:
+    def with_necks_of(self, design: SpiralDesign) -> RimMesh:
         """Return the same faces with the necks as wide as the arms of another design on the same rim.
 
         Points of the strip's inner edge beside a neck move in proportion to make room.
@@ -82,7 +82,7 @@ class RimMesh:
         _, t, line, side = _arm_coordinates(self.rim, self.node, plane)
         return replace(self, necks=necks, plane=plane, t=t, line=line, side=side)
 
-    def placed(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    def at_pose(self, arms: BentArms) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
         """Return middle points, metres, and upward normals in space."""
         place, turn = arms.at(self.arm, self.t, self.line)
         return place + matvec(turn, self.side), turn[:, :, 2]

@@ -52,7 +52,7 @@ class RimStrip:
         flat = rim.flat[order, :2] - design.arms.centre[quad]
         way, up = np.zeros((len(quad), 3)), np.tile([0.0, 0.0, 1.0], (len(quad), 1))
         if pose is not None and arms is not None:
-            place, normal = (values[order] for values in rim.placed(arms))
+            place, normal = (values[order] for values in rim.at_pose(arms))
             back = np.swapaxes(pose.rotations, 1, 2)[quad]
             way, up = matvec(back, place - pose.centres[quad]) - _flat(flat), matvec(back, normal)
         triangles, walls = new[rim.triangles], new[rim.walls]
@@ -111,7 +111,7 @@ class Skin:
             arm, np.clip(1.0 - panels.t / hub, 0.0, 1.0), flat[:, 0, :2], flat[:, 1, :2], spokes.reshape(-1, 2), axis,
             partner, nothing, nothing, np.zeros((len(axis), 6)),
         )  # fmt: skip
-        arms = None if pose is None else Bender.from_design(design).bent(pose, progress=progress.part(0.3, 1.0))
+        arms = None if pose is None else Bender.from_design(design).bend(pose, progress=progress.part(0.3, 1.0))
         strip = None if panels.strip is None else RimStrip.of_rim(panels.strip, design, pose, arms)
         if pose is None or arms is None:
             return replace(skin, strip=strip)
@@ -122,7 +122,7 @@ class Skin:
         # in the hub's frame
         own = matvec(back, middle - pose.centres[arm // 4])
         turned = rotation_vector(back @ turn)
-        guess, guessed = skin.followed(full)
+        guess, guessed = skin.interpolate(full)
         return cls(
             arm, skin.share, skin.left, skin.right, skin.tip, axis, partner, own - guess, turned - guessed, full, strip
         )  # fmt: skip
@@ -146,7 +146,7 @@ class Skin:
         out[met, 3:] = matvec(_about_z(self.axis[met]), 0.5 * closed[met, None] * across)
         return out
 
-    def followed(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
+    def interpolate(self, moved: Float[np.ndarray, "arms 6"]) -> tuple[np.ndarray, np.ndarray]:
         """Return middles (n, 3), metres, and rotation vectors (n, 3) of the sections, in their hubs' frames, interpolated to the tips."""
         middle, tip = _flat(0.5 * (self.left + self.right)), _flat(self.tip)[self.arm]
         way, turn = moved[self.arm, :3], moved[self.arm, 3:]
@@ -154,7 +154,7 @@ class Skin:
         with_tip = tip + way + matvec(rotation_matrix(turn), middle - tip)
         return (1.0 - share) * middle + share * with_tip, share * turn
 
-    def placed(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
+    def edges_at_pose(self, pose: Pose, closed: Float[np.ndarray, " arms"], thickness: float) -> np.ndarray:
         """Return for every section left and right edge above, then below, (n, 4, 3) metres; the page computes the same.
 
         Parameters
@@ -164,7 +164,7 @@ class Skin:
         thickness : metres
         """
         moved = self.tips(pose, closed)
-        middle, turn = self.followed(moved)
+        middle, turn = self.interpolate(moved)
         measure = self.bends(moved)[self.arm, None]
         quad = self.arm // 4
         rotation = pose.rotations[quad] @ rotation_matrix(turn + measure * self.turn)

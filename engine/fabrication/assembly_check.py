@@ -183,7 +183,7 @@ def _is_swapped(layout: PatchLayout, edges: np.ndarray) -> np.ndarray:
 def _forces(design: SpiralDesign, made: Connections | None, simulation: Simulation) -> np.ndarray | None:
     """Return (E, 3) at every edge: force (N), moment (N m), and stress of the neck by the material's strength."""
     model, rest = simulation.model, simulation.equilibrium
-    if not rest.converged or simulation.locked:
+    if not rest.converged or simulation.is_locked:
         return None
     wrenches = model.wrenches(model.start(rest.pose))
     if wrenches is None:

@@ -148,7 +148,7 @@ def make_sheets(
     check_kerf(design, panels, cut, progress.part(0.6, 0.65))
     if made.connectors:
         _refuse_wide_cutter(connectors, cut)
-    slot, bridge = design.measured(progress.part(0.65, 0.7))
+    slot, bridge = design.measure(progress.part(0.65, 0.7))
     bridge = min([bridge, made.bridge, *(one.edge for one in (() if base is None else base.eyelets))])
     turn = along_grain(design, params)
     warnings = [

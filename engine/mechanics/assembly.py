@@ -59,7 +59,7 @@ class Pose:
             np.concatenate([self.centres, centres]), np.concatenate([self.rotations, frame @ self.nodes.rotations])
         )
 
-    def placed(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
+    def transform(self, rotation: Float[np.ndarray, "3 3"], shift: np.ndarray) -> Pose:
         """Rotate the whole pose and then shift it.
 
         Parameters
@@ -76,7 +76,7 @@ class Pose:
     def aligned(self, centres: Float[np.ndarray, "spirals 3"]) -> Pose:
         """Move the whole pose rigidly so that its centres lie closest to ``centres`` (n, 3) metres (Procrustes)."""
         rotation = nearest_rotation((self.centres - self.centres.mean(axis=0)).T @ (centres - centres.mean(axis=0)))
-        return self.placed(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
+        return self.transform(rotation, centres.mean(axis=0) - rotation @ self.centres.mean(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +310,7 @@ class Assembly:
             rim=None if self.rim is None else self.rim.part(hubs),
         )
 
-    def redesigned(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
+    def with_spirals(self, width: np.ndarray, twist: np.ndarray) -> Assembly:
         """Replace the spirals.
 
         Parameters
@@ -320,7 +320,7 @@ class Assembly:
         """
         return replace(self, width=width, twist=twist)
 
-    def reshaped(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
+    def with_rest_geometry(self, lever: np.ndarray, axes: Float[np.ndarray, "joints 2 3 3"]) -> Assembly:
         """Replace the rest geometry.
 
         Parameters

@@ -56,7 +56,7 @@ class ElasticModel(Protocol):
         joints : (j,) int
         """
 
-    def weakened(self, share: np.ndarray) -> ElasticModel:
+    def scale_stiffness(self, share: np.ndarray) -> ElasticModel:
         """Multiply the joints' stiffness by ``share`` (m,)."""
 
     def start(self, pose: Pose) -> Any:

@@ -77,7 +77,7 @@ class Equilibrium:
     status: str
     spare: float = 0.0
 
-    def placed(self, pose: Pose) -> Equilibrium:
+    def with_pose(self, pose: Pose) -> Equilibrium:
         """Replace the pose, for a rigid motion of the whole."""
         return replace(self, pose=pose)
 
@@ -134,7 +134,7 @@ def solve_stepwise(
     Generator : yields the model's states, returns the equilibrium
     """
     if system is None:
-        system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres), springs=loads.springs)
+        system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres), springs=loads.springs)
     rule = LineSearch(params.tolerance, params.iterations if iterations is None else min(iterations, params.iterations))
     problem, state = _Balance(model, loads, params.tolerance, system, progress, margins), model.start(start)
     if step is not None:
@@ -264,7 +264,7 @@ def other_minima(
     """
     if not params.restarts or not found.converged:
         return []
-    system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
+    system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, found.pose.centres))
     if not len(system.free):
         return []
     here = model.expand(model.start(found.pose))
@@ -317,7 +317,7 @@ def poses_differ(one: Pose, two: Pose, pairs: np.ndarray, loads: Loads) -> bool:
     pairs : (m, 2) int, joined hubs
     loads : the supports
     """
-    placed, pairs = loads.laid(one, pairs, two), joints_between_hubs(pairs, len(one.centres))
+    placed, pairs = loads.align(one, pairs, two), joints_between_hubs(pairs, len(one.centres))
     apart = np.linalg.norm(placed.centres - two.centres, axis=1).max()
     spacing = np.linalg.norm(two.centres[pairs[:, 1]] - two.centres[pairs[:, 0]], axis=1).mean()
     return bool(apart > 0.1 * spacing)

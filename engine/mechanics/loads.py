@@ -90,7 +90,7 @@ class Loads:
             total[:, 2] -= GRAVITY * np.asarray(mass)
         return cls(fixed, total)
 
-    def held(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
+    def held_increments(self, pairs: np.ndarray, centres: np.ndarray) -> Bool[np.ndarray, "spirals 6"]:
         """(n, 6) increments that are held during the search for an equilibrium.
 
         These are the supports, and for every piece that can still move as a whole as many increments of one hub (see
@@ -115,7 +115,7 @@ class Loads:
             held[free.hub, free.entries] = True
         return held
 
-    def laid(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
+    def align(self, pose: Pose, pairs: np.ndarray, target: Pose) -> Pose:
         """Move the pieces of a pose, as far as the supports leave them free, to where they lie closest to a target.
 
         Parameters
@@ -124,7 +124,7 @@ class Loads:
         pairs : (m, 2) int, joined hubs
         """
         for free in free_pieces(self.fixed, joints_between_hubs(pairs, len(self.fixed)), pose.centres):
-            pose = free.laid(pose, target.centres)
+            pose = free.align(pose, target.centres)
         return pose
 
     def work(self, centres: np.ndarray) -> float:

@@ -62,7 +62,7 @@ class NewtonSystem:
         """Factor the matrix; return False if it is not positive definite."""
         return self.cholesky.attempt(values)
 
-    def reduced(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
+    def free_entries(self, field: np.ndarray) -> Float[np.ndarray, " free"]:
         """(free,) free entries of a field (n, 6)."""
         if len(field) < len(self.held):
             field = np.concatenate([field, np.zeros((len(self.held) - len(field), 6))])
@@ -76,7 +76,7 @@ class NewtonSystem:
 
     def solve(self, field: np.ndarray) -> Float[np.ndarray, "spirals 6"]:
         """Solve for a right-hand side (n, 6) with the last factor."""
-        return self.full(self.cholesky.solve(self.reduced(field)))
+        return self.full(self.cholesky.solve(self.free_entries(field)))
 
     def definite(self, values: np.ndarray, share: float = SHIFT) -> np.ndarray:
         """Make a positive semi-definite matrix definite.

@@ -51,7 +51,7 @@ class Freedom:
         most = np.linalg.norm(moves, axis=2) * np.linalg.norm(pull, axis=1)
         return (moves * pull).sum(axis=(1, 2)), most.sum(axis=1)
 
-    def laid(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
+    def align(self, pose: Pose, target: Float[np.ndarray, "spirals 3"]) -> Pose:
         """Move this piece, as far as it is free, so that its centres lie closest to ``target`` (n, 3)."""
         part, wanted = pose.part(self.members), target[self.members]
         if self.floats:
@@ -64,7 +64,7 @@ class Freedom:
                 rotation = _best_turn_about(axis, covariance)
             else:
                 rotation = nearest_rotation(covariance)
-            moved = part.placed(rotation, pivot - rotation @ pivot)
+            moved = part.transform(rotation, pivot - rotation @ pivot)
         centres, rotations = pose.centres.copy(), pose.rotations.copy()
         centres[self.members], rotations[self.members] = moved.centres, moved.rotations
         return replace(pose, centres=centres, rotations=rotations)

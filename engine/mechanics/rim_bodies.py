@@ -112,7 +112,7 @@ class RimJoints:
         """(B, 3) metres from the hubs to their nodes at rest, in the flat frame."""
         return self.lever[:, 0] - self.lever[:, 1]
 
-    def recentred(self, shift: Float[np.ndarray, "quads 2"]) -> RimJoints:
+    def with_hubs_moved(self, shift: Float[np.ndarray, "quads 2"]) -> RimJoints:
         """Move the hubs by ``shift`` (metres) in the flat sheets, while the rim stays."""
         lever = self.lever.copy()
         lever[:, 0, :2] -= shift[self.hub]
@@ -128,7 +128,7 @@ class RimJoints:
         """Select the nodes of some hubs, renumbered in this order, and the strips between them."""
         number = np.full(max(int(self.hub.max(initial=-1)), int(np.max(hubs, initial=-1))) + 1, -1)
         number[hubs] = np.arange(len(hubs))
-        kept, strips = self.kept(hubs)
+        kept, strips = self.indices_of_hubs(hubs)
         node = np.full(len(self.hub), -1)
         node[kept] = np.arange(len(kept))
         both = np.stack([2 * strips, 2 * strips + 1], axis=1).ravel()
@@ -138,7 +138,7 @@ class RimJoints:
             necks=self.necks.part(kept), strips=self.strips.part(both),
         )  # fmt: skip
 
-    def kept(self, hubs: np.ndarray) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " strips"]]:
+    def indices_of_hubs(self, hubs: np.ndarray) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " strips"]]:
         """Indices of the nodes and strips that belong to some hubs."""
         there = np.isin(self.hub, hubs)
         return np.flatnonzero(there), np.flatnonzero(there[self.pairs].all(axis=1))

@@ -33,11 +33,11 @@ class Stance:
         """Pose of all hubs on the target."""
         return target_pose(self.surface, self.corners)
 
-    def moved(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
+    def with_corners(self, corners: Float[np.ndarray, "quads 4 2"]) -> Stance:
         """Replace the flat quads."""
         return replace(self, corners=corners)
 
-    def placed(self, pose: Pose) -> Pose:
+    def place_supports(self, pose: Pose) -> Pose:
         """Move the supports of a pose to where they are held."""
         shifts, turns = self.loads.fixed[:, :3], self.loads.fixed[:, 3:4, None]
         centres = np.where(shifts, self.aim.centres, pose.centres)

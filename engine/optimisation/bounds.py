@@ -65,7 +65,7 @@ class LinearClearances:
         """Return no clearances, for ``size`` coordinates."""
         return cls(np.zeros(0), csr_array((0, size)))
 
-    def scaled(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
+    def in_units(self, units: Float[np.ndarray, " coordinates"]) -> LinearClearances:
         """Return the derivatives by coordinates in these units; rows then no longer have unit length."""
         return LinearClearances(self.room, _scale_columns(self.slope, units))
 
@@ -171,7 +171,7 @@ def bounded_step(
     The step; ``x`` plus the step lies in the box.
     """
     if units is not None:
-        product, rooms = _scale_product(product, units), rooms.scaled(units)
+        product, rooms = _scale_product(product, units), rooms.in_units(units)
     unit = np.ones_like(x) if units is None else units
     low, high = -x / unit, (1.0 - x) / unit
     step, slope, fallen = np.zeros_like(x), unit * gradient, 0.0

@@ -40,13 +40,13 @@ def joint_derivatives(
     """
     model = model.without_strips
     assembly, placed = _separate_joints(model.assembly, pose.whole)
-    alone = model.varied(assembly)
+    alone = model.with_rest_geometry(assembly)
     parts = []
     for side in (0, 1):
         for k in range(3):
             step = STEP * alone.assembly.radius[:, side] if k < 2 else np.full(len(alone.pairs), STEP)
             ahead, behind = (
-                measure(alone.varied(with_rest_change(alone.assembly, side, k, sign * step)), placed)
+                measure(alone.with_rest_geometry(with_rest_change(alone.assembly, side, k, sign * step)), placed)
                 for sign in (1.0, -1.0)
             )
             parts.append((ahead - behind) / (2.0 * step[:, None]))

@@ -176,7 +176,9 @@ class FlatProblem(InverseProblem):
         return LinearClearances.from_clearances(terms.value, csr_array(hstack([by_spirals, by_points])))
 
     def _room(self, x: np.ndarray) -> ClearanceModel:
-        return super()._room(x).moved(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
+        return (
+            super()._room(x).with_flat(replace(self.flat.flat, points=self.flat.points(x[self.own :].reshape(-1, 2))))
+        )
 
     def within(self, x: np.ndarray, inner: DesignPoint) -> Float[np.ndarray, " coordinates"]:
         return super().within(self.inside(x, inner.x), inner)
@@ -214,12 +216,12 @@ class FlatProblem(InverseProblem):
         points = self.flat.points(x[n:].reshape(-1, 2))
         layout = self.flat.flat.layout
         lever, axes = rest_joints(layout.mesh, points[layout.flat_corners])
-        assembly = self.assembly.reshaped(lever, axes).redesigned(*self.space.design(x))
+        assembly = self.assembly.with_rest_geometry(lever, axes).with_spirals(*self.space.design(x))
         if assembly.rim is not None:
             shift = (points - self.flat.flat.points)[layout.flat_corners].mean(axis=1)
-            assembly = replace(assembly, rim=assembly.rim.recentred(shift))
+            assembly = replace(assembly, rim=assembly.rim.with_hubs_moved(shift))
         model = self.build(assembly, progress)
-        stance = None if self.stance is None else self.stance.moved(points[layout.flat_corners])
+        stance = None if self.stance is None else self.stance.with_corners(points[layout.flat_corners])
         found, factors = self.rest(model, stance, start, progress, iterations, step)
         return FlatPoint(
             x=x,

@@ -74,7 +74,7 @@ class CompositeModel:
         turns = 0.5 * self.following * float((moves[:, 3:] ** 2).sum())
         return ModelState(step, moves, terms, costs, value, value + 0.5 * self.damping * float(step @ step) + turns)
 
-    def minimised(self) -> ModelState:
+    def minimise(self) -> ModelState:
         """Return the model after a step that nearly minimises it within the box, the clearances and the limits of the flat shapes."""
         start = here = self.start()
         for _ in range(MAX_PARTS):

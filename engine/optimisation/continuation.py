@@ -30,7 +30,7 @@ HOPEFUL, SUCCESS = 0.5, 0.5
 STABILITY_WEIGHT = 1.0  # of the required stability, in mismatches of the result without springs
 # Work that this stage may add, with springs and after them, as shares of the limit of this search
 TIME_WITH_SPRINGS, TIME_AFTER_SPRINGS = 1.25, 0.75
-HELD = "Held near the target by springs"  # shown with the progress
+MESSAGE = "Held near the target by springs"  # shown with the progress
 
 
 def continue_far(search: Search, progress: Progress) -> None:
@@ -45,14 +45,14 @@ def continue_far(search: Search, progress: Progress) -> None:
     if not search.task.params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
         return
     work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
-    found = _freed(search, here, _unseen(progress.part(0.0, 0.7)))
-    if found is not None:
+    released = _release_from_springs(search, here, _without_shape(progress.part(0.0, 0.7)))
+    if released is not None:
         work.extend(TIME_AFTER_SPRINGS * (work.limit or 0.0), rated=True)
-        search.relieve(search.cycled(found, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
+        search.relieve(search.cycled(released, progress.part(0.7, 0.95)), progress.part(0.95, 1.0))
     search.trace.ended = ended  # how the usual search ended, which is what users are told
 
 
-def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
+def _release_from_springs(search: Search, here: StageResult, progress: Progress) -> StageResult | None:
     """Return a result that rests nearer to the target than ``here`` after its release from springs; None where none is found."""
     task, design, like = search.task, here.design, here.point
     pose = target_pose(task.target, design.flat.corners)
@@ -60,18 +60,18 @@ def _freed(search: Search, here: StageResult, progress: Progress) -> StageResult
     firmness = RequirementWithoutSprings(STABILITY_WEIGHT * here.point.mismatch.value)
     for k, share in enumerate(SHARES):
         within = progress.part(k / len(SHARES), (k + 1) / len(SHARES))
-        sprung = replace(task, springs=Springs(share * unit, task.target.centroids))
-        held = replace(search, task=sprung, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
-        point = sprung.point(design, replace(like.problem, firmness=firmness), pose, within)
+        with_springs = replace(task, springs=Springs(share * unit, task.target.centroids))
+        stage = replace(search, task=with_springs, trace=SearchRecord(), accepted=_ignore, farthest=np.inf, held=[])
+        point = with_springs.point(design, replace(like.problem, firmness=firmness), pose, within)
         if not point.equilibrium.converged:
             return None
         point = point.weighed(point.mismatch.value)
         point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` takes it away
-        begun = held.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
-        found = held.together(begun, within.part(0.3, 1.0))
-        if found.percent > HOPEFUL * here.percent or task.work.over:
+        start = stage.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
+        result = stage.together(start, within.part(0.3, 1.0))
+        if result.percent > HOPEFUL * here.percent or task.work.over:
             return None
-        design, like, pose = found.design, found.point, found.point.equilibrium.pose
+        design, like, pose = result.design, result.point, result.point.equilibrium.pose
         alone = task.point(design, here.point.problem, pose, within)
         free = StageResult(design, alone.weighed(alone.mismatch.value), search.farthest)
         if free.sound and free.percent <= SUCCESS * here.percent:
@@ -85,10 +85,10 @@ def _mean_stiffness(point: DesignPoint) -> float:
     return float(np.einsum("mii->m", blocks[:, :3, :3]).mean()) / 3.0
 
 
-def _unseen(progress: Progress) -> Progress:
+def _without_shape(progress: Progress) -> Progress:
     """Return a progress that says that springs hold the piece, in place of its shape and mismatch meanwhile."""
     report = progress.report
-    return replace(progress, report=report and (lambda fraction, _: report(fraction, HELD)), shown=None)
+    return replace(progress, report=report and (lambda fraction, _: report(fraction, MESSAGE)), shown=None)
 
 
 def _ignore(point: DesignPoint) -> None:

@@ -109,7 +109,7 @@ class DesignSpace:
         """Return the spirals' coordinates as (F, groups + 1); entries of x after them (flat vertices) are left out."""
         return x[: len(self.low) * self.each].reshape(-1, self.each)
 
-    def filled(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
+    def uniform(self, width: float, twist: float) -> Float[np.ndarray, " _"]:
         """Return x with these two coordinates, in [0, 1], for every spiral.
 
         Parameters

@@ -244,5 +244,5 @@ def _with_design(search: Search, found: SimulatedResult, design: SpiralDesign, p
     simulation, slots = search.task.simulated(design, found.simulation.equilibrium.pose, progress), found.slots
     if slots is None:
         return replace(found, simulation=simulation, nearby=None)
-    doubtful = (slots.of_quads < min_slot_width(design.params)) | design.reshaped(found.simulation.design)
+    doubtful = (slots.of_quads < min_slot_width(design.params)) | design.changed_arms(found.simulation.design)
     return replace(found, simulation=simulation, nearby=simulation.slots_near(doubtful, slots))

@@ -72,7 +72,7 @@ class InverseProblem:
         for known in self.shared:
             if np.array_equal(known.fixed, fixed):
                 return known
-        self.shared.append(Factors(pairs, fixed, self.loads.held(pairs, start.centres), self.loads.springs))
+        self.shared.append(Factors(pairs, fixed, self.loads.held_increments(pairs, start.centres), self.loads.springs))
         return self.shared[-1]
 
     @property
@@ -122,7 +122,7 @@ class InverseProblem:
 
     def _closed_spirals(self, x: np.ndarray, quads: np.ndarray | None) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the free spirals with an arm in a closed gap; gaps at the arms of these quads only, if given."""
-        return self._room(x).closed(*self.space.design(x), quads) & self.space.free
+        return self._room(x).quads_with_closed_gaps(*self.space.design(x), quads) & self.space.free
 
     def _repeat(self, share: Float[np.ndarray, " quads"]) -> Float[np.ndarray, " coordinates"]:
         """Return values of the spirals repeated for each of their coordinates."""
@@ -137,7 +137,7 @@ class InverseProblem:
         step: Float[np.ndarray, "spirals 6"] | None = None,
     ) -> DesignPoint:
         """Return the point at coordinates x; its equilibrium is sought from the pose ``start`` plus ``step``, at most ``iterations``."""
-        model = self.build(self.assembly.redesigned(*self.space.design(x)), progress)
+        model = self.build(self.assembly.with_spirals(*self.space.design(x)), progress)
         found, factors = self.rest(model, self.stance, start, progress, iterations, step)
         return DesignPoint(self, x, model, found, self.target.compare(found.pose.centres), factors)
 
@@ -152,7 +152,7 @@ class InverseProblem:
     ) -> tuple[Equilibrium, Factors]:
         """Return the equilibrium of a model on its supports, sought as in ``at``, and the cache of its factor."""
         if stance is not None:
-            start, step = (stance.placed(start), None) if step is None else (start, stance.step(start, step))
+            start, step = (stance.place_supports(start), None) if step is None else (start, stance.step(start, step))
         factors = self.factors(start)
         factor = factors.free()
         margins = (MIN_STABILITY,) if self.firmness is None else self.firmness.margins

@@ -357,7 +357,7 @@ def find_starts(
     places = {"given": space.coordinates(design.width, design.twist)}
     if params.restart and not design.painted:
         places["curvature"] = space.coordinates(*curvature_adjusted(design.params, curvature.rms_curvature(target)))
-        places["uniform"] = space.filled(0.5, 0.5)
+        places["uniform"] = space.uniform(0.5, 0.5)
     points: dict[str, DesignPoint] = {}
     for k, (name, x) in enumerate(places.items()):
         within = progress.at(k / len(places), "Starting shapes")
@@ -365,7 +365,7 @@ def find_starts(
         point = own.at(x, pose, within)
         if point.equilibrium.converged:
             points[name] = point
-    for name, x in {**places, "stiff": space.filled(1.0, 0.0), "soft": space.filled(0.5, 1.0)}.items():
+    for name, x in {**places, "stiff": space.uniform(1.0, 0.0), "soft": space.uniform(0.5, 1.0)}.items():
         if points:
             break
         within = progress.at(0.9, "Starting shapes, one load after the other")

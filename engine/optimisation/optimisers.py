@@ -147,7 +147,7 @@ class _GaussNewtonProblem:
 
         units = self.bending.units(point.value, damping)
         model = CompositeModel(point, damping, following, CG_ITERATIONS, units, lambda: within(0.0))
-        step = model.minimised().step
+        step = model.minimise().step
         step = point.problem.within(np.clip(point.x + step, 0.0, 1.0), point) - point.x
         if self.over:
             return None

@@ -162,7 +162,7 @@ class Task:
         assembly, found, loads = assembly_from_design(design), point.equilibrium, point.problem.loads
         if self.physics.gravity or not _equal_but_rounding(assembly.whole, point.model.assembly):
             return self.simulated(design, found.pose, SILENT)
-        found = found.placed(loads.laid(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
+        found = found.with_pose(loads.align(found.pose, assembly.pairs, target_pose(self.target, design.flat.corners)))
         return Simulation(design, self.target, self.material, point.model, assembly, loads, found, [])
 
 

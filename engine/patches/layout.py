@@ -69,14 +69,14 @@ class PatchLayout:
     origin: str = ""
 
     @cached_property
-    def joined(self) -> Int[np.ndarray, " joints"]:
+    def uncut_edges(self) -> Int[np.ndarray, " joints"]:
         """Inner edges that are not cut."""
         return np.flatnonzero(~self.cut & ~self.mesh.border)
 
     @cached_property
     def patch_of(self) -> Int[np.ndarray, " quads"]:
         """Patch of every quad; patches are numbered from 0 by their smallest quad."""
-        a, b = self.mesh.edge_quads[self.joined].T
+        a, b = self.mesh.edge_quads[self.uncut_edges].T
         return groups(len(self.mesh.quads), a, b)
 
     @cached_property
@@ -93,7 +93,7 @@ class PatchLayout:
         Corners of two quads are one flat vertex if they meet at an uncut edge of both quads.
         """
         mesh = self.mesh
-        (qa, qb), (ka, kb) = mesh.edge_quads[self.joined].T, mesh.edge_sides[self.joined].T
+        (qa, qb), (ka, kb) = mesh.edge_quads[self.uncut_edges].T, mesh.edge_sides[self.uncut_edges].T
         # sides of two quads on an edge have opposite directions: corner k meets corner k'+1, k+1 meets k'
         a = np.concatenate([4 * qa + ka, 4 * qa + (ka + 1) % 4])
         b = np.concatenate([4 * qb + (kb + 1) % 4, 4 * qb + kb])
@@ -109,7 +109,7 @@ class PatchLayout:
         _, first = np.unique(self.flat_corners, return_index=True)
         vertices = np.bincount(patch[first], minlength=n)
         faces = np.bincount(self.patch_of, minlength=n)
-        inner = np.bincount(self.patch_of[self.mesh.edge_quads[self.joined, 0]], minlength=n)
+        inner = np.bincount(self.patch_of[self.mesh.edge_quads[self.uncut_edges, 0]], minlength=n)
         return vertices - (4 * faces - inner) + faces
 
     @cached_property
@@ -192,7 +192,7 @@ class PatchLayout:
         """
         mesh, corners, outline = self.mesh, self.flat_corners, self.on_outline
         result = np.full(len(self.patches), widest, dtype=np.int64)
-        quad, side = mesh.edge_quads[self.joined], mesh.edge_sides[self.joined]
+        quad, side = mesh.edge_quads[self.uncut_edges], mesh.edge_sides[self.uncut_edges]
         for way in range(2):
             q, k = quad[:, way].copy(), side[:, way].copy()
             begins = outline[corners[q, k]]

@@ -34,7 +34,7 @@ def traced_at(result: Result, seams: np.ndarray, settings: Settings, progress: P
     made = STEPS["trace"](result, STAGES["trace"].readable(settings), progress)
     if not seams.any():
         return made
-    chosen, traced = trace.make_disks(PatchLayout(result.mesh, seams)), made.needed(TracedLayout)
+    chosen, traced = trace.make_disks(PatchLayout(result.mesh, seams)), made.need(TracedLayout)
     if np.array_equal(chosen.cut, traced.layout.cut):
         return made
     return made.with_outputs(replace(traced, layout=chosen))

@@ -229,7 +229,7 @@ def scale_piece(
     ------
     FlexMapsError, Cancelled : as in ``run_stages``
     """
-    version = result.needed(DesignVersion)
+    version = result.need(DesignVersion)
     design, flat = version.design, version.design.flat
     mesh = result.mesh.moved(about + factor * (result.mesh.vertices - about))
     begun = begin(PolygonMesh.from_quads(mesh)).with_user(supports=result.supports, force=result.force)
@@ -238,7 +238,7 @@ def scale_piece(
     larger = flatten.with_energies(PatchLayout(begun.mesh, flat.layout.cut, notes), factor * flat.points)
     made = run_stages(laid_out(begun, larger, settings), settings, ("split",), progress.part(0.0, 0.8))
     last = progress.part(0.8, 1.0)
-    flat = made.needed(FinalLayout).flat
+    flat = made.need(FinalLayout).flat
     again = make_fabricable(flat, settings.spiral, design.width, design.twist, prove=False, progress=last)
     return with_design(made, again, version.origin, settings)
 
@@ -260,7 +260,7 @@ def simulate_from_pose(result: Result, pose: Pose, settings: Settings, progress:
     ------
     FlexMapsError : there are no spirals
     """
-    design = result.needed(DesignVersion).design
+    design = result.need(DesignVersion).design
     once = replace(settings, simulate=replace(settings.simulate, restarts=0))
     found = at_rest(result, design, once, pose, progress)
     return result.with_outputs(simulated_shape(result, found, None, settings))
@@ -318,7 +318,7 @@ def _through(result: Result, settings: Settings, wanted: Sequence[str], stage: _
 
 def _done(stage: Stage, result: Result, settings: Settings, progress: Progress, lenient: bool) -> Result:
     """Run a stage; if it is optional and fails, record why and drop the outputs of its earlier run."""
-    inputs = [result.needed(OUTPUTS[name]) for name in stage.needs if name in OUTPUTS]
+    inputs = [result.need(OUTPUTS[name]) for name in stage.needs if name in OUTPUTS]
     if not stage.optional:  # optional stages make nothing to cut, so conflicting settings may be tried in them
         refuse_crossed({f.name: getattr(settings, f.name) for f in fields(settings)}, stage.sections)
     try:

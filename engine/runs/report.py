@@ -96,7 +96,7 @@ def blocks(result: Result, wanted: Collection[str] = BLOCKS, progress: Progress 
 
 
 def _sheets(result: Result, progress: Progress) -> dict[str, Any]:
-    sheets = result.needed(SheetPlan).sheets
+    sheets = result.need(SheetPlan).sheets
     block, figures = sheets_report(sheets), result.estimates
     if figures is None:
         return block

@@ -82,7 +82,7 @@ class Result:
         assert found is None or isinstance(found, kind)
         return found
 
-    def needed(self, kind: type[O]) -> O:
+    def need(self, kind: type[O]) -> O:
         """Return the output of a kind. Raises ``FlexMapsError`` with the reason if there is none."""
         found = self.get(kind)
         if found is None:
@@ -138,7 +138,7 @@ class Result:
         undone = {stage: why for stage, why in self.undone.items() if not gone.intersection(STAGES[stage].makes)}
         return replace(self, lost=lost, undone=undone)
 
-    def updated(self, settings: Settings) -> Result:
+    def without_outdated(self, settings: Settings) -> Result:
         """Return the result without the outputs made with other settings; spirals that stay get the new settings.
 
         Parameters

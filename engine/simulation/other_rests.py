@@ -43,7 +43,7 @@ def find_other_rests(simulation: Simulation, params: SimulateParams, progress: P
         if other.converged and all(
             poses_differ(other.pose, one.pose, model.pairs, loads) for one in (equilibrium, *others)
         ):
-            others.append(other.placed(loads.laid(other.pose, simulation.assembly.pairs, aim)))
+            others.append(other.with_pose(loads.align(other.pose, simulation.assembly.pairs, aim)))
             assembled = others[-1] if start is aim else assembled
     found = replace(simulation, others=sorted(others, key=lambda one: one.energy), assembled=assembled)
     found.seen.extend(simulation.seen)  # the shape is the same

@@ -66,7 +66,7 @@ def _rms_distance(
             loads = Loads(loads.fixed, loads.force - GRAVITY * np.outer(heavier, [0.0, 0.0, 1.0]))
         changed = model.rebuilt(replace(assembly, thickness=(1.0 + step) * assembly.thickness), material)
     elif name == "width":
-        changed = model.rebuilt(assembly.redesigned(assembly.width + step, assembly.twist), material)
+        changed = model.rebuilt(assembly.with_spirals(assembly.width + step, assembly.twist), material)
     else:
         changed = model.with_bending(1.0 + step)
     if changed is None:
@@ -75,5 +75,5 @@ def _rms_distance(
     if not equilibrium.converged:
         return None
     aim = target_pose(simulation.target, simulation.design.flat.corners)
-    apart = loads.laid(equilibrium.pose, assembly.pairs, aim).centres - simulation.target.centroids
+    apart = loads.align(equilibrium.pose, assembly.pairs, aim).centres - simulation.target.centroids
     return float(np.sqrt((apart**2).sum(axis=1).mean()))

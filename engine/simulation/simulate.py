@@ -113,8 +113,8 @@ class Simulation:
         if not self.equilibrium.converged:
             return None
         bender, some = Bender.from_design(self.design, self.material, quads), np.flatnonzero(quads)
-        arms = bender.bent(self.equilibrium.pose, only=quads)
-        return others.updated(slots_in_space(self.design, arms, quads=some), some)
+        arms = bender.bend(self.equilibrium.pose, only=quads)
+        return others.with_quads_of(slots_in_space(self.design, arms, quads=some), some)
 
     def softest(self, progress: Progress = SILENT) -> tuple[np.ndarray, float]:
         """Find the softest motion of the hubs, at the first call only.
@@ -127,7 +127,7 @@ class Simulation:
         if self.soft:
             return self.soft[0]
         pose, pairs = self.equilibrium.pose, self.model.pairs
-        system = NewtonSystem(pairs, self.loads.held(pairs, pose.centres))
+        system = NewtonSystem(pairs, self.loads.held_increments(pairs, pose.centres))
         here = self.model.expand(self.model.start(pose))
         progress(0.0, "How the shape moves most easily")
         values, metric = system.values(here.hessian), system.values(here.convex)
@@ -147,16 +147,16 @@ class Simulation:
         return find_far_bodies(self.design.flat.layout, self.target, self.equilibrium.pose.centres, held)
 
     @cached_property
-    def twisted(self) -> Float[np.ndarray, " joints"]:
+    def torsion_change(self) -> Float[np.ndarray, " joints"]:
         """(m,) absolute difference between the torsion of every joint and its torsion in the target, radians."""
         aim = target_pose(self.target, self.design.flat.corners)
         here, there = (self.model.torsion(self.model.start(pose)) for pose in (self.equilibrium.pose, aim))
         return np.abs(np.angle(np.exp(1j * (here - there))))
 
     @property
-    def locked(self) -> bool:
+    def is_locked(self) -> bool:
         """Whether some joint's torsion differs so much from the target that the shape is probably a false minimum."""
-        return bool(self.twisted.max(initial=0.0) > FALSE_MINIMUM_TORSION)
+        return bool(self.torsion_change.max(initial=0.0) > FALSE_MINIMUM_TORSION)
 
     @cached_property
     def findings(self) -> list[Finding]:
@@ -164,8 +164,8 @@ class Simulation:
         findings = []
         if not self.equilibrium.converged:
             findings.append(Finding("no-equilibrium", "warning", self.equilibrium.status))
-        elif self.locked:
-            worst = int(np.argmax(self.twisted))
+        elif self.is_locked:
+            worst = int(np.argmax(self.torsion_change))
             quads = self.model.pairs[worst]
             text = (
                 f"The twist of two neighbours against each other differs by {np.degrees(self.twisted[worst]):.0f} degrees from that in the target: "
@@ -268,7 +268,7 @@ class Simulation:
             "material": self.material.name,
             "lasts": "years" if self.material.for_years else "days",
             "converged": e.converged,
-            "locked": self.locked,
+            "locked": self.is_locked,
             "status": e.status,
             "iterations": e.iterations,
             "residual": e.residual,
@@ -366,15 +366,15 @@ def simulate(
     aim = stance.aim
 
     def laid(pose: Pose) -> Pose:
-        return loads.laid(pose, assembly.pairs, aim)
+        return loads.align(pose, assembly.pairs, aim)
 
     watched = progress.showing(lambda pose: move_vertices(design, laid(pose), target))
     main = watched.part(0.0, 0.3 if params.restarts else 1.0)
     equilibrium = solve(
-        model, aim if start is None else stance.placed(start), loads, params, main, margins=(SNAP_STIFFNESS,)
+        model, aim if start is None else stance.place_supports(start), loads, params, main, margins=(SNAP_STIFFNESS,)
     )
     others = other_minima(model, equilibrium, loads, params, watched.part(0.3, 1.0))
-    equilibrium, *others = (e.placed(laid(e.pose)) for e in (equilibrium, *others))
+    equilibrium, *others = (e.with_pose(laid(e.pose)) for e in (equilibrium, *others))
     return Simulation(design, target, material, model, assembly, loads, equilibrium, others)
 
 

@@ -142,7 +142,7 @@ def fit_edges(
         return point[:, 0], tangent[:, 0]
 
     fitted = fit_biarcs(evaluate, np.concatenate([left, right])[new], tolerance, progress)
-    return fitted if known is None else known.replaced(new, fitted)
+    return fitted if known is None else known.replace_curves(new, fitted)
 
 
 def draw_outlines(
@@ -176,7 +176,7 @@ def draw_outlines(
         points = np.concatenate([pieces[c][0] for c in chain])
         bulge = np.concatenate([pieces[c][1] for c in chain])
         curves.append((int(patch_of[chain[0] // 4]), Curve(points, bulge)))
-    for patch, curve in (*curves, *([] if rim is None else rim[0].closed())):
+    for patch, curve in (*curves, *([] if rim is None else rim[0].closed_curves())):
         if curve.area > 0.0:
             if patch in outer:
                 raise FlexMapsError(

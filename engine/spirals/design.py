@@ -54,14 +54,14 @@ class SpiralDesign:
         """Return a mask of the spirals that differ from another design of the same quads."""
         return (self.width != other.width).any(axis=1) | (self.twist != other.twist)
 
-    def reshaped(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
+    def changed_arms(self, other: SpiralDesign) -> Bool[np.ndarray, " quads"]:
         """Return a mask of the quads with arms that differ from another design; arms blend into the arms at their joints."""
         return (unlike := self.unlike(other)) | unlike[opposite_sides(self.flat.layout.mesh)[0]].any(axis=1)
 
     def reusing(self, known: SpiralDesign) -> SpiralDesign:
         """Return this design after taking over the roots and arcs of those arms of another that are the same."""
         if "roots" in known.__dict__:
-            quads = np.flatnonzero(self.reshaped(known))
+            quads = np.flatnonzero(self.changed_arms(known))
             part = slot_roots(self.arms.subset(quads), self.params.fillet, self.solid[quads])
             self.__dict__["roots"] = update_roots(known.roots, quads, part)
             self.drawn.take_over(known.drawn, quads, self.flat.layout.patch_of[quads])
@@ -118,7 +118,7 @@ class SpiralDesign:
         """
         if tips is None and tolerance in self.drawn.plain:
             return self.drawn.plain[tolerance][1]
-        shapes, known = (self.flat.layout, self.arms, self.roots, self.begin), self.drawn.known(tolerance, tips)
+        shapes, known = (self.flat.layout, self.arms, self.roots, self.begin), self.drawn.known_edges(tolerance, tips)
         fitted = fit_edges(*shapes, tolerance, tips, progress.part(0.0, 0.7), *known)
         capped = {cap.arm: cap.across for cap in self.caps}
         rim = None if self.rim is None else (self.rim, self.params.fillet)
@@ -163,9 +163,9 @@ class SpiralDesign:
     @property
     def narrowest(self) -> tuple[float, float]:
         """Widths of the narrowest slot and of the narrowest piece of material, metres."""
-        return self.measured()
+        return self.measure()
 
-    def measured(self, progress: Progress = SILENT) -> tuple[float, float]:
+    def measure(self, progress: Progress = SILENT) -> tuple[float, float]:
         """Measure ``min_slot_and_bridge`` between the true edges of the arms, at the first call only."""
         if self.drawn.narrowest is None:
             slot, bridge = np.inf, np.inf

@@ -24,7 +24,7 @@ def design_report(design: SpiralDesign, progress: Progress = SILENT, *, measured
     def spread(x: np.ndarray) -> list[float]:
         return [round(float(v), 4) for v in (x.min(), x.mean(), x.max())]
 
-    slot = {"slot_min_mm": round(design.measured(progress)[0] * 1e3, 4)} if measured else {}
+    slot = {"slot_min_mm": round(design.measure(progress)[0] * 1e3, 4)} if measured else {}
     return {
         "count": len(design.width),
         **({"painted": True} if design.painted else {}),

@@ -17,7 +17,7 @@ from .touching import find_contacts
 class DrawingCache:
     """Cache of a design.
 
-    plain : edges and outlines without connectors, by tolerance; narrowest : the result of ``SpiralDesign.measured``
+    plain : edges and outlines without connectors, by tolerance; narrowest : the result of ``SpiralDesign.measure``
     earlier : edges of a design whose arms differ in the quads ``changed`` only, by tolerance
     sound : patches whose outlines touch nowhere
     """
@@ -38,7 +38,9 @@ class DrawingCache:
         else:
             self.earlier, self.changed = other.earlier, np.union1d(other.changed, quads)
 
-    def known(self, tolerance: float, tips: Tips | None) -> tuple[FittedArcs | None, Int[np.ndarray, " arms"] | None]:
+    def known_edges(
+        self, tolerance: float, tips: Tips | None
+    ) -> tuple[FittedArcs | None, Int[np.ndarray, " arms"] | None]:
         """Return edges that are known, and the arms that must be fitted again; None if none are known."""
         if tips is not None and tolerance in self.plain:
             return self.plain[tolerance][0], np.array(sorted(tips.across), dtype=np.int64)

@@ -166,7 +166,7 @@ def make_fabricable(
     width, room = np.minimum(width, most[:, None]), ClearanceModel.from_flat(flat, params)
     twist = np.where(free, np.minimum(twist, params.twist_max), twist)
     width, twist = set_solid(params, width, twist, (small | without_spiral(width, params)) & free)
-    shut = room.closed(width, twist) & free
+    shut = room.quads_with_closed_gaps(width, twist) & free
     if shut.any():  # a good first guess for spirals with far too much twist
         twist = np.where(shut, slots.twist_bound(flat, params, width, progress.part(0.0, 0.2), twist), twist)
     spirals = open_gaps(room, low, width, twist, free & ~without_spiral(width, params), progress.part(0.2, 0.6))

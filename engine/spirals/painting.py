@@ -239,7 +239,7 @@ def _move_towards(room: ClearanceModel, start: Spirals, goal: Spirals, touched: 
     share, quads = touched.astype(float), touched
     width, twist = goal
     for turn in range(ROUNDS):
-        quads = room.closed(width, twist, quads) & (share > 0.0)
+        quads = room.quads_with_closed_gaps(width, twist, quads) & (share > 0.0)
         if not quads.any():
             break
         share[quads] = 0.5 * share[quads] if turn < HALVINGS else 0.0

@@ -334,7 +334,7 @@ class Rim:
             for place, bulge in ((on_edge, 0.0), (on_end, quarter)) if n == 0 else ((on_end, 0.0), (on_edge, quarter)):
                 path.to(place, bulge if round_ > 0.0 else 0.0)
 
-    def closed(self) -> list[tuple[int, Curve]]:
+    def closed_curves(self) -> list[tuple[int, Curve]]:
         """Return patch and curve of the outer edges of closed strips and of all holes; holes are clockwise."""
         curves, seen = [], self._last_nodes() != np.arange(len(self.quad))
         ends = set(np.flatnonzero(self.before < 0).tolist())

@@ -58,7 +58,7 @@ def find_roots(arms: Arms, fillet: float) -> SlotRoots:
     right = 1.0 - (away + away[:, following] * cosine) / sine / arms.radius[:, following]
     top = float(np.abs(arms.wind).max(initial=0.0))
     for part in np.linspace(0.0, 1.0, 2 + int(np.ceil(top / 0.4)))[1:]:
-        left, right, _ = _newton(arms.unblended(part * arms.wind), left, right, fillet, rounds=2)
+        left, right, _ = _newton(arms.without_blends(part * arms.wind), left, right, fillet, rounds=2)
     left, right, miss = _newton(arms, left, right, fillet, rounds=8)
     doubtful = ~(miss < 1e-9)
     # a slot narrower than at its root means a wrong root: check all slots coarsely, and the narrow ones finely

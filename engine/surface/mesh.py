@@ -31,7 +31,7 @@ class PolygonMesh:
     left_out: tuple[str, ...] = ()
     cured: tuple[tuple[str, str], ...] = ()
 
-    def kept(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
+    def subset(self, faces: Bool[np.ndarray, " faces"]) -> PolygonMesh:
         """Return the mesh with the faces of the mask only; vertices stay."""
         if faces.all():
             return self

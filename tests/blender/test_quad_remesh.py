@@ -131,7 +131,7 @@ def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
     from flexmaps.engine.surface.remeshing.coverage import warn_of_gaps
 
     ball = shapes.make("cubesphere")
-    half = PolygonMesh.from_quads(ball).kept(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
+    half = PolygonMesh.from_quads(ball).subset(ball.centroids[:, 2] > ball.centroids[:, 2].mean())
     obj = add((half.vertices, half.corners.reshape(-1, 4)))
     (found,) = warn_of_gaps(half, target_of(half), target_of(PolygonMesh.from_quads(ball)), len(half.sizes), 0)
     notes.write_checks(obj.data, [found])

@@ -87,7 +87,7 @@ def at_work(solid: DesignSolid, share: float, force: np.ndarray) -> tuple:
 
 def test_rigid_motion_costs_nothing(pair: DesignSolid):
     turn, rest = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), at_rest(pair.design)
-    pose = rest.placed(turn, np.array([0.01, 0.02, 0.03]))
+    pose = rest.transform(turn, np.array([0.01, 0.02, 0.03]))
     nodes = pair.guess(pose)
     assert pair.energy(pair.gradients(nodes)) < 1e-20
     assert np.abs(pair.forces(pair.gradients(nodes))).max() < 1e-12

@@ -105,13 +105,13 @@ def test_the_slider_leads_from_flat_panels_to_the_simulated_hubs(
         panels = panel_mesh(piece.design, detail_of(piece.design))
         drawn = np.full((4 * len(panels.arm), 3), np.nan)
         used = panels.used < len(drawn)
-        arms = panels.placed(bend_arms(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
+        arms = panels.at_pose(bend_arms(piece.design, pose), pose)[: len(used)]  # the rim's plates follow
         drawn[panels.used[used]] = arms[used]
         assert 1e3 * np.nanmax(np.linalg.norm(1e-3 * corners[: len(drawn)] - drawn, axis=1)) < 0.05
         rim = RimMesh.from_design(piece.design)
         assert rim is not None
         order = np.argsort(rim.quad, kind="stable")
-        place, up = (values[order] for values in rim.placed(bend_arms(piece.design, pose)))
+        place, up = (values[order] for values in rim.at_pose(bend_arms(piece.design, pose)))
         lift = 0.5 * piece.design.params.thickness * up
         strip = corners[len(drawn) + 2 * len(pose.centres) :].reshape(-1, 2, 3)
         assert np.abs(strip - 1e3 * np.stack([place + lift, place - lift], axis=1)).max() < 0.05

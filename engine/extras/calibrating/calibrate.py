@@ -60,7 +60,7 @@ class Readings:
     spiral_loads: tuple[float, float] | None = None
 
     @classmethod
-    def shown(
+    def from_measurements(
         cls,
         *,
         kerf_comb: Sequence[float] | float = (),

@@ -77,7 +77,7 @@ def take(result: Result, choice: Choice, settings: Settings, present: FlatPatche
     settings : that they were compared with
     present : the patches of the piece as they are now
     """
-    layout, best = result.needed(FinalLayout), choice.best
+    layout, best = result.need(FinalLayout), choice.best
     if best.flat is not present:
         made = {"inputs": result.inputs("mesh"), "settings": values_of(STAGES["merge"].settings, settings)}
         layout = FinalLayout(best.flat, CHOSEN, best.judged.spirals, **made)
@@ -98,7 +98,7 @@ def take_proposal(result: Result, number: int, settings: Settings) -> Result:
     ------
     FlexMapsError : there are no proposals, or none with this number
     """
-    choice = result.needed(LayoutChoice).choice
+    choice = result.need(LayoutChoice).choice
     if not 0 <= number < len(choice.proposals):
         raise FlexMapsError(f"There is no proposal {number}; they are numbered from 0 to {len(choice.proposals) - 1}")
     return take(result, replace(choice, taken=number), settings)

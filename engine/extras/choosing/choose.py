@@ -122,10 +122,10 @@ def choose(
         else:
             _sought(search, first, progress.part(BEGUN, 1.0))
     except Cancelled:
-        if not search.judged:
+        if not search.ranking:
             raise
         finished = False
-    if not search.judged:
+    if not search.ranking:
         raise FlexMapsError("No layout of this surface takes a shape: simulate it first and mend what that reports")
     return decide(search, first, finished)
 
@@ -133,14 +133,14 @@ def choose(
 def _cut_there(search: LayoutSearch, progress: Progress) -> None:
     """Cut the best layout where its shape misses the target, until it is near enough or no cut improves it."""
     for turn in range(TURNS):
-        best = next(iter(search.judged), None)
+        best = next(iter(search.ranking), None)
         if best is None or (turn and 100.0 * best.rms <= WANTED_PERCENT):
             return
         part = progress.part(turn / TURNS, (turn + 1) / TURNS)
         ideas = list(islice(moves(search.piece, best, fewer=False, more=True), IDEAS))
-        made = search.together(partial(lay_flat, search.piece), ideas, part.part(0.0, 0.2), search.said)
+        made = search.together(partial(lay_flat, search.piece), ideas, part.part(0.0, 0.2), search.progress_text)
         search.judge([one for one in made if one is not None], part.part(0.2, 1.0))
-        if search.judged[0] is best:
+        if search.ranking[0] is best:
             return
 
 
@@ -150,7 +150,7 @@ def _sought(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None
     _collect(search, first, progress.part(0.0, collected))
     search.judge(search.next(SETTLED), progress.part(collected, settled))
     if search.start is not None and not any(
-        may_replace_initial(search, one) for one in search.judged if one.share < LONG
+        may_replace_initial(search, one) for one in search.ranking if one.share < LONG
     ):
         return
     turns = progress.part(settled, changed)
@@ -168,7 +168,7 @@ def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
     """
     piece, reached = search.piece, search.proved.get(key(first))
     if reached is not None:
-        progress(0.0, search.said)
+        progress(0.0, search.progress_text)
     if not search.params.near and piece.settings.simulate.model != "rod":
         with suppress(FlexMapsError):  # a short search fails as well, and its error is shown
             search.start = PredictionStart.from_layout(piece, first.flat, progress.quiet())
@@ -183,7 +183,7 @@ def _begin(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
     counted = LONG * (Work.for_spirals(len(piece.mesh.quads), 1.0).limit or 0.0)
     search.pace = SLOWER * counted * search.first / search.one
     if search.known[key(first)] is not None:
-        progress(1.0, search.said)
+        progress(1.0, search.progress_text)
 
 
 def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> None:
@@ -202,7 +202,7 @@ def _collect(search: LayoutSearch, first: FlatLayout, progress: Progress) -> Non
     jobs = [first, *others] if unsearched else others
     most = CURVED * panel_curvature(first.flat.layout)
     began, paced = time.monotonic(), clocked_progress(progress, search.pace) if unsearched else progress
-    made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.said)
+    made: list[Any] = search.together(partial(_done, piece, search.params, most), jobs, paced, search.progress_text)
     search.pace = time.monotonic() - began if unsearched else search.pace
     slow = made.pop(0) if unsearched else None
     if slow is not None:
@@ -288,7 +288,7 @@ def _done(
         try:
             traced = trace(piece.mesh, job)
             for kept in (piece.symmetries, ()) if piece.symmetries else ((),):
-                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=piece.held)
+                merged += merge_in_steps(traced, job, (*shares, 1.0), kept, held=piece.is_loaded)
         except FlexMapsError:
             return []
         ideas, most = [Idea(one.cut, "merged under other limits") for one in merged], np.inf
@@ -297,11 +297,11 @@ def _done(
 
 def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> bool:
     """Change the best layouts where they miss the target; return whether a change improved them, or may still do so."""
-    before = search.key(search.judged[0])
+    before = search.key(search.ranking[0])
     ideas: list[Idea] = []
     share = 2 * max(1, round(search.left / (2 * TURNS)))  # an even number keeps two cores busy
     counted = search.params.goal == "panels"
-    for base in search.judged[:BASES]:
+    for base in search.ranking[:BASES]:
         holds = search.holds(base)
         more = base.laid.panels < search.params.panels if counted else not holds
         changes = islice(moves(search.piece, base, fewer=holds != counted, more=more), share)
@@ -317,14 +317,14 @@ def _changed(search: LayoutSearch, first: FlatLayout, progress: Progress) -> boo
     for k in range(0, len(ideas), batch):
         if len(sound) < share:
             some = ideas[k : k + batch]
-            made = search.together(partial(lay_flat, search.piece), some, progress.part(0.0, 0.2), search.said)
+            made = search.together(partial(lay_flat, search.piece), some, progress.part(0.0, 0.2), search.progress_text)
             sound += [
                 one for one in made if one is not None and _fits(one, *_limits(search, first)) and search.unknown(one)
             ]
     if counted:
         sound = _ranked(search, sound)
     search.judge(sound[:share], progress.part(0.2, 1.0))
-    return bool(sound) and (counted or search.key(search.judged[0]) < before)
+    return bool(sound) and (counted or search.key(search.ranking[0]) < before)
 
 
 def _prove(search: LayoutSearch, progress: Progress) -> None:
@@ -342,13 +342,13 @@ def _prove(search: LayoutSearch, progress: Progress) -> None:
         search.expect([search.proved[key(one)] for one in searched if key(one) in search.proved])
     if search.params.goal != "match" or any(search.holds(one) for one in search.proved.values()):
         return
-    may_hold = [one.laid for one in search.judged if one.share < LONG and search.holds(one)]
+    may_hold = [one.laid for one in search.ranking if one.share < LONG and search.holds(one)]
     search.prove([*_undecided(search), *may_hold][:together], progress.part(0.6, 1.0))
 
 
 def _better(search: LayoutSearch, most: int) -> list[FlatLayout]:
     """Return layouts that are expected to meet the goal better than all searched ones; if the number of panels is fixed, the best unsearched ones."""
-    found: Iterable[JudgedLayout] = search.judged
+    found: Iterable[JudgedLayout] = search.ranking
     if search.params.goal != "panels":
         found = takewhile(lambda one: one.share < LONG, found)
     return [one.laid for one in found if one.share < LONG and may_replace_initial(search, one)][:most]
@@ -372,7 +372,7 @@ def _fill_gaps(search: LayoutSearch, progress: Progress) -> None:
 
 def _between(search: LayoutSearch) -> Iterator[FlatLayout]:
     """Yield layouts not judged yet, with more panels than one proposal and far fewer than the next."""
-    for few, many in pairwise(front(search.judged)):
+    for few, many in pairwise(front(search.ranking)):
         most = max(int(STRIDE * few.laid.panels), few.laid.panels + 1)
         made = merge_across_seams(search.piece, many, most) if many.laid.panels > most else None
         if made is not None and made.panels > few.laid.panels and search.unknown(made):

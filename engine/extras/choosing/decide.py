@@ -24,7 +24,7 @@ def decide(search: LayoutSearch, first: FlatLayout, finished: bool) -> Choice:
     finished : False if the user cancelled
     """
     settings = search.piece.settings
-    judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.judged]
+    judged = [one if one.share else replace(one, rms=search.distance(one)) for one in search.ranking]
     search.expected = 1.0
     drawn_one = next((one for one in judged if one.cut_length is not None), None)
     if drawn_one is not None:  # seams hardly change the length of cuts
@@ -94,7 +94,7 @@ def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached:
     if search.params.near and given is not None and best.rms < given.rms:
         return f"Changed for {asked}: {what}."
     if given is best and best.judged.share >= WHOLE:
-        searched = any(0.0 < one.share < WHOLE for one in search.judged)
+        searched = any(0.0 < one.share < WHOLE for one in search.ranking)
         verb = "comes" if searched else "is expected to come"
         return f"No other layout {verb} clearly nearer than the present one, with {what}. {best.judged.advice}"
     return (
@@ -104,7 +104,7 @@ def _note(search: LayoutSearch, best: Proposal, given: Proposal | None, reached:
 
 def _no_nearer(search: LayoutSearch, best: JudgedLayout) -> str:
     """Return a sentence, with a trailing space, if searches show that more panels come no nearer; else ""."""
-    searched = [one for one in search.judged if one.share]
+    searched = [one for one in search.ranking if one.share]
     most = max(searched, key=lambda one: one.laid.panels, default=best)
     left = most.rms if most.share >= LONG else EXPECTED * most.rms
     if search.params.goal != "match" or most.laid.panels <= best.laid.panels or left < best.rms:

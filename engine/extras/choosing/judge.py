@@ -55,7 +55,7 @@ class LayoutProblem:
     spirals: tuple[Float[np.ndarray, "quads 4"], Float[np.ndarray, " quads"]] | None = None
 
     @property
-    def held(self) -> bool:
+    def is_loaded(self) -> bool:
         """Whether supports or forces deform the piece, so that one panel without cuts need not stay flat."""
         return self.supports is not None and len(self.supports) > 0
 

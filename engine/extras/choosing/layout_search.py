@@ -65,7 +65,7 @@ class LayoutSearch:
         return key(laid) not in self.known
 
     @property
-    def judged(self) -> list[JudgedLayout]:
+    def ranking(self) -> list[JudgedLayout]:
         """Return the latest judgement of all layouts with an equilibrium, best first."""
         latest = self.known | self.proved
         return sorted((one for one in latest.values() if one is not None), key=self.key)
@@ -75,9 +75,9 @@ class LayoutSearch:
         return one.eased if one.share >= LONG else self.expected * one.rms
 
     @property
-    def said(self) -> str:
+    def progress_text(self) -> str:
         """Return the progress text while layouts are judged: the best so far."""
-        best = next(iter(self.judged), None)
+        best = next(iter(self.ranking), None)
         return "Judging layouts" + ("" if best is None else f", the best: {short(best.laid, best.rms)}")
 
     def key(self, one: JudgedLayout) -> tuple[float, ...]:
@@ -109,7 +109,7 @@ class LayoutSearch:
         way = partial(judge, self.piece) if self.start is None else partial(judge_by_prediction, self.piece, self.start)
         ahead = min(1.0, cores() / max(len(fresh), 1))
         paced = clocked_progress(progress, HARDER * self.first / ahead, ahead)
-        found = self.together(way, fresh, paced, self.said)
+        found = self.together(way, fresh, paced, self.progress_text)
         self.known.update(zip(map(key, fresh), found, strict=True))
 
     def expect(self, searched: Iterable[JudgedLayout]) -> None:
@@ -137,7 +137,7 @@ class LayoutSearch:
         for one in laid:
             before = self.proved.get(key(one))
             tries.append((self.piece if before is None else replace(self.piece, spirals=before.spirals), one))
-        found = self.together(_proved, tries, clocked_progress(progress, self.pace), self.said)
+        found = self.together(_proved, tries, clocked_progress(progress, self.pace), self.progress_text)
         for one, made in zip(laid, found, strict=True):
             before = self.proved.get(key(one))
             if made is not None and (before is None or made.eased < before.eased):

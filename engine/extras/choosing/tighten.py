@@ -107,7 +107,9 @@ def _under_tighter_limits(
         ):  # the next one would have more than MOST if it grew by as much again
             return
         part = progress.part(turn / len(SHARES), (turn + 1) / len(SHARES))
-        last = merge(begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.held)
+        last = merge(
+            begun, replace(limits, distortion_limit=share * limits.distortion_limit), part, held=piece.is_loaded
+        )
         yield last
 
 

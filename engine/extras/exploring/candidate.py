@@ -112,7 +112,7 @@ def _lay_out(
         result = job.run_stages(result, settings, ("trace", "merge", "split"))
     else:
         result = job.run_stages(by_hand.flatten_by_hand(result, start.cut, settings), settings, ("split",))
-    flat = result.needed(FinalLayout).flat
+    flat = result.need(FinalLayout).flat
     if any(name.startswith("choose.") for name in values):
         piece = LayoutProblem(mesh, settings, base.supports, base.force)
         flat = choose.choose(piece, flat, settings.choose, together=Workers(1)).best.flat

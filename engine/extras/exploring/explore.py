@@ -63,7 +63,7 @@ class Exploration:
 
         It is made of the candidates that meet all goals; of all sound ones if none meets them.
         """
-        holding = [one for one in self.sound if not self.space.missed(one.measures)]
+        holding = [one for one in self.sound if not self.space.shortfall(one.measures)]
         kept: list[tuple[tuple[float, float], Candidate]] = []
         for at, one in sorted(
             ((_minimised_pair(self.space, one), one) for one in holding or self.sound), key=lambda row: row[0]
@@ -75,7 +75,9 @@ class Exploration:
     @property
     def best(self) -> int | None:
         """Index of the best candidate: smallest miss of the goals, then smallest first measure; None if none is sound."""
-        order = sorted(self.sound, key=lambda one: (self.space.missed(one.measures), _minimised_pair(self.space, one)))
+        order = sorted(
+            self.sound, key=lambda one: (self.space.shortfall(one.measures), _minimised_pair(self.space, one))
+        )
         return self.candidates.index(order[0]) if order else None
 
     @property
@@ -84,7 +86,7 @@ class Exploration:
         if self.best is None:
             return "No candidate could be made. " + (self.candidates[0].fault if self.candidates else "")
         best = self.candidates[self.best]
-        missed = [goal for goal in self.space.goals if goal.missed(best.measures) > 0.0]
+        missed = [goal for goal in self.space.goals if goal.shortfall(best.measures) > 0.0]
         what = ", ".join(f"{name} {_format(value)}" for name, value in best.values.items())
         if not missed:
             return f"The best candidate that holds the goals has {what}."
@@ -264,7 +266,7 @@ def _merits(space: Space, known: Sequence[Candidate], weight: float) -> Float[np
     """Return the merits that evolution minimises: the miss of the goals first, then the weighted ranks in both measures."""
     pairs = np.array([_minimised_pair(space, one) for one in known])
     first, second = (np.searchsorted(np.unique(column), column) / len(column) for column in pairs.T)
-    missed = np.array([min(space.missed(one.measures), MAX_MISS) for one in known])
+    missed = np.array([min(space.shortfall(one.measures), MAX_MISS) for one in known])
     return np.where(missed > 0.0, 1.0 + missed, 0.0) + weight * first + (1.0 - weight) * second
 
 

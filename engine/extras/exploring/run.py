@@ -55,7 +55,7 @@ def explore_piece(
     first = next(iter(results.values()))
     if question.quads != (0,) and (first.supports is not None or first.force is not None):
         raise FlexMapsError("Supports and forces are set on the present quads; vary edge or height instead of quads")
-    starts = {count: StartSurface(one.mesh, one.needed(FinalLayout).flat.layout.cut) for count, one in results.items()}
+    starts = {count: StartSurface(one.mesh, one.need(FinalLayout).flat.layout.cut) for count, one in results.items()}
     base = ExplorationInput(starts, settings, first.supports, first.force, effort)
     with ExitStack() as stack:
         kept = None if folder is None else stack.enter_context(Folder(folder, base, question, guard))

@@ -70,7 +70,7 @@ class Goal:
     limit: float
     most: bool = True
 
-    def missed(self, measures: Mapping[str, float]) -> float:
+    def shortfall(self, measures: Mapping[str, float]) -> float:
         """Return by how much the measures miss the goal, as a share of the limit; 0 if they meet it, infinite without the measure."""
         value = measures.get(self.measure, math.inf)
         over = value - self.limit if self.most else self.limit - value
@@ -124,9 +124,9 @@ class Space:
         names = [v.name for v in self.variables]
         return [dict(zip(names, one, strict=True)) for one in product(*(v.choices for v in self.variables))]
 
-    def missed(self, measures: Mapping[str, float]) -> float:
+    def shortfall(self, measures: Mapping[str, float]) -> float:
         """Return the sum of the shares by which the goals are missed."""
-        return sum(goal.missed(measures) for goal in self.goals)
+        return sum(goal.shortfall(measures) for goal in self.goals)
 
 
 def parse_variable(name: str, given: Any, settings: Settings) -> Variable:

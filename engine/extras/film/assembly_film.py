@@ -72,10 +72,10 @@ class Actors(Protocol):
     @property
     def vertex_quad(self) -> np.ndarray: ...
 
-    def placed(
+    def at_pose(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points (V, 3), metres, and the wrenches (A, 6) of the arms; arguments as for ``Bender.bent``."""
+        """Return the points (V, 3), metres, and the wrenches (A, 6) of the arms; arguments as for ``Bender.bend``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,11 @@ class Bodies:
     def vertex_quad(self) -> np.ndarray:
         return self.panels.vertex_quad
 
-    def placed(
+    def at_pose(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        arms = self.bender.bent(pose, closed, wrench, only, close)
-        return self.panels.placed(arms, pose, only), arms.wrench
+        arms = self.bender.bend(pose, closed, wrench, only, close)
+        return self.panels.at_pose(arms, pose, only), arms.wrench
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,7 @@ class _Shooting:
         self.inside &= ~design.flat.layout.cut[inner]
         self.closed = np.zeros(len(self.pairs), bool)
         self.wrench = np.zeros((4 * count, 6))
-        flat_shape, _ = actors.placed(self.pose, self.inside, self.wrench, np.ones(count, bool), TIP_TOLERANCE)
+        flat_shape, _ = actors.at_pose(self.pose, self.inside, self.wrench, np.ones(count, bool), TIP_TOLERANCE)
         owner = self.patch[actors.vertex_quad]
         self.reels = [_Reel(p, np.flatnonzero(owner == p)) for p in range(len(table))]
         self.flat_shapes = [flat_shape[reel.vertices] for reel in self.reels]
@@ -289,7 +289,7 @@ class _Shooting:
         bending = self._bent_panels(end, stage)
         counts, ways = self._pieces(blend)
         count = int(max(counts[bending].max(initial=1), ways[np.unique(self.patch[stage.hubs])].max()))
-        last, wrench = self.actors.placed(end, stage.closed, self.wrench, np.isin(self.patch, bending), TIP_TOLERANCE)
+        last, wrench = self.actors.at_pose(end, stage.closed, self.wrench, np.isin(self.patch, bending), TIP_TOLERANCE)
         moments: list[Moment] = []
         for k in range(1, count + 1):
             progress((k - 1) / count, "Bending the panels")
@@ -301,7 +301,7 @@ class _Shooting:
                 points = last
                 if k < count:
                     load = (1.0 - share) * self.wrench + share * wrench
-                    points, _ = self.actors.placed(here, self.closed, load, np.isin(self.patch, some), TIP_GAP)
+                    points, _ = self.actors.at_pose(here, self.closed, load, np.isin(self.patch, some), TIP_GAP)
                 _, turns, places = moments[-1]
                 for reel in (self.reels[p] for p in some.tolist()):
                     shape = (points[reel.vertices] - places[reel.patch]) @ turns[reel.patch]

@@ -35,10 +35,10 @@ class Hubs:
     def vertex_quad(self) -> Int[np.ndarray, " points"]:
         return np.repeat(np.arange(len(self.design.width)), 3)
 
-    def placed(
+    def at_pose(
         self, pose: Pose, closed: np.ndarray, wrench: np.ndarray, only: np.ndarray, close: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the points of hubs in a pose, and the wrenches unchanged; arguments as for ``Actors.placed``."""
+        """Return the points of hubs in a pose, and the wrenches unchanged; arguments as for ``Actors.at_pose``."""
         axes = np.swapaxes(pose.rotations[:, :, :2], 1, 2) * self.reach
         points = np.concatenate([pose.centres[:, None], pose.centres[:, None] + axes], axis=1)
         return points.reshape(-1, 3), wrench

@@ -191,7 +191,7 @@ class _Disassembly:
             joints, pose = np.flatnonzero(here.closed | opened), here.pose
             held = self.model.part(here.hubs, joints)
             for share in WEAKER:
-                weaker = held.weakened(np.where(opened[joints], share, 1.0))
+                weaker = held.scale_stiffness(np.where(opened[joints], share, 1.0))
                 pose = solve(weaker, pose, loads, self.params, quiet, iterations=SLOWLY).pose
             found = solve(self._model(here), pose, loads, self.params, quiet, iterations=AT_ONCE)
         if not found.converged:
@@ -220,7 +220,7 @@ def _fit_rigidly(pose: Pose, there: Pose, weight: np.ndarray, reach: float) -> P
     spread = (share[:, None] * (pose.centres - own)).T @ (there.centres - aim)
     turned = np.einsum("n,nik,njk->ij", share, pose.rotations, there.rotations)
     rotation = nearest_rotation(spread + reach**2 * turned)
-    return pose.placed(rotation, aim - rotation @ own)
+    return pose.transform(rotation, aim - rotation @ own)
 
 
 def _bodies(layout: PatchLayout) -> np.ndarray:

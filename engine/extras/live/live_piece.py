@@ -68,9 +68,9 @@ class RigPose:
     pose: Pose
 
     @property
-    def aligned(self) -> Pose:
+    def aligned_pose(self) -> Pose:
         """The pose, aligned with the target as far as supports allow."""
-        return self.rig.laid(self.pose)
+        return self.rig.align(self.pose)
 
     def settling(self) -> Generator[Any, None, Equilibrium]:
         """Return a generator that steps to the equilibrium and returns it."""
@@ -142,7 +142,7 @@ class LivePiece:
             if not self._now.rig.refinable:
                 break
             # refine last, so that the first shapes appear soon
-            self._now = RigPose((yield from self._now.rig.refined()), equilibrium.pose)
+            self._now = RigPose((yield from self._now.rig.refine()), equilibrium.pose)
         self._snapped = 0.0 if known else (yield from self._measure_snap())
         self._rest = self._now
         mark = self._now.rig.given.mark
@@ -178,7 +178,7 @@ class LivePiece:
         assert now is not None
         if before is None:
             return 0.0
-        moved = float(np.linalg.norm(now.aligned.centres - before.aligned.centres, axis=1).max())
+        moved = float(np.linalg.norm(now.aligned_pose.centres - before.aligned_pose.centres, axis=1).max())
         if moved < JUMP * now.rig.unit:
             return 0.0
         undone = RigPose(before.rig, LiveState.from_input(before.rig.given, now.rig, now.pose)[1])
@@ -192,8 +192,8 @@ class LivePiece:
             yield
         if equilibrium is None or not equilibrium.converged:
             return 1e3 * moved
-        returned = RigPose(before.rig, equilibrium.pose).aligned
-        away = np.linalg.norm(returned.centres - before.aligned.centres, axis=1).max()
+        returned = RigPose(before.rig, equilibrium.pose).aligned_pose
+        away = np.linalg.norm(returned.centres - before.aligned_pose.centres, axis=1).max()
         return 1e3 * moved if away > AWAY * now.rig.unit else 0.0
 
     def _shape(self) -> LiveEquilibrium:
@@ -201,7 +201,7 @@ class LivePiece:
         problem = self._refusal or self._problem
         if self._now is None:
             return LiveEquilibrium(None, None, resting=True, problem=problem)
-        rig, pose, resting = self._now.rig, self._now.aligned, self._work is None
+        rig, pose, resting = self._now.rig, self._now.aligned_pose, self._work is None
         apart = np.linalg.norm(pose.centres - rig.mesh.centroids, axis=1)
         vertices = move_vertices(rig.design, pose, rig.mesh)
         ends = resting, resting and not problem, problem, self._snapped

@@ -2,7 +2,7 @@
 
 A change rebuilds the patches with changed seams or vertices, and the joints with changed spirals or rest geometry. If there
 are many changed joints, two slow and less important parts stay approximate at first: the second order of the strains and the
-weights of the spirals. ``LiveState.refined`` computes them when the piece has come to rest.
+weights of the spirals. ``LiveState.refine`` computes them when the piece has come to rest.
 """
 
 from __future__ import annotations
@@ -87,10 +87,10 @@ class LiveState:
         loads = _loads(given, area)
         stance = Stance(loads, mesh, flat.corners)
         aim = stance.aim
-        pose = aim if start is None else stance.placed(_adapt_pose(start, flat, old))
+        pose = aim if start is None else stance.place_supports(_adapt_pose(start, flat, old))
         if assembly.rim is None or old is None or old.flat is not flat or old.assembly.rim is None:
             pose = replace(pose, nodes=None)  # nodes of another rim do not fit
-        held = loads.held(assembly.pairs, pose.centres)
+        held = loads.held_increments(assembly.pairs, pose.centres)
         if (
             old is not None
             and equal_inputs(held, old.system.held[: len(held)])
@@ -106,7 +106,7 @@ class LiveState:
         """Whether some parts are approximate."""
         return self.guessed or bool(self.rough.any())
 
-    def refined(self) -> Generator[None, None, LiveState]:
+    def refine(self) -> Generator[None, None, LiveState]:
         """Compute all approximate parts in small steps; return the exact rig."""
         given, model, arms = self.given, self.model, with_arms(self.model)
         if arms is not None:
@@ -131,9 +131,9 @@ class LiveState:
         a, b = self.assembly.pairs.T
         return float(np.linalg.norm(self.aim.centres[b] - self.aim.centres[a], axis=1).mean())
 
-    def laid(self, pose: Pose) -> Pose:
+    def align(self, pose: Pose) -> Pose:
         """Align a pose with the target, as far as supports allow."""
-        return self.loads.laid(pose, self.assembly.pairs, self.aim)
+        return self.loads.align(pose, self.assembly.pairs, self.aim)
 
 
 def _mesh(given: LiveInput, old: LiveState | None) -> QuadMesh:

@@ -58,7 +58,7 @@ class Comparison:
     remarks: tuple[str, ...] = ()
 
     @property
-    def covered(self) -> Bool[np.ndarray, " quads"]:
+    def is_covered(self) -> Bool[np.ndarray, " quads"]:
         """Whether the scan has points over a spiral."""
         return np.isfinite(self.distances)
 
@@ -75,7 +75,7 @@ class Comparison:
     @property
     def shown_mm(self) -> Float[np.ndarray, " quads"]:
         """Distances in mm for maps and attributes; -1 without points."""
-        return np.where(self.covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
+        return np.where(self.is_covered, 1e3 * np.abs(np.nan_to_num(self.distances)), -1.0)
 
     def report(self) -> dict[str, Any]:
         """Return the block "scan" of report.json; percentages of the piece's diagonal, as in the paper."""
@@ -88,7 +88,7 @@ class Comparison:
             "max_mm": round(1e3 * self.highest, 4),
             "max_percent": round(of_size * self.highest, 4),
             "mean_mm": round(1e3 * mean, 4),
-            "covered": round(float(self.covered.mean()), 4),
+            "covered": round(float(self.is_covered.mean()), 4),
             "points": len(self.points),
             "points_beside": round(1 - float(self.used.mean()), 4),
             "noise_mm": round(1e3 * self.noise, 4),

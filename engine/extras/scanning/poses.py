@@ -36,19 +36,19 @@ class Poses:
         return Poses(self.turns[chosen], self.shifts[chosen])
 
     @staticmethod
-    def joined(parts: Sequence[Poses]) -> Poses:
+    def concatenate(parts: Sequence[Poses]) -> Poses:
         """Concatenate groups of poses."""
         return Poses(np.concatenate([one.turns for one in parts]), np.concatenate([one.shifts for one in parts]))
 
-    def repeated(self, count: int) -> Poses:
+    def repeat(self, count: int) -> Poses:
         """Return every pose ``count`` times."""
         return Poses(np.repeat(self.turns, count, axis=0), np.repeat(self.shifts, count, axis=0))
 
-    def laid(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "poses points 3"]:
+    def apply(self, points: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "poses points 3"]:
         """Return the points moved by each pose."""
         return points @ self.turns.transpose(0, 2, 1).astype(points.dtype) + self.shifts[:, None].astype(points.dtype)
 
-    def moved(self, about: Float[np.ndarray, "poses 3"], twists: Float[np.ndarray, "poses 6"]) -> Poses:
+    def screw(self, about: Float[np.ndarray, "poses 3"], twists: Float[np.ndarray, "poses 6"]) -> Poses:
         """Return each pose followed by a screw motion about its own point.
 
         twists : rotation vector, and velocity of that point; the motion is their exponential (Murray, Li and Sastry
@@ -79,10 +79,10 @@ class ScanFit:
         """Return the mean cost of each pose (Geman and McClure): 0 with all points on the surface, 1 with all far away."""
         return np.concatenate([self._cost(poses[k : k + AT_ONCE], reach) for k in range(0, len(poses), AT_ONCE)])
 
-    def fitted(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:
+    def fit(self, poses: Poses, reach: float, rounds: int, damped: float = DAMPING) -> Poses:
         """Return the poses after some Gauss-Newton iterations."""
         parts = [poses[k : k + AT_ONCE] for k in range(0, len(poses), AT_ONCE)]
-        return Poses.joined([self._fitted(part, reach, rounds, damped) for part in parts])
+        return Poses.concatenate([self._fitted(part, reach, rounds, damped) for part in parts])
 
     def spread(self, poses: Poses, reach: float, steps: Sequence[float], ways: int = 2) -> Poses:
         """Return the poses and poses some steps away along the ``ways`` directions that the surface constrains least.
@@ -96,17 +96,17 @@ class ScanFit:
         found = [poses]
         for way in range(ways):
             twists = both[None, :, None] * weak[:, None, :, way]
-            found.append(poses.repeated(len(both)).moved(np.repeat(about, len(both), axis=0), twists.reshape(-1, 6)))
-        return Poses.joined(found)
+            found.append(poses.repeat(len(both)).screw(np.repeat(about, len(both), axis=0), twists.reshape(-1, 6)))
+        return Poses.concatenate(found)
 
     def _cost(self, poses: Poses, reach: float) -> np.ndarray:
         """Return the mean cost of poses in one array."""
-        squared = self.distances(poses.laid(self.points))[1] ** 2
+        squared = self.distances(poses.apply(self.points))[1] ** 2
         return (self.weights * squared / (squared + reach**2)).mean(axis=1)
 
     def _normal(self, poses: Poses, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return normal matrices (poses, 6, 6), right sides (poses, 6) and centres of rotation (poses, 3)."""
-        laid = poses.laid(self.points)
+        laid = poses.apply(self.points)
         direction, distance = self.distances(laid)
         weight = self.weights / (1 + (distance / reach) ** 2) ** 2
         about = laid.mean(axis=1)
@@ -121,7 +121,7 @@ class ScanFit:
             mean = np.trace(square, axis1=1, axis2=2)[:, None, None] / 6
             step = np.linalg.solve(square + (damped * mean + 1e-9) * np.eye(6), right[..., None])[..., 0]
             step *= np.minimum(1.0, MAX_STEP / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12))
-            poses = poses.moved(about.astype(float), step.astype(float))
+            poses = poses.screw(about.astype(float), step.astype(float))
             if np.abs(step).max() < 1e-7:
                 break
         return poses
@@ -130,7 +130,7 @@ class ScanFit:
 def distinct(poses: Poses, cost: np.ndarray, probes: Float[np.ndarray, "probes 3"], most: int, apart: float) -> Poses:
     """Return the best poses, at most ``most``, that move some probe more than ``apart`` from each other."""
     order = np.argsort(cost)
-    laid = poses[order].laid(probes).reshape(len(order), -1)
+    laid = poses[order].apply(probes).reshape(len(order), -1)
     kept: list[int] = []
     for k, one in enumerate(laid):
         if not kept or np.abs(laid[kept] - one).max(axis=1).min() > apart:

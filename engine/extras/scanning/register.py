@@ -84,7 +84,7 @@ def register(
     poses = distinct(poses, rough[3].cost(poses, 0.005), points[:4], 8, 0.01)
     progress(0.8, "Scan: measuring its noise")
     exact = ScanFit(surface, points[: POINTS[2]], rough[2].weights)
-    poses = exact.fitted(poses, 0.005, 6)
+    poses = exact.fit(poses, 0.005, 6)
     exact = ScanFit(surface, points[: POINTS[3]], rough[3].weights)
     poses = poses[np.argsort(exact.cost(poses, 0.005))[:4]]
     reach = _noise(exact, poses[:1])
@@ -136,9 +136,9 @@ def _best_guesses(fit: ScanFit, poses: Poses, anywhere: bool, progress: Progress
         progress(k / len(poses), "Scan: looking for its pose")
         part = poses[k : k + 1024]
         for reach in FIRST:
-            part = fit.fitted(part, reach, 4)
+            part = fit.fit(part, reach, 4)
         parts.append(part)
-    poses = Poses.joined(parts) if anywhere else _upright(Poses.joined(parts))
+    poses = Poses.concatenate(parts) if anywhere else _upright(Poses.concatenate(parts))
     return distinct(poses, fit.cost(poses, 0.01), fit.points[:4], SIEVED, 0.02)
 
 
@@ -146,13 +146,13 @@ def _search_nearby(
     fit: ScanFit, poses: Poses, reach: float, steps: tuple[float, ...], judged: float, most: int, apart: float
 ) -> Poses:
     """Return the best of the poses and of poses near them along weakly constrained directions, all fitted again."""
-    poses = fit.fitted(fit.spread(poses, reach, steps), reach, 3)
+    poses = fit.fit(fit.spread(poses, reach, steps), reach, 3)
     return distinct(poses, fit.cost(poses, judged), fit.points[:4], most, apart)
 
 
 def _noise(fit: ScanFit, pose: Poses) -> float:
     """Return ``NOISES`` standard deviations of points within that distance of the surface, estimated by the median."""
-    off = np.abs(fit.distances(pose.laid(fit.points))[1][0])
+    off = np.abs(fit.distances(pose.apply(fit.points))[1][0])
     deviation = _deviation(off, BLUNTEST)
     for _ in range(5):
         deviation = _deviation(off, NOISES * deviation)
@@ -172,7 +172,7 @@ def _weights(surface: TriangleSurface, points: np.ndarray, pose: Poses, reach: f
     direction, and points under a missing part of the scan would count as the piece. A face of the piece that stands on
     the table keeps some weight.
     """
-    laid = pose.laid(points)[0]
+    laid = pose.apply(points)[0]
     off, weights, rest = surface(laid)[1], np.ones(len(points)), np.ones(len(points), dtype=bool)
     near = min(reach, PLANE_TOLERANCE)
     for _ in range(PLANES):
@@ -232,8 +232,8 @@ def _final_pose(
         else:
             near = exact.spread(poses, reach, steps)
             poses = near[np.argsort(exact.cost(near, reach))[:4]]
-        poses = exact.fitted(poses, reach, 5)
+        poses = exact.fit(poses, reach, 5)
     everything = ScanFit(surface, points, weights)
     poses = poses[np.argsort(exact.cost(poses, reach))[:2]]
     poses = poses[np.argsort(everything.cost(poses, reach))[:1]]
-    return everything.fitted(poses, reach, 10, 1e-6)
+    return everything.fit(poses, reach, 10, 1e-6)

@@ -327,7 +327,9 @@ def analyse(
         kind = YEAR if name not in found else "combination" if name in combined else "case"
         action = found.get(name, stays)
         try:
-            held = Loads(simulation.loads.fixed, action.at(base.pose)).held(simulation.model.pairs, base.pose.centres)
+            held = Loads(simulation.loads.fixed, action.at(base.pose)).held_increments(
+                simulation.model.pairs, base.pose.centres
+            )
         except FlexMapsError as error:
             raise FlexMapsError(f"Load case '{name}': {error}", faces=error.faces) from None
         out.append(_outcome(name, kind, action, strength, base, held, params, how, part.at(0.0, name)))

@@ -151,7 +151,9 @@ class PathFollower:
         """
         return following(self.system, self.action, pose, factor)
 
-    def factored(self, here: Expansion, pose: Pose, factor: float) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
+    def factor_tangent(
+        self, here: Expansion, pose: Pose, factor: float
+    ) -> tuple[Callable[[np.ndarray], np.ndarray], int]:
         """Factor the tangent stiffness.
 
         Parameters
@@ -170,9 +172,9 @@ class PathFollower:
         if self.action.follows:
             matrix = (matrix + self.follows(pose, factor)).tocsc()
         lu = SparseLU(matrix)
-        return lambda field: self.system.full(lu.solve(self.system.reduced(field))), lu.negative
+        return lambda field: self.system.full(lu.solve(self.system.free_entries(field))), lu.negative
 
-    def moved(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
+    def with_support_motion(self, way: Float[np.ndarray, "spirals 6"], factor: float) -> Float[np.ndarray, "spirals 6"]:
         """Return increments (n, 6) with the movement of supports for a change of the factor added.
 
         Parameters
@@ -199,8 +201,8 @@ class PathFollower:
         before : the previous equilibrium, or None
         """
         here = self.model.expand(state)
-        solve, unstable = self.factored(here, state.pose, factor)
-        way = self.moved(solve(self.pull(here, state.pose)), 1.0)
+        solve, unstable = self.factor_tangent(here, state.pose, factor)
+        way = self.with_support_motion(solve(self.pull(here, state.pose)), 1.0)
         length = self.size(way)
         sign = 1.0
         if before is not None:
@@ -233,10 +235,10 @@ class PathFollower:
             ):
                 return self.point(state, factor, point), count
             try:
-                solve, _ = self.factored(here, state.pose, factor)
+                solve, _ = self.factor_tangent(here, state.pose, factor)
             except NotPositiveDefinite:
                 return None
-            free, along = -solve(left), self.moved(solve(self.pull(here, state.pose)), 1.0)
+            free, along = -solve(left), self.with_support_motion(solve(self.pull(here, state.pose)), 1.0)
             if fixed is None:
                 # stay in the plane perpendicular to the tangent
                 across = float((weight * along).sum())

@@ -44,8 +44,8 @@ def _part(name: str, result: Result, own: ObjectSettings, first: ObjectSettings,
     quick = replace(own, sheet=replace(first.sheet, nesting="FAST", remnants=""))
     try:
         made = job.run_stages(result, quick, ("sheets",), progress)
-        estimate, design = made.needed(MakingEstimate), made.needed(DesignVersion).design
-        sheets, material = made.needed(SheetPlan).sheets, own.material.chosen
+        estimate, design = made.need(MakingEstimate), made.need(DesignVersion).design
+        sheets, material = made.need(SheetPlan).sheets, own.material.chosen
         return Part(name, design, sheets, material, estimate.estimates, estimate.assembly, own.export.copies)
     except FlexMapsError as error:
         raise FlexMapsError(f"{name}: {error}", faces=error.faces) from None

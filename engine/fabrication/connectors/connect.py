@@ -176,7 +176,7 @@ def connect(
                 full[tip.row] = tip.wide.full[0]
         taken.ravel()[half.arm] = np.maximum(half.along(full), 0.0)
     progress(0.8, "outlines with connectors")
-    gathered = space.gathered(tips, design.begin, tolerance)
+    gathered = space.tips_as_arcs(tips, design.begin, tolerance)
     drawn = design.outlines(tolerance, gathered, progress.part(0.82, 1.0))
     return Connections(tuple(drawn), tuple(made), tuple(unsolved), params.clearance, taken, tuple(tips))
 
@@ -185,7 +185,7 @@ def connect(
 class _Choice:
     """An attempt at a joint that has room, with its tips.
 
-    placed : (2, 2) polygons of the tips, see ``FreeSpace.judged``
+    placed : (2, 2) polygons of the tips, see ``FreeSpace.judge``
     """
 
     attempt: Attempt
@@ -232,7 +232,7 @@ class _Attempts:
 
     def _judge(self, tries: list[tuple[int, Attempt]]) -> None:
         """Evaluate attempts and store those that have room."""
-        made = self.space.judged([joint for joint, _ in tries], [attempt for _, attempt in tries])
+        made = self.space.judge([joint for joint, _ in tries], [attempt for _, attempt in tries])
         for (joint, attempt), tips in zip(tries, made, strict=True):
             if tips is not None:
                 self.ready[joint].append(_Choice(attempt, *tips))

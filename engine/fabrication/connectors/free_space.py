@@ -163,7 +163,7 @@ class FreeSpace:
         step = self.sizes(joint)[-1].neck * _STEP
         return [step * n for n in sorted(range(-_SHIFTS, _SHIFTS + 1), key=lambda n: (abs(n), n))]
 
-    def judged(
+    def judge(
         self, which: Sequence[int], attempts: Sequence[Attempt]
     ) -> list[tuple[tuple[Tip, Tip], np.ndarray] | None]:
         """Return both tips of every attempt at the joints ``which``, and their polygons (2, 2); None without room.
@@ -175,7 +175,7 @@ class FreeSpace:
         shift, aside = (np.array([getattr(a, n) for a in attempts]) for n in ("shift", "aside"))
         roles = [a.roles() for a in attempts]
         tips, placed = np.empty((len(rows), 2), dtype=object), np.empty((2, len(rows), 2), dtype=object)
-        for half, (through, sign) in enumerate(((self.through, 1.0), (self.through.turned, -1.0))):
+        for half, (through, sign) in enumerate(((self.through, 1.0), (self.through.from_other_side, -1.0))):
             if not len(left):
                 break
             role, tried = ([x[k] for k in left.tolist()] for x in ([r[half] for r in roles], attempts))
@@ -286,7 +286,7 @@ class FreeSpace:
         near = ((one.polygon, two.rest), (two.polygon, one.rest), (one.polygon, two.polygon))
         return any(bool(shapely.dwithin(a, b, 0.999 * self.slot)) for a, b in near)
 
-    def gathered(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
+    def tips_as_arcs(self, tips: list[Tip], plain: np.ndarray, tolerance: float) -> Tips:
         """Return all tips together as arcs; ``plain`` (F, 4) is where the other arms begin."""
         blank = np.zeros(plain.shape)
         made = Tips(np.zeros((2, *plain.shape)), blank, blank + 1e-3, plain.copy(), {})

@@ -117,7 +117,7 @@ class Halves:
         shape = (-1, *(1,) * (points.ndim - 1))
         return (points - self.origin.reshape(shape)) / self.out.reshape(shape)
 
-    def placed(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
+    def in_patch_frames(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
         """Transform points from the arms' frames to the patches' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
         return self.origin.reshape(shape) + self.out.reshape(shape) * points
@@ -148,7 +148,7 @@ class Throughs:
     other: Halves
 
     @cached_property
-    def turned(self) -> Throughs:
+    def from_other_side(self) -> Throughs:
         """The same arms with ``own`` and ``other`` exchanged."""
         return Throughs(self.other, self.own)
 

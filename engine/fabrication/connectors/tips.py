@@ -105,7 +105,7 @@ class Tip:
         own = self.through.own.rows(np.array([self.row]))
         t = np.linspace(max(self.over, 0.0), float(own.end[0]) / ARM_SHARE, _SAMPLES)[None]
         ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[:, ::-1], RIGHT)[0]], axis=1)
-        return shapely.Polygon(pairs(own.placed(ring)[0]))
+        return shapely.Polygon(pairs(own.in_patch_frames(ring)[0]))
 
 
 def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:

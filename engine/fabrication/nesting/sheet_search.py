@@ -88,14 +88,14 @@ class SheetSearch:
         return max(self.params.nesting_seconds, 1e-9)
 
     @property
-    def spent(self) -> float:
+    def share_of_time(self) -> float:
         """The share of the time limit that has elapsed."""
         return (time.monotonic() - self.begin) / self._seconds
 
     @property
     def _going(self) -> bool:
         """Whether time is left to try more sets."""
-        return self.spent < 1.0 - max(LAST, 0.5 * TURN / self._seconds)
+        return self.share_of_time < 1.0 - max(LAST, 0.5 * TURN / self._seconds)
 
     def _rank(self, packing: Packing) -> tuple[int, float]:
         """Return the number of sheets, and the area in m2 of the hulls on the emptiest, which decides its length."""
@@ -245,7 +245,7 @@ class SheetSearch:
         if not all(self.turns[i] for i in members):
             return packing
         places = self._alone(*members) if len(members) == 1 else None
-        places = places or self._on_sheet(self.shortest(members, (1.0 - self.spent) * self._seconds))
+        places = places or self._on_sheet(self.shortest(members, (1.0 - self.share_of_time) * self._seconds))
         if places is None:
             return packing
         rotation, shift = packing.rotation.copy(), packing.shift.copy()
@@ -271,7 +271,7 @@ class SheetSearch:
     def _strips(self, tasks: Sequence[StripTask]) -> list[PackedStrip | None]:
         """Return the strips of some tasks, packed at once, in metres within the margins of a sheet."""
         most = max((len(task.items) for task in tasks), default=0)
-        progress = self.progress.at(min(self.spent, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
+        progress = self.progress.at(min(self.share_of_time, 1.0), f"nesting {with_count(most, 'panel', 'panels')}")
         found: list[PackedStrip | None] = [None] * len(tasks)
         for number, future in as_done(self.workers, pack_strip, tasks, progress):
             with suppress(WorkerDied):  # there may be too little memory

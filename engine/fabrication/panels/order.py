@@ -35,7 +35,7 @@ class CutGroup:
             return first.points
         return np.stack([first.points[0], last.points[-1]]) if self.turns else first.points[:1]
 
-    def begun(self, node: int) -> tuple[Curve, ...]:
+    def starting_at(self, node: int) -> tuple[Curve, ...]:
         """Return the curves, beginning at one of the nodes."""
         first = self.curves[0]
         if first.closed:
@@ -123,5 +123,5 @@ def in_order(
     tour.nearest(progress.part(0.1, 0.8))
     tour.begin_well(progress.part(0.8, 1.0))
     ordered = progress.part(1.0, 1.0).each(tour.order.tolist(), ORDER)
-    curves = tuple(c for i in ordered for c in cuts[i].begun(int(tour.node[i])))
+    curves = tuple(c for i in ordered for c in cuts[i].starting_at(int(tour.node[i])))
     return curves, complex(tour.ends(tour.order[-1:])[1][0])

@@ -85,7 +85,7 @@ class BarLoads:
         known = (bars, loads, compliance, flat, bends, beyond, half, tangent, lever, moment)
         return cls(*known, normal, bent.real, bent.imag, own.off)
 
-    def pulled(
+    def vjp(
         self, normal: np.ndarray, torque: np.ndarray, lift: np.ndarray, turn: np.ndarray
     ) -> tuple[Float[np.ndarray, "n 15"], BarPull, Float[np.ndarray, "3 n pieces"]]:
         """Vector-Jacobian product: derivatives by the loads, by the bars, and by the compliances of their pieces.
@@ -134,7 +134,7 @@ class BarLoads:
         length, width = (by_parts * rates).sum(0), np.zeros_like(bars.width)
         length[:, -1] -= by_beyond / bars.length[:, -1]
         width[:, -1] = by_beyond / bars.width[:, -1]
-        by_first, lever, by_along = self.flat.pulled(by_parts * self.compliance * bars.length)
+        by_first, lever, by_along = self.flat.vjp(by_parts * self.compliance * bars.length)
         by_along = by_along + bars.length * by_bends.flat * (rates[0] - 1j * rates[1])
         angle = (np.conj(1j * bars.tangent) * by_along).real
         return by_first, by_parts * bars.length * moments, BarPull(lever, length, width, np.zeros_like(width), angle)
@@ -160,7 +160,7 @@ class _FlatLoads:
         turn = moment.off + (np.conj(bars.lever) * force.flat).imag
         return cls(bars, force, plane, np.stack([turned.real, turned.imag, turn]))
 
-    def pulled(self, by: Float[np.ndarray, "3 n pieces"]) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
+    def vjp(self, by: Float[np.ndarray, "3 n pieces"]) -> tuple[Float[np.ndarray, "n 6"], np.ndarray, np.ndarray]:
         """Derivatives by the wrenches, the levers and the tangents from those by the moments."""
         bars, turn = self.bars, by[2]
         moment = (by[0] + 1j * by[1]) * bars.tangent

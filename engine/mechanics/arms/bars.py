@@ -97,7 +97,7 @@ class Bars:
         ends = self.velocity[:, ::2]
         return -np.angle(ends[:, 1:] * np.conj(ends[:, :-1])) / self.length * self.width
 
-    def pulled(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
+    def vjp(self, pull: BarPull) -> Float[np.ndarray, "n numbers"]:
         """Vector-Jacobian product: turn derivatives by the bars (``pull``) into derivatives by the parameters."""
         ends, middles = self.velocity[:, ::2], self.velocity[:, 1::2]
         by_turn = -pull.bend * self.width / self.length
@@ -110,7 +110,7 @@ class Bars:
         velocity[:, 2::2] += spin[:, 1:] * by_turn
         velocity[:, :-1:2] -= spin[:, :-1] * by_turn
         half[:, 1::2] = 2.0 * by_width
-        numbers, by_t = self.lines.pulled(self.t, points, velocity, half)
+        numbers, by_t = self.lines.vjp(self.t, points, velocity, half)
         by_end = by_t @ _STATIONS + (by_length * self.pace) @ _STEPS
         out = by_end[:, None] * self.end_by
         out[:, :BLEND_NUMBERS] += numbers

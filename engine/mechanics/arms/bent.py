@@ -151,7 +151,7 @@ def bend_arms(
     progress : is updated and can cancel
     """
     progress(0.0, BENDING)
-    return Bender.from_design(design, material).bent(pose, closed, wrench, progress=progress.part(0.2, 1.0))
+    return Bender.from_design(design, material).bend(pose, closed, wrench, progress=progress.part(0.2, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ class Bender:
         ----------
         design : the spirals
         material : as in the function ``bend_arms``
-        only : (F,) quads that may be bent, as in ``bent``; default is all
+        only : (F,) quads that may be bent, as in ``bend``; default is all
         """
         mesh = design.flat.layout.mesh
         inner = np.flatnonzero(~mesh.border)
@@ -197,7 +197,7 @@ class Bender:
         parts = zip((own.hub, own.flat, own.answer), (np.ones(len(more)), rim.flat, more), strict=True)
         return cls(_ArmPieces(*(np.concatenate(pair) for pair in parts)), arm, axes, size, rim)
 
-    def bent(
+    def bend(
         self,
         pose: Pose,
         closed: np.ndarray | None = None,
@@ -221,7 +221,7 @@ class Bender:
         some = np.arange(len(load))
         if self.rim is not None:
             both = np.concatenate([both, self.rim.arm])
-            pose = self.rim.settled(pose).whole
+            pose = self.rim.with_nodes(pose).whole
             only = None if only is None else np.concatenate([only, only[self.rim.hub]])
         if only is not None:
             both = both[only[both // 4].any(axis=1)]

@@ -43,7 +43,7 @@ class RimPieces:
             assembly_from_design(self.design), self.material, curving=False, slopes=False
         ).of_rim
 
-    def settled(self, pose: Pose) -> Pose:
+    def with_nodes(self, pose: Pose) -> Pose:
         """Add the nodes to a pose without them, in equilibrium between the hubs."""
         return pose if pose.nodes is not None else self._model.start(pose).pose
 

@@ -35,7 +35,9 @@ class ArmCompliances:
     by: Float[np.ndarray, "joints 2 numbers 6 6"] | None
     table_by_grain: Float[np.ndarray, "joints 2 6 6"]
 
-    def varied(self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]) -> ArmCompliances:
+    def to_first_order(
+        self, change: Float[np.ndarray, "n k"], by_shapes: Float[np.ndarray, "n k 6 6"]
+    ) -> ArmCompliances:
         """Update to first order for a change of the arms' shapes.
 
         Parameters

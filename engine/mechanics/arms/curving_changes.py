@@ -150,7 +150,7 @@ def with_design_change(assembly: Assembly, side: int, number: int, step: np.ndar
         twist[spiral] += step
     for turn in {WIDTH: (0,), BESIDE: (1, -1)}.get(number, ()):
         width[spiral, (arm + turn) % 4] += step
-    return assembly.redesigned(width, twist)
+    return assembly.with_spirals(width, twist)
 
 
 def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarray) -> Assembly:
@@ -166,11 +166,11 @@ def with_rest_change(assembly: Assembly, side: int, number: int, step: np.ndarra
     if number < 2:
         lever = assembly.lever.copy()
         lever[:, side, number] += step
-        return assembly.reshaped(lever, assembly.axes)
+        return assembly.with_rest_geometry(lever, assembly.axes)
     axes, (cosine, sine) = assembly.axes.copy(), (np.cos(step)[:, None], np.sin(step)[:, None])
     x, y = axes[:, side, 0].copy(), axes[:, side, 1].copy()
     axes[:, side, 0], axes[:, side, 1] = cosine * x - sine * y, sine * x + cosine * y
-    return assembly.reshaped(assembly.lever, axes)
+    return assembly.with_rest_geometry(assembly.lever, axes)
 
 
 def _design_scale(assembly: Assembly, side: int, number: int) -> Float[np.ndarray, " joints"]:
@@ -205,7 +205,7 @@ def _curving_nearby(
     else:
         by = model.cut_by_shapes.reshape(len(model.pairs), 2, -1, 6, 6)[joints]
         shapes = rest_shapes(there, model.material) - rest_shapes(alone, model.material)
-        compliance = compliance.varied(shapes, by.reshape(-1, *by.shape[2:]))
+        compliance = compliance.to_first_order(shapes, by.reshape(-1, *by.shape[2:]))
     compliance = replace(compliance, values=compliance.values + values)
     found = ArmModel.assemble(there, compliance, there.bend[0], model.material, True).curving_at_joint
     assert found is not None

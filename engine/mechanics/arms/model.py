@@ -90,14 +90,14 @@ class ArmModel:
         found = arm_compliances(whole, material, slopes)
         return cls.assemble(whole, found, whole.bend[0], material, curving, progress)
 
-    def varied(self, assembly: Assembly) -> ArmModel:
+    def with_rest_geometry(self, assembly: Assembly) -> ArmModel:
         """Return the model of the same spirals on a slightly different rest geometry; compliances follow to first
         order.
 
         The strains' second-order term is kept at the joints.
         """
         change = rest_shapes(assembly, self.material) - rest_shapes(self.assembly, self.material)
-        compliance = self.compliance.varied(change, self.cut_by_shapes) if change.any() else self.compliance
+        compliance = self.compliance.to_first_order(change, self.cut_by_shapes) if change.any() else self.compliance
         found = self.assemble(assembly, compliance, self.assembly.bend[0], self.material, False)
         return found.with_curving(self.curving_at_joint)
 
@@ -118,7 +118,7 @@ class ArmModel:
     def compliance_by(self) -> Float[np.ndarray, "joints 2 numbers 6 6"]:
         """(m, 2, 5, 6, 6) derivatives of both arms' compliances, as in ``ArmCompliances``.
 
-        Stored derivatives, which ``varied`` does not update, are returned first; otherwise they are computed.
+        Stored derivatives, which ``with_rest_geometry`` does not update, are returned first; otherwise they are computed.
         """
         known = self.compliance if self.compliance.by is not None else arm_compliances(self.assembly, self.material)
         assert known.by is not None
@@ -179,7 +179,7 @@ class ArmModel:
         whole, rim = self.assembly, self.assembly.rim
         own = replace(whole.plain, rim=rim).part(hubs, joints).whole
         if whole.nodes and rim is not None:
-            nodes, strips = rim.kept(hubs)
+            nodes, strips = rim.indices_of_hubs(hubs)
             joints = np.concatenate([joints, whole.inner + nodes, whole.ties.stop + strips])
         return self._select_joints(own, joints)
 
@@ -204,7 +204,7 @@ class ArmModel:
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
 
-    def weakened(self, share: np.ndarray) -> ArmModel:
+    def scale_stiffness(self, share: np.ndarray) -> ArmModel:
         factor = np.concatenate([share, np.ones(len(self.at_joint) - len(share))])[:, None, None]
         return replace(self, at_joint=factor * self.at_joint, stiffness=factor * self.stiffness)
 

@@ -172,13 +172,13 @@ class _SectionStrains:
         """Derivatives of the values by the loads and by the arms' parameters."""
         by_axial, by_shear, by_weak = self._by_points()
         sections, by_rate, own = self._by_sections(by_axial, by_shear)
-        by_loads, bent, by_compliance = self.loads.pulled(*sections)
+        by_loads, bent, by_compliance = self.loads.vjp(*sections)
         by_compliance[0] += by_rate
         scaled = by_compliance[1:] * self.compliance[1:]
         width = own.width + bent.width - (scaled[0] + 3.0 * scaled[1]) / self.bars.width
         width += by_compliance[0] * self.softness * self.torsion.slopes[0]
         pull = BarPull(bent.lever, own.length + bent.length, width, own.bend, bent.angle - by_weak)
-        return by_loads, np.concatenate([self.bars.pulled(pull), by_weak.sum(1)[:, None]], axis=1)
+        return by_loads, np.concatenate([self.bars.vjp(pull), by_weak.sum(1)[:, None]], axis=1)
 
     def _by_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of the values by the axial strains (8, n, pieces), by the shear of both sides and the faces (3,
@@ -195,7 +195,7 @@ class _SectionStrains:
     def _by_sections(
         self, by_axial: np.ndarray, by_shear: np.ndarray
     ) -> tuple[tuple[np.ndarray, ...], np.ndarray, BarPull]:
-        """Derivatives by the sections' loads (see ``BarLoads.pulled``), by the twist rate per torque, and by the bars."""
+        """Derivatives by the sections' loads (see ``BarLoads.vjp``), by the twist rate per torque, and by the bars."""
         loads, c, t = self.loads, self.curvature, self.torsion
         youngs, height, width = self.arms.material.youngs, self.arms.thickness, self.bars.width
         flat, tilt = by_axial[0:2] + by_axial[2:4] + by_axial[4:6], by_axial[0:2] - by_axial[2:4]

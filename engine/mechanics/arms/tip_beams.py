@@ -222,7 +222,7 @@ class TipBeams:
         moment = SplitVector(_solve(roll, turn.flat) + up * other, turn.off / stiff - _dot(centre, force))
         return Wrenches(SplitVector(force, up), moment)
 
-    def bent(self, motion: Float[np.ndarray, "n 6"]) -> BentBeams:
+    def bend(self, motion: Float[np.ndarray, "n 6"]) -> BentBeams:
         """Bend the arms by tip motions (n, 6): shifts in metres and turns in radians."""
         load = self.wrenches(SplitVector.from_vectors(motion[:, :3]), SplitVector.from_vectors(motion[:, 3:]))
         bend, stretch = self._turn_pieces(load.at(self.lever)), self._stretch_pieces(load.force[:, None])
@@ -253,7 +253,7 @@ class BentBeams:
         """Select arms by index, with repetitions, together with everything already computed for them."""
         return _select_rows(self, index)
 
-    def pulled(
+    def vjp(
         self, t: Float[np.ndarray, " n"], piece: Int[np.ndarray, " n"], pull: PointGradient
     ) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n numbers"]]:
         """Vector-Jacobian product with respect to tip motions and the arms' parameters (see ``blends``).
@@ -287,7 +287,7 @@ class BentBeams:
         velocity[:, 1:-1:2], velocity[:, -1] = by_velocity, pull.velocity
         width[:, 1:-1:2], width[:, -1] = 2.0 * by_width, pull.half
         at = np.concatenate([beams.hub[:, None] * step, t[:, None]], axis=1)
-        numbers, by_t = beams.lines.pulled(at, points, velocity, width)
+        numbers, by_t = beams.lines.vjp(at, points, velocity, width)
         by_hub = by_hub + pull.hub + by_t[:, :-1] @ step
         numbers += by_hub[:, None] * beams.hub_slopes
         force, moment = virtual.force.space, virtual.moment.space

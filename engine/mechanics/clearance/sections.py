@@ -104,7 +104,7 @@ class Section:
             + pull.half * self.widening
         )
 
-    def pulled(self, pull: SectionPull) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
+    def vjp(self, pull: SectionPull) -> tuple[PointGradient, Int[np.ndarray, " n"]]:
         """Vector-Jacobian product with respect to the bent arms, one section per arm; and the pieces of the sections."""
         turn, aside = self._vjp_of_turns(pull)
         share, halfway = self.share[..., None], np.cross(self.chord, pull.middle)

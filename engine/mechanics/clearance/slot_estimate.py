@@ -99,12 +99,12 @@ class Slots:
         first = np.arange(len(numbers))
         second = np.roll(first.reshape(-1, 4), -1, axis=1).ravel()
         pair = np.stack([first, second] if self.clockwise else [second, first], axis=1)
-        rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bent(motion), pair, self._sign)
+        rough = _rough_widths(self._beams(numbers, ROUGH_PIECES).bend(motion), pair, self._sign)
         pair = pair[rough < width[pair[:, 0]] + ROUGH_MARGIN]
         # only arms that may be too close to each other
         own, index = np.unique(pair, return_inverse=True)
         t = np.tile(PLACES, (len(pair), 1))
-        field, local = self._beams(numbers[own], STATIONS).bent(motion[own]), index.reshape(pair.shape)
+        field, local = self._beams(numbers[own], STATIONS).bend(motion[own]), index.reshape(pair.shape)
         values, s = self._widths(field, local, t)
         narrow = np.flatnonzero(values < width[pair[:, :1]])
         place = narrow // len(PLACES)
@@ -139,9 +139,9 @@ class Slots:
         outer.middle -= facing.middle
         inner.middle += facing.middle
         inner.along += facing.along
-        pulls, pieces = zip(*(part.pulled(pull) for part, pull in ((here, outer), (there, inner))))
+        pulls, pieces = zip(*(part.vjp(pull) for part, pull in ((here, outer), (there, inner))))
         pieces = np.stack(pieces, axis=1).ravel()
-        by_motion, by_numbers = field.pulled(both[:, 0], pieces, PointGradient.interleave(*pulls))
+        by_motion, by_numbers = field.vjp(both[:, 0], pieces, PointGradient.interleave(*pulls))
         return by_motion.reshape(-1, 2, 6), by_numbers.reshape(-1, 2, N_BLEND_PARAMETERS)
 
     @property

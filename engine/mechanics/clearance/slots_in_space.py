@@ -65,7 +65,7 @@ class SpaceSlots:
             np.minimum.at(least, self.arms[:, which] // 4, self.width)
         return least
 
-    def updated(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
+    def with_quads_of(self, part: SpaceSlots, quads: Int[np.ndarray, " some"]) -> SpaceSlots:
         """Return these slots with those of some quads replaced.
 
         Parameters

@@ -99,7 +99,7 @@ class RodModel(JointsOnly):
         of_joints = {name: getattr(self, name)[joints] for name in ("springs", "stretch", "rest", "length")}
         return replace(self, assembly=self.assembly.part(hubs, joints), by_design=self.by_design[hubs], **of_joints)
 
-    def weakened(self, share: np.ndarray) -> RodModel:
+    def scale_stiffness(self, share: np.ndarray) -> RodModel:
         return replace(self, springs=share[:, None, None] * self.springs, stretch=share * self.stretch)
 
     def start(self, pose: Pose) -> RodState:

@@ -192,7 +192,7 @@ class PatchProblem:
         size = np.abs(turn)
         return np.where(size > 0, turn, 1.0) / np.where(size > 0, size, 1.0)
 
-    def unfolded(self) -> Complex[np.ndarray, "quads 4"]:
+    def propagate_rotations(self) -> Complex[np.ndarray, "quads 4"]:
         """Return start rotations, propagated over uncut sides from the middle quad of every patch."""
         q = len(self.quads)
         if q == len(self.sizes):
@@ -236,7 +236,7 @@ class PatchProblem:
         rows, cols = np.concatenate([everyone, fa, fb]), np.concatenate([everyone, fb, fa])
         values = np.concatenate([degree + 1e-6, -self._turns.conj(), -self._turns])
         solver = splu(csc_array((values, (rows, cols)), shape=(q, q)))
-        vector = self.unfolded()[:, 0]
+        vector = self.propagate_rotations()[:, 0]
         for _ in range(20):
             vector = solver.solve(vector)
             vector /= np.abs(vector).max()
@@ -299,7 +299,7 @@ def settle(
     hopeless : give up early when the worst energy is bound to stay above this
     """
     if rotation is None:
-        rotation = problem.unfolded()
+        rotation = problem.propagate_rotations()
     weights = np.ones(len(problem.quads))
     factor = problem.factor(weights)
     before = np.inf

@@ -132,7 +132,7 @@ def _halves(flat: FlatPatches, patch: int) -> Int[np.ndarray, " run"]:
     order = np.argsort(along, kind="stable")
     side = np.full(len(mesh.quads), -1)
     side[quads[order]] = np.arange(len(quads)) >= len(quads) // 2
-    inner = flat.layout.joined
+    inner = flat.layout.uncut_edges
     a, b = side[mesh.edge_quads[inner]].T
     found: Int[np.ndarray, " run"] = inner[(a >= 0) & (b >= 0) & (a != b)]
     return found

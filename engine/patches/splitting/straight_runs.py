@@ -62,7 +62,7 @@ def straight_runs(flat: FlatPatches, patch: int, tick: Callable[[], None] = lamb
     """
     layout, mesh = flat.layout, flat.layout.mesh
     loop = flat.outlines[patch]
-    inner = layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]
+    inner = layout.uncut_edges[layout.patch_of[mesh.edge_quads[layout.uncut_edges, 0]] == patch]
     if not len(inner):
         return None
     quads = layout.patches[patch]

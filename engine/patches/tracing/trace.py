@@ -199,7 +199,7 @@ def parametric_lines(layout: PatchLayout, patch: int) -> list[np.ndarray]:
     """
     mesh = layout.mesh
     inside = np.zeros(len(mesh.edges), dtype=bool)
-    inside[layout.joined[layout.patch_of[mesh.edge_quads[layout.joined, 0]] == patch]] = True
+    inside[layout.uncut_edges[layout.patch_of[mesh.edge_quads[layout.uncut_edges, 0]] == patch]] = True
     edges = np.flatnonzero(inside)
     following = {}
     for way in range(2):

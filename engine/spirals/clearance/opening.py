@@ -62,7 +62,7 @@ def open_gaps(
         quads[terms.arms // 4] = True
     for turn in range(SLOPE_ROUNDS, ROUNDS):
         progress(turn / ROUNDS, "room between the arms")
-        quads = room.closed(width, twist, quads) & free
+        quads = room.quads_with_closed_gaps(width, twist, quads) & free
         straight = quads & (twist == 0.0)
         width = np.where(straight[:, None], np.maximum((1.0 - MAX_THIN) * width, least), width)
         twist = np.where(quads, np.where(twist < 0.1, 0.0, 0.9 * twist), twist)

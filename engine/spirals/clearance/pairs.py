@@ -48,7 +48,7 @@ class Pairs(Columns):
     shift: Complex[np.ndarray, " n"]
     laid: Bool[np.ndarray, " n"]
 
-    def moved(self, flat: FlatPatches) -> Pairs:
+    def with_flat(self, flat: FlatPatches) -> Pairs:
         """Return the pairs with turn and shift updated to moved flat points."""
         mate, side = opposite_sides(flat.layout.mesh)
         turn, shift = _align_sides(flat, self.one, (4 * mate + side).ravel()[self.one])

@@ -6,9 +6,9 @@ stay within the range of the stiffness table. Each condition has a clearance (ca
 (closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
 radians.
 
-    room = ClearanceModel.from_flat(flat, params)                      # once per flat patches; ``moved`` when their points move
+    room = ClearanceModel.from_flat(flat, params)                      # once per flat patches; ``with_flat`` when their points move
     terms = room.terms(width, twist)                  # clearances below SUPPORT with their Jacobian
-    room.closed(trial_width, trial_twist, quads)      # quads whose steps must be shorter
+    room.quads_with_closed_gaps(trial_width, trial_twist, quads)      # quads whose steps must be shorter
 """
 
 from __future__ import annotations
@@ -121,9 +121,9 @@ class ClearanceModel:
         some = need > 0.0
         return replace(room, pairs=pairs.subset(some), need=need[some])
 
-    def moved(self, flat: FlatPatches) -> ClearanceModel:
+    def with_flat(self, flat: FlatPatches) -> ClearanceModel:
         """Return the model for slightly moved flat points; pairs and requirements stay."""
-        return replace(self, pairs=self.pairs.moved(flat), shapes=ArmGeometry.from_flat(flat, self.params))
+        return replace(self, pairs=self.pairs.with_flat(flat), shapes=ArmGeometry.from_flat(flat, self.params))
 
     @property
     def by_gaps(self) -> ClearanceModel:
@@ -180,7 +180,7 @@ class ClearanceModel:
         four[len(four) - len(twisted) :] = twisted[:, None]
         return Terms(value, self._by_design(four, by_one, by_two), by_flat, four)
 
-    def closed(
+    def quads_with_closed_gaps(
         self,
         width: Float[np.ndarray, "quads 4"],
         twist: Float[np.ndarray, " quads"],

@@ -163,7 +163,7 @@ def twist_bound(
         high = np.minimum(high, most)
 
     def fits(quads: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        part = pure.subset(quads).unblended(twist)
+        part = pure.subset(quads).without_blends(twist)
         every = np.arange(len(quads))
         zero = np.zeros_like(every)
         gaps = [

@@ -176,7 +176,7 @@ class FittedArcs:
     bulge: Float[np.ndarray, " n"]
     start: Int[np.ndarray, " starts"]
 
-    def replaced(self, which: Int[np.ndarray, " k"], other: FittedArcs) -> FittedArcs:
+    def replace_curves(self, which: Int[np.ndarray, " k"], other: FittedArcs) -> FittedArcs:
         """Replace some curves.
 
         Parameters

@@ -135,7 +135,7 @@ class ArmCurves:
         half[:, OWN_WIDTH] += 0.5 * (1.0 - joint)
         return point, half
 
-    def pulled(
+    def vjp(
         self,
         t: Float[np.ndarray, "n m"],
         point: Complex[np.ndarray, "n m"],

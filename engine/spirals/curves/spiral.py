@@ -48,7 +48,7 @@ class Arms(Columns):
     blend_slope: Float[np.ndarray, "quads arms 2"]
     share: Float[np.ndarray, "quads arms"]
 
-    def unblended(self, wind: Float[np.ndarray, " quads"]) -> Arms:
+    def without_blends(self, wind: Float[np.ndarray, " quads"]) -> Arms:
         """Return the arms without blends and with another twist."""
         return replace(
             self,

@@ -153,7 +153,7 @@ def _without_duplicates(mesh: PolygonMesh) -> PolygonMesh:
     text = f"{2 * int(gone.sum())} faces lie on each other, as of a shell that is there twice: the second of each two is left out"
     # vertices without a face stay, for their own finding
     loose = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.corners)
-    left = mesh.kept(~gone)
+    left = mesh.subset(~gone)
     used = np.union1d(np.unique(left.corners), loose)
     corners = np.searchsorted(used, left.corners)
     cured = (*mesh.cured, ("doubled-faces", text))

@@ -88,14 +88,14 @@ def _check_raw(raw: RawMesh, name: str) -> PolygonMesh:
     small = np.flatnonzero(raw.sizes < 3)
     if len(small):
         left += (_describe_dropped(small, raw, "a point or a line", "points or lines"),)
-    mesh = PolygonMesh(raw.vertices, raw.corners, raw.sizes).kept(raw.sizes >= 3)
+    mesh = PolygonMesh(raw.vertices, raw.corners, raw.sizes).subset(raw.sizes >= 3)
     if not len(mesh.sizes):
         raise FlexMapsError(f"{name} holds no faces; export the surface itself, not only points or curves")
     twice = repeated_faces(mesh)
     if len(twice):
         faces = np.flatnonzero(raw.sizes >= 3)[twice]
         left += (_describe_dropped(faces, raw, "a face that is listed before", "faces that are listed before"),)
-        mesh = mesh.kept(~np.isin(np.arange(len(mesh.sizes)), twice))
+        mesh = mesh.subset(~np.isin(np.arange(len(mesh.sizes)), twice))
     nowhere = ~np.isfinite(mesh.vertices).all(axis=1)
     bad = np.intersect1d(np.flatnonzero(nowhere), mesh.corners)
     if len(bad):

@@ -336,7 +336,7 @@ class Maps:
         right = weighted.T @ self._wished - solved.T @ (self._free.T @ (self._weight * self._wished))
         return (self._whole.T @ weighted).toarray() - cross.T @ solved, right
 
-    def relaxed(self, edge: float) -> Float[np.ndarray, " whole"]:
+    def real_optimum(self, edge: float) -> Float[np.ndarray, " whole"]:
         """Return the optimum if the integers may be real."""
         matrix, right = self.energy(edge)
         return np.linalg.solve(matrix, right)

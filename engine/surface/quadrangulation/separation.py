@@ -88,7 +88,7 @@ class _NeighbourWalk:
 
         self.chart, self.mesh, self.edge = maps.chart, maps.chart.field.mesh, edge
         self.whole: csr_array = maps.lattice.whole
-        self.relaxed = maps.relaxed(edge)
+        self.relaxed = maps.real_optimum(edge)
         held = (np.diff(maps.lattice.free.indptr) == 0).reshape(-1, 2)[self.chart.wedge]
         self._counts = held.sum(axis=1)
         middles = self.mesh.vertices[self.mesh.corners].mean(axis=1)

@@ -35,7 +35,7 @@ class Plane:
         """Signed distances from the plane, metres."""
         return (points - self.point) @ self.normal
 
-    def mirrored(self, mesh: PolygonMesh) -> PolygonMesh:
+    def mirror(self, mesh: PolygonMesh) -> PolygonMesh:
         """Reflect a mesh, its faces reversed so that outside stays outside; the first corner stays the first."""
         points = mesh.vertices - 2.0 * self.heights(mesh.vertices)[:, None] * self.normal
         corners = mesh.corners.reshape(len(mesh.sizes), -1)
@@ -45,7 +45,7 @@ class Plane:
         """Return whether the image of one mesh lies on the other and conversely; ``extent`` is the size of the whole, metres."""
         pairs = ((one, other), (other, one))
         return all(
-            target_of(b).distances(np.ascontiguousarray(self.mirrored(a).vertices)).max() < ALIKE * extent
+            target_of(b).distances(np.ascontiguousarray(self.mirror(a).vertices)).max() < ALIKE * extent
             for a, b in pairs
         )
 
@@ -70,7 +70,7 @@ def _fit_plane(mesh: PolygonMesh, plane: Plane) -> Plane:
     """Fit a plane to the middles between points and their images projected onto the surface."""
     target = target_of(mesh)
     for _ in range(FITS):
-        images, _ = target.nearest(np.ascontiguousarray(plane.mirrored(mesh).vertices))
+        images, _ = target.nearest(np.ascontiguousarray(plane.mirror(mesh).vertices))
         apart = mesh.vertices - images
         plane = Plane(0.5 * (mesh.vertices + images).mean(axis=0), np.linalg.eigh(apart.T @ apart)[1][:, 2])
     return plane
@@ -127,7 +127,7 @@ def mirror_and_join(
         near = away < edge
         points[np.flatnonzero(on_plane)[nearest[near]]] = ends[near]
     moved = replace(quads, vertices=points)
-    both = concatenate_meshes([moved, plane.mirrored(moved)])
+    both = concatenate_meshes([moved, plane.mirror(moved)])
     count = len(heights)
     index = np.arange(2 * count)
     index[count:][on_plane] = np.flatnonzero(on_plane)

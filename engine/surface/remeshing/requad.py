@@ -304,7 +304,7 @@ class _MirroredSearch:
 
     @property
     def best(self) -> PolygonMesh:
-        return self.plane.mirrored(self.of.best)
+        return self.plane.mirror(self.of.best)
 
     def go_on(self, progress: Progress, to_the_end: bool) -> None:
         """Do nothing: the other body's search does the work."""

@@ -56,8 +56,8 @@ def joined(skin: Skin) -> np.ndarray:
 def test_it_ends_as_the_elastic_arms_do(piece):
     made, pose = piece
     panels, skin = panel_mesh(made, detail_of(made)), Skin.from_design(made, pose)
-    wanted = sections(panels, panels.placed(bend_arms(made, pose), pose))
-    found = skin.placed(pose, joined(skin), made.params.thickness)
+    wanted = sections(panels, panels.at_pose(bend_arms(made, pose), pose))
+    found = skin.edges_at_pose(pose, joined(skin), made.params.thickness)
     there = np.isfinite(wanted)
     assert there.mean() > 0.8
     assert found[there] == pytest.approx(wanted[there], abs=1e-9)
@@ -70,7 +70,7 @@ def test_it_begins_flat(piece):
     wanted = sections(panels, panels.flat(places))
     centres = np.c_[made.arms.centre + places[made.flat.layout.patch_of], np.zeros(len(made.width))]
     flat = Pose(centres, np.broadcast_to(np.eye(3), (len(centres), 3, 3)))
-    found = skin.placed(flat, np.zeros(len(skin.tip)), made.params.thickness)
+    found = skin.edges_at_pose(flat, np.zeros(len(skin.tip)), made.params.thickness)
     there = np.isfinite(wanted)
     assert found[there] == pytest.approx(wanted[there], abs=1e-9)
 
@@ -92,7 +92,7 @@ def test_a_rim_begins_flat_and_ends_as_the_elastic_one_does(rimmed):
     rim, skin = RimMesh.from_design(made), Skin.from_design(made, pose)
     assert rim is not None and skin.strip is not None
     order, half = np.argsort(rim.quad, kind="stable"), 0.5 * made.params.thickness
-    place, up = rim.placed(bend_arms(made, pose))
+    place, up = rim.at_pose(bend_arms(made, pose))
     wanted = np.stack([place + half * up, place - half * up], axis=1)[order]
     assert placed_strip(skin, pose, joined(skin), made.params.thickness) == pytest.approx(wanted, abs=1e-9)
     centres = np.c_[made.arms.centre, np.zeros(len(made.width))]
@@ -116,8 +116,8 @@ def test_half_way_it_is_near_the_elastic_arms(piece):
     here = Blend.between(flat, pose, pairs[inside], lever[inside]).at(0.5)
     closed = np.zeros(len(skin.tip))
     closed[(4 * mesh.edge_quads[inner] + mesh.edge_sides[inner])[inside]] = 1.0
-    wanted = sections(panels, panels.placed(bend_arms(made, here, closed=inside), here))
-    off = np.linalg.norm(skin.placed(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
+    wanted = sections(panels, panels.at_pose(bend_arms(made, here, closed=inside), here))
+    off = np.linalg.norm(skin.edges_at_pose(here, closed, made.params.thickness) - wanted, axis=2) / mesh.median_edge
     # a pixel, where the piece of ten quads fills a screen of 500
     assert np.nanmean(off) < 0.02
     assert np.nanmax(off) < 0.15

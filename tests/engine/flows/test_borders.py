@@ -98,7 +98,7 @@ def test_drawn_bodies_are_closed_and_hold_what_is_cut(flat_grid, degrees):
     drawn = panel_mesh(out, DETAILS["FINE"])
     shown = solids.solid(out, centres)
     for points, corners, sizes in (
-        (drawn.placed(bend_arms(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
+        (drawn.at_pose(bend_arms(out, flat_pose), flat_pose), drawn.corners, drawn.sizes),
         (shown.vertices, shown.corners, shown.sizes),
     ):
         starts = np.cumsum(sizes) - sizes

@@ -264,7 +264,7 @@ def test_drawn_bodies_are_closed_and_hold_what_is_cut():
     # the same where only the hubs' poses are known, as they are stored
     arms = bend_arms(whole, Pose(pose.centres, pose.rotations))
     for points, corners, sizes in (
-        (drawn.placed(arms, pose), drawn.corners, drawn.sizes),
+        (drawn.at_pose(arms, pose), drawn.corners, drawn.sizes),
         (drawn.flat(centres), drawn.corners, drawn.sizes),
         (shown.vertices, shown.corners, shown.sizes),
     ):

@@ -218,7 +218,7 @@ def test_the_assembled_piece_is_drawn_without_gaps(case):
     mesh, made, cut = case
     pose = target_pose(mesh, made.flat.corners)
     panels = panel_mesh(made, DETAILS["MEDIUM"], cut.connections.tips)
-    points = panels.placed(bend_arms(made, pose), pose)
+    points = panels.at_pose(bend_arms(made, pose), pose)
     assert np.isfinite(points).all()
     volume = sum(p.area for p in cut.panels if p.patch >= 0) * made.params.thickness
     assert _closed(points, panels.corners, panels.sizes).volume == pytest.approx(volume, rel=0.02)

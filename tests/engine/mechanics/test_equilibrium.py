@@ -124,7 +124,7 @@ def test_a_column_under_pressure_leaves_its_saddle() -> None:
 def test_both_backends_find_the_same_shape() -> None:
     model = ArmModel.from_assembly(row(12, twist=1.0, closed=True), VERO)
     start, loads = shaken(ring(12), 0.001, 0.1), free(12)
-    held = loads.held(model.pairs, start.centres)
+    held = loads.held_increments(model.pairs, start.centres)
     one, other = (
         solve(model, start, loads, SimulateParams(), system=NewtonSystem(model.pairs, held, backend))
         for backend in ("cvxopt", "superlu")
@@ -157,7 +157,7 @@ def test_softest_motions_are_found_where_lanczos_gives_up(monkeypatch: pytest.Mo
 
     model = ArmModel.from_assembly(row(30, twist=1.0, closed=True), VERO)
     found = solve(model, ring(30), free(30), SimulateParams())
-    system = NewtonSystem(model.pairs, free(30).held(model.pairs, found.pose.centres))
+    system = NewtonSystem(model.pairs, free(30).held_increments(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
     known, lanczos = system.softest(system.values(here.hessian), system.values(here.convex)), newton_system.eigsh
 
@@ -196,7 +196,7 @@ def test_what_an_equilibrium_has_to_spare_is_its_softest_eigenvalue() -> None:
     loads = Loads.for_spirals(count, supports=np.array([0, count - 1]))
     model = ArmModel.from_assembly(row(count), VERO)
     found = solve(model, start, loads, SimulateParams())
-    system = NewtonSystem(model.pairs, loads.held(model.pairs, found.pose.centres))
+    system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, found.pose.centres))
     here = model.expand(model.start(found.pose))
     rise = system.softest(system.values(here.hessian), system.values(here.convex))[1][0]
     assert 0.0 < rise < 1.0 and found.spare == 0.0
@@ -211,13 +211,13 @@ def test_few_free_increments_have_the_eigenvectors_of_the_dense_matrix() -> None
     found = {}
     for held in (22, 12):  # below and above where Lanczos takes over
         loads = Loads.for_spirals(30, supports=np.arange(held))
-        system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres))
+        system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres))
         here = model.expand(model.start(start))
         h, b = (system.values(v) for v in (here.hessian, here.convex + np.eye(12) * 1e-3))
         modes, rise = system.softest(h, b, 2)
         found[held] = [
-            float(system.reduced(m) @ system.pattern.matrix(h) @ system.reduced(m))
-            / float(system.reduced(m) @ system.pattern.matrix(b) @ system.reduced(m))
+            float(system.free_entries(m) @ system.pattern.matrix(h) @ system.free_entries(m))
+            / float(system.free_entries(m) @ system.pattern.matrix(b) @ system.free_entries(m))
             for m in modes
         ]
         assert found[held] == pytest.approx(rise, rel=1e-2)

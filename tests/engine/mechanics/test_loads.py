@@ -91,7 +91,7 @@ def test_hinges_hold_no_more_than_they_should(hinges: list[int]) -> None:
     found = solve(model, start, loads, SimulateParams())
     assert found.converged
     forces = model.expand(model.start(found.pose)).gradient
-    held = loads.held(model.pairs, found.pose.centres)
+    held = loads.held_increments(model.pairs, found.pose.centres)
     size = np.abs(forces[~loads.fixed]).max()
     assert size < 1e-7 * max(np.abs(model.expand(model.start(found.pose)).convex).max() * SPACING, 1e-12)
     extra = held & ~loads.fixed
@@ -150,8 +150,8 @@ def test_pieces_are_laid_as_near_as_their_supports_allow(hinges: list[int]) -> N
     turn = {0: [0.3, -0.7, 0.2], 1: [0.3, -0.7, 0.2], 2: 0.8 * axis / np.linalg.norm(axis)}[len(hinges)]
     rotation = Rotation.from_rotvec(turn).as_matrix()
     pivot = target.centres[hinges[0]] if hinges else np.array([0.1, 0.2, 0.3])
-    moved = target.placed(rotation, pivot - rotation @ pivot)
-    back = loads.laid(moved, pairs, target)
+    moved = target.transform(rotation, pivot - rotation @ pivot)
+    back = loads.align(moved, pairs, target)
     assert back.centres == pytest.approx(target.centres, abs=1e-12)
     assert back.rotations == pytest.approx(target.rotations, abs=1e-12)
 
@@ -163,7 +163,7 @@ def test_all_or_nearly_all_held(backend: str, free_hubs: int) -> None:
     count = 8
     model, start = ArmModel.from_assembly(row(count, closed=True), VERO), shaken(ring(count), 0.001, 0.1)
     loads = Loads.for_spirals(count, supports=np.arange(count - free_hubs))
-    system = NewtonSystem(model.pairs, loads.held(model.pairs, start.centres), backend)
+    system = NewtonSystem(model.pairs, loads.held_increments(model.pairs, start.centres), backend)
     found = solve(model, start, loads, SimulateParams(), system=system)
     assert found.converged
     here = model.expand(model.start(found.pose))

@@ -29,7 +29,7 @@ def start() -> DesignPoint:
     params = OptimiseParams(strain_share=0.5)
     task = Task(found.mesh, MATERIAL, params, SimulateParams(tolerance=1e-10), None, None, Work())
     problem = task.problem(found.design)
-    point = problem.at(problem.space.filled(0.5, 0.6), target_pose(found.mesh, found.design.flat.corners))
+    point = problem.at(problem.space.uniform(0.5, 0.6), target_pose(found.mesh, found.design.flat.corners))
     return point.weighed(point.mismatch.value)
 
 
@@ -69,7 +69,7 @@ def test_without_a_step_it_is_the_objective() -> None:
 def test_it_foretells_what_a_step_costs_that_closes_slots() -> None:
     """A quadratic model at the start of the same step knows nothing of slots that are still wide there."""
     point = start()
-    found = model(point, damping=3e-4).minimised()
+    found = model(point, damping=3e-4).minimise()
     there = point.problem.at(point.x + found.step, point.equilibrium.pose, step=found.moves)
     assert there.equilibrium.converged
     fall = point.value - there.value
@@ -79,6 +79,6 @@ def test_it_foretells_what_a_step_costs_that_closes_slots() -> None:
 
 def test_a_step_keeps_within_the_box_and_lowers_the_model() -> None:
     point = start()
-    found = model(point).minimised()
+    found = model(point).minimise()
     assert found.damped < point.value
     assert ((point.x + found.step >= -1e-12) & (point.x + found.step <= 1.0 + 1e-12)).all()

@@ -50,7 +50,7 @@ def problem() -> tuple[InverseProblem, DesignPoint]:
     assert made.design is not None
     task = Task(made.mesh, MATERIALS["vero"], OptimiseParams(), SimulateParams(tolerance=1e-11), None, None, Work())
     found = replace(task.problem(made.design), bearing=None, opening=None, simulate=SimulateParams(tolerance=1e-11))
-    return found, found.at(found.space.filled(0.5, 0.6), target_pose(made.mesh, made.design.flat.corners))
+    return found, found.at(found.space.uniform(0.5, 0.6), target_pose(made.mesh, made.design.flat.corners))
 
 
 def fresh() -> DesignPoint:
@@ -66,7 +66,7 @@ def residuals(point: DesignPoint) -> list[LeastSquares]:
 def changed(point: DesignPoint, moves: np.ndarray, change: np.ndarray) -> DesignPoint:
     """The point with moved hubs and changed spirals, not at rest."""
     pose, x = point.equilibrium.pose.moved(moves), point.x + change
-    model = point.problem.build(point.problem.assembly.redesigned(*point.problem.space.design(x)), SILENT)
+    model = point.problem.build(point.problem.assembly.with_spirals(*point.problem.space.design(x)), SILENT)
     equilibrium = replace(point.equilibrium, pose=pose)
     return replace(
         point, x=x, model=model, equilibrium=equilibrium, mismatch=point.problem.target.compare(pose.centres)

@@ -40,7 +40,7 @@ def simulated(name: str, twist: float) -> Simulation:
 
 
 def model_of(design: SpiralDesign, width: np.ndarray, twist: np.ndarray) -> ArmModel:
-    model = build_model(assembly_from_design(design).redesigned(width, twist), VERO, "arm", quick=True)
+    model = build_model(assembly_from_design(design).with_spirals(width, twist), VERO, "arm", quick=True)
     assert isinstance(model, ArmModel)
     return model
 

@@ -231,7 +231,7 @@ def test_a_shape_made_by_known_spirals_is_found_again() -> None:
     whole, here = problem()
     wanted = whole.at(whole.space.coordinates(secret.width, secret.twist), here.equilibrium.pose).equilibrium.pose
     whole = dataclasses.replace(whole, target=Target(whole.assembly.pairs, wanted.centres))
-    start = whole.at(whole.space.filled(0.5, 0.5), wanted)
+    start = whole.at(whole.space.uniform(0.5, 0.5), wanted)
     trace = SearchRecord()
     best = gauss_newton(whole, start, OptimiseParams(iterations=25, stop=0.0), trace, lambda point: None)
     assert best.value < 0.02 * start.value

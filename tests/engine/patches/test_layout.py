@@ -35,7 +35,7 @@ def test_random_cuts_keep_patches_and_flat_vertices_consistent(edges: set[int]) 
     import trimesh
 
     layout = cut_of(DOME, np.array(sorted(edges), dtype=np.int64))
-    a, b = DOME.edge_quads[layout.joined].T
+    a, b = DOME.edge_quads[layout.uncut_edges].T
     assert (layout.patch_of[a] == layout.patch_of[b]).all()
     assert sorted(np.concatenate(layout.patches).tolist()) == list(range(len(DOME.quads)))
     corners = layout.flat_corners

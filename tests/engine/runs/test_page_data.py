@@ -137,11 +137,11 @@ def test_what_is_packed_is_within_a_twentieth_of_a_millimetre(name, request):
         way=1e-3 * arrays["way"], turn=arrays["turn"],
     )  # fmt: skip
     here, closed = Pose(1e-3 * centres, rotations), (true.partner >= 0).astype(float)
-    corners = replace(skin, full=skin.tips(here, closed)).placed(here, closed, 1e-3 * made["thickness"])
+    corners = replace(skin, full=skin.tips(here, closed)).edges_at_pose(here, closed, 1e-3 * made["thickness"])
     panels = panel_mesh(found.design, detail_of(found.design))
     drawn = np.full((4 * len(panels.arm), 3), np.nan)
     used = panels.used < len(drawn)
-    drawn[panels.used[used]] = panels.placed(bend_arms(found.design, pose), pose)[used]
+    drawn[panels.used[used]] = panels.at_pose(bend_arms(found.design, pose), pose)[used]
     assert 1e3 * np.nanmax(np.linalg.norm(corners.reshape(-1, 3) - drawn, axis=1)) < 0.05
 
 

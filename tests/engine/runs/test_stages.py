@@ -88,7 +88,7 @@ def test_a_changed_setting_takes_what_was_made_from_it(
     """The expected sets follow from what each step reads, not from the table."""
     assert there(made) == LISTED
     other = replace(settings, **{section: replace(getattr(settings, section), **values)})  # type: ignore[arg-type]
-    found = made.updated(other)
+    found = made.without_outdated(other)
     assert there(found) == left
     if found.design is not None:
         assert found.design.params == other.spiral
@@ -98,7 +98,7 @@ def test_what_is_missing_runs_first_and_in_order(made: Result) -> None:
     bare = made.without("layout")
     assert not bare.outputs
     assert bare.missing("sheets") == ("trace", "merge", "split", "spirals", "sheets")
-    assert bare.with_outputs(FinalLayout(made.needed(FinalLayout).flat, BY_HAND)).missing("design") == ("spirals",)
+    assert bare.with_outputs(FinalLayout(made.need(FinalLayout).flat, BY_HAND)).missing("design") == ("spirals",)
     assert made.missing("sheets") == ()
 
 
@@ -125,13 +125,13 @@ def test_a_stage_that_runs_again_drops_what_came_of_it(made: Result, settings: O
 
 
 def test_every_output_says_how_it_came_about(made: Result, settings: ObjectSettings) -> None:
-    traced, version = made.needed(FinalLayout), made.needed(DesignVersion)
+    traced, version = made.need(FinalLayout), made.need(DesignVersion)
     assert (traced.origin, version.origin) == (stages.TRACED, stages.CURVED)
     cut = traced.flat.layout.cut
     again = by_hand.flatten_by_hand(made, cut, settings)
-    assert again.needed(FinalLayout).origin == BY_HAND and there(again) == {"merged", "flat"}
+    assert again.need(FinalLayout).origin == BY_HAND and there(again) == {"merged", "flat"}
     painted = by_hand.with_design(made, version.design, BY_HAND, settings)
-    assert painted.needed(DesignVersion).origin == BY_HAND and there(painted) == there(made)
+    assert painted.need(DesignVersion).origin == BY_HAND and there(painted) == there(made)
 
 
 def test_seams_of_the_user_are_kept_where_they_differ_from_the_traced_ones(

@@ -40,7 +40,7 @@ def test_a_piece_that_rests_higher_than_it_must_has_another_rest(saddle: Simulat
 
 
 def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target(saddle: Simulation) -> None:
-    assert not saddle.locked
+    assert not saddle.is_locked
     one, two = saddle.model.pairs[len(saddle.model.pairs) // 2]
     centres, turns = saddle.equilibrium.pose.centres, saddle.equilibrium.pose.rotations.copy()
     across = (centres[two] - centres[one]) / np.linalg.norm(centres[two] - centres[one])
@@ -48,7 +48,7 @@ def test_a_knot_is_named_where_neighbours_are_twisted_further_than_in_the_target
     turned = dataclasses.replace(saddle.equilibrium, pose=Pose(centres, turns))
     knotted = dataclasses.replace(saddle, equilibrium=turned)
     told = [finding for finding in knotted.findings if finding.code == "knotted"]
-    assert knotted.locked and len(told) == 1 and two in told[0].faces
+    assert knotted.is_locked and len(told) == 1 and two in told[0].faces
     assert "degrees from that in the target" in told[0].message
     lost = dataclasses.replace(saddle, equilibrium=dataclasses.replace(turned, converged=False))
     assert not any(finding.code == "knotted" for finding in lost.findings)
@@ -85,7 +85,7 @@ def test_a_piece_is_about_to_snap_when_its_softest_eigenvalue_is_small(
 ) -> None:
     pairs, pose = saddle.model.pairs, saddle.equilibrium.pose
     system, here = (
-        NewtonSystem(pairs, saddle.loads.held(pairs, pose.centres)),
+        NewtonSystem(pairs, saddle.loads.held_increments(pairs, pose.centres)),
         saddle.model.expand(saddle.model.start(pose)),
     )
     both = [system.pattern.matrix(system.values(of)).toarray() for of in (here.hessian, here.convex)]

@@ -31,7 +31,7 @@ def test_bound_leaves_exactly_the_smallest_slot(flat_grid, move):
     assert 0.0 < bound[0] < 2 * np.pi
     arms = spiral.arms(flat, params, width, bound)
     whole = np.broadcast_to(np.linspace(0, 1, 4001), (1, 4, 4001))
-    lines = spiral.centre_line(arms.unblended(bound), whole)[0][0]
+    lines = spiral.centre_line(arms.without_blends(bound), whole)[0][0]
     outer = round(4000 * slots.OPEN_SHARE)
     gaps = [LineString(lines[k, : outer + 1]).distance(LineString(lines[k - 1])) - width[0, 0] for k in range(4)]
     assert min(gaps) == pytest.approx(params.slot_min, abs=3e-6)
@@ -137,7 +137,7 @@ def test_a_design_with_a_few_other_spirals_is_drawn_as_one_made_anew(flat_grid, 
     once = replace(before, twist=twist).reusing(before)
     twice = replace(once, width=width).reusing(once)
     pairs = flat.layout.mesh.dual
-    assert {*np.flatnonzero(before.reshaped(once))} == {*pairs[(pairs == 3).any(axis=1)].ravel()}
+    assert {*np.flatnonzero(before.changed_arms(once))} == {*pairs[(pairs == 3).any(axis=1)].ravel()}
     for made in (once, twice):
         (found,), (wanted,) = made.outlines(), design.SpiralDesign(flat, params, made.width, made.twist).outlines()
         for one, two in zip((found.outer, *found.holes), (wanted.outer, *wanted.holes), strict=True):

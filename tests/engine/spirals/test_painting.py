@@ -54,7 +54,11 @@ def test_whatever_is_painted_can_be_cut() -> None:
         still = weight == 0.0
         assert (after.width[still] == design.width[still]).all() and (after.twist[still] == design.twist[still]).all()
         design = after
-    assert not ClearanceModel.from_flat(design.flat, design.params).closed(design.width, design.twist).any()
+    assert (
+        not ClearanceModel.from_flat(design.flat, design.params)
+        .quads_with_closed_gaps(design.width, design.twist)
+        .any()
+    )
     assert not len(unfabricable_quads(design)) and not len(find_contacts(design.outlines()))
     assert np.ptp(design.width) > 0.5e-3  # something was painted at all
 

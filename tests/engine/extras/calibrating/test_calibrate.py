@@ -178,7 +178,7 @@ def test_what_is_no_measurement_is_refused(laser: Coupons, readings: Readings, s
 
 
 def test_readings_in_millimetres_and_grams() -> None:
-    shown = Readings.shown(
+    shown = Readings.from_measurements(
         kerf_comb=1.9, clearance=0.05, spiral_sag=(0.7, 0.8), spiral_weight=(100, 200), strip_sag=[11.0, 11.2]
     )
     assert shown.kerf_gaps == [pytest.approx(1.9e-3)] and shown.clearance == pytest.approx(5e-5)
@@ -192,7 +192,7 @@ def test_readings_in_millimetres_and_grams() -> None:
         {"spiral_weight": (1.0, 2.0, 3.0)},
     ):
         with pytest.raises(FlexMapsError):
-            Readings.shown(**wrong)  # type: ignore[arg-type]
+            Readings.from_measurements(**wrong)  # type: ignore[arg-type]
     with pytest.raises(FlexMapsError, match="no list of numbers"):
         numbers("1.0 mm")
 

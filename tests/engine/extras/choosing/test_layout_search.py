@@ -51,13 +51,13 @@ def test_a_long_search_scales_what_is_predicted_of_other_layouts(
     search = LayoutSearch(piece, ChooseParams(match=1.0), Workers(1), expected=1.0)
     for laid, rms in ((six, 0.008), (three, 0.016), (two, 0.05)):
         search.known[key(laid)] = _judged(laid, rms, 0.0)
-    assert [one.laid for one in search.judged] == [six, three, two], "only six panels are predicted to hold 1 %"
+    assert [one.laid for one in search.ranking] == [six, three, two], "only six panels are predicted to hold 1 %"
     found = _judged(two, 0.025, LONG)
     search.proved[key(two)] = found
     search.expect([found])
     assert search.expected == pytest.approx(0.5) and search.distance(search.known[key(three)]) == pytest.approx(0.008)
     # three panels hold it too now, with fewer joints; what was searched for counts as it is
-    assert [one.laid for one in search.judged] == [three, six, two] and search.distance(found) == 0.025
+    assert [one.laid for one in search.ranking] == [three, six, two] and search.distance(found) == 0.025
     search.expect([_judged(six, 0.012, LONG), found])
     assert search.expected == pytest.approx(1.5), "the worst of several"
 

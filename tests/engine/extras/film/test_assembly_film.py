@@ -37,7 +37,7 @@ def dome():
 def film(dome):
     made, pose = dome
     count = len(made.flat.layout.patches)
-    low = panel_mesh(made, DETAILS["COARSE"]).placed(bend_arms(made, pose), pose)[:, 2].min()
+    low = panel_mesh(made, DETAILS["COARSE"]).at_pose(bend_arms(made, pose), pose)[:, 2].min()
     table = np.c_[0.4 * np.arange(count), np.zeros(count), np.full(count, low + 0.5 * made.params.thickness)]
     return assembly_film.film(made, pose, table, DETAILS["COARSE"], POM, SimulateParams()), table
 
@@ -94,7 +94,7 @@ def test_nothing_dips_under_the_table(film):
 def test_it_ends_in_the_pose(dome, film):
     made, pose = dome
     found, _ = film
-    ends = panel_mesh(made, DETAILS["COARSE"]).placed(bend_arms(made, pose), pose)
+    ends = panel_mesh(made, DETAILS["COARSE"]).at_pose(bend_arms(made, pose), pose)
     seen = np.concatenate([track.vertices for track in found.tracks])
     assert (np.sort(seen) == np.arange(len(ends))).all()
     for track in found.tracks:
@@ -122,7 +122,7 @@ def test_at_its_stages_it_shows_them(dome, film):
         stand = Pose(pose.centres.copy(), pose.rotations.copy())
         stand.centres[stage.hubs], stand.rotations[stage.hubs] = stage.pose.centres, stage.pose.rotations
         there = np.isin(owner, np.unique(made.flat.layout.patch_of[stage.hubs]))
-        wanted = found.panels.placed(bend_arms(made, stand, closed=stage.closed), stand)[there]
+        wanted = found.panels.at_pose(bend_arms(made, stand, closed=stage.closed), stand)[there]
         away = shown(found, time)[there] - wanted
         lift = away[:, 2].mean()
         assert lift > -0.01 * edge
@@ -167,7 +167,7 @@ def test_a_rolled_strip_unrolls_on_circles(flat_grid):
     centres = np.c_[made.arms.centre, np.zeros(count)]
     lying = Pose(centres, np.broadcast_to(np.eye(3), (count, 3, 3)))
     # the middle of the strip stays as it is turned
-    pose = pose.placed(rotations[count // 2].T, np.zeros(3))
+    pose = pose.transform(rotations[count // 2].T, np.zeros(3))
     blend = Blend.between(lying, pose, pairs, lever)
     flat, middle, whole = (blend.at(share) for share in (0.0, 0.5, 1.0))
     assert whole.centres == pytest.approx(pose.centres, abs=1e-6 * size)

@@ -245,5 +245,5 @@ def test_parts_of_a_model_are_its_joints(name):
     state = part.start(pose.part(hubs))
     assert part.energy(state) == pytest.approx(each[joints].sum()) and len(joints) > 20
     share = np.linspace(0.1, 1.0, len(joints))
-    weaker = part.weakened(share)
+    weaker = part.scale_stiffness(share)
     assert weaker.expand(weaker.start(pose.part(hubs))).per_joint == pytest.approx(share * each[joints])

@@ -100,7 +100,7 @@ def test_what_is_refined_in_parts_is_what_is_made_at_once(dome: FlatPatches, mon
     assert rig.rough.sum() == len(rig.model.pairs) > 300
     whole = ArmModel.from_assembly(rig.assembly, thick.material)
     assert not np.allclose(rig.model.curving, whole.curving)
-    steps = rig.refined()
+    steps = rig.refine()
     with pytest.raises(StopIteration) as ended:
         while True:
             next(steps)

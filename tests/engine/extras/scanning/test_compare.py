@@ -74,7 +74,7 @@ def test_laid_back_over_the_surface(name, anywhere):
     found = compare.compare(mesh, Scan(scan, unit="m", anywhere=anywhere))
     assert off(mesh, true @ found.turn.T + found.shift) < 0.001 * size
     np.testing.assert_allclose(np.linalg.det(found.turn), 1.0)
-    assert 0.5 < found.covered.mean() < 0.75  # three fifths, and the quads on the cut and around the hole
+    assert 0.5 < found.is_covered.mean() < 0.75  # three fifths, and the quads on the cut and around the hole
     assert found.rms < 0.001 * size and found.highest < 0.003 * size  # a median of points scatters less than they do
     assert found.noise == pytest.approx(0.001 * size, rel=0.3)
     beside = 1400 / len(scan)
@@ -211,14 +211,14 @@ def test_a_step_along_a_twist_is_the_matrix_exponential():
     spin, speed = np.array([0.3, -0.5, 0.9]), np.array([0.2, 0.1, -0.4])
     about = np.array([[0.5, -0.2, 0.1]])
     start = Poses(Rotation.from_rotvec([[0.1, 0.2, 0.3]]).as_matrix(), np.array([[1.0, 2.0, 3.0]]))
-    moved = start.moved(about, np.concatenate([spin, speed])[None])
+    moved = start.screw(about, np.concatenate([spin, speed])[None])
     generator = np.zeros((4, 4))
     generator[:3, :3] = np.cross(np.eye(3), spin)
     generator[:3, 3] = speed
     screw = expm(generator)
     points = np.random.default_rng(0).normal(size=(5, 3))
-    wanted = (start.laid(points)[0] - about) @ screw[:3, :3].T + screw[:3, 3] + about
-    np.testing.assert_allclose(moved.laid(points)[0], wanted, atol=1e-12)
+    wanted = (start.apply(points)[0] - about) @ screw[:3, :3].T + screw[:3, 3] + about
+    np.testing.assert_allclose(moved.apply(points)[0], wanted, atol=1e-12)
 
 
 def test_the_cost_falls_as_its_gradient_says():
@@ -231,7 +231,7 @@ def test_the_cost_falls_as_its_gradient_says():
     points = (points - mesh.vertices.mean(axis=0)) / float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
     fit = ScanFit(surface, points, np.ones(500))
     start = Poses(Rotation.from_rotvec([[0.02, -0.03, 0.01]]).as_matrix(), np.array([[0.01, 0.0, -0.01]]))
-    cost = [float(fit.cost(fit.fitted(start, 0.05, k), 0.05)[0]) for k in range(8)]
+    cost = [float(fit.cost(fit.fit(start, 0.05, k), 0.05)[0]) for k in range(8)]
     assert all(b <= a + 1e-12 for a, b in pairwise(cost)) and cost[-1] < 1e-4 * cost[0]
 
 

@@ -101,7 +101,7 @@ def test_what_cannot_share_a_sheet_is_refused(pieces: list[Result], values: dict
     other = with_values(QUICK, values)
     result = pieces[1]
     if "spiral.thickness" in values:
-        result = result.updated(other)
+        result = result.without_outdated(other)
     with pytest.raises(FlexMapsError, match=f"dome and arch cannot share sheets, for their .*{says}"):
         nest_together(["arch", "dome"], [pieces[0], result], [QUICK, other])
 

@@ -205,7 +205,7 @@ def test_joints_without_room_for_a_dovetail_get_ends_for_glue(flat_grid):
 
 def test_joints_without_any_room_keep_plain_ends_and_are_told(flat_grid, monkeypatch):
     made = _halves(flat_grid, 0.5)
-    monkeypatch.setattr(connectors.FreeSpace, "judged", lambda self, which, *_: [None] * len(which))
+    monkeypatch.setattr(connectors.FreeSpace, "judge", lambda self, which, *_: [None] * len(which))
     found = connectors.connect(made, ConnectorParams(connector="dovetail"))
     assert not found.connectors
     assert [name for name, *_ in found.unsolved] == ["A1", "A2", "A3"]

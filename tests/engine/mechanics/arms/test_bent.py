@@ -126,7 +126,7 @@ def test_sections_keep_width_and_thickness(dome):
     panels = panel_mesh(made, DETAILS["MEDIUM"])
     whole = np.full((panels.section.max() + 1, 4, 3), np.nan)
     order = np.concatenate([np.tile(np.arange(4), len(panels.arm)), np.tile(np.arange(2), len(panels.rim_quad))])
-    whole[panels.section, order[panels.used]] = panels.placed(bend_arms(made, pose), pose)
+    whole[panels.section, order[panels.used]] = panels.at_pose(bend_arms(made, pose), pose)
     whole = whole[: len(panels.arm)]
     width = np.linalg.norm(whole[:, 0] - whole[:, 1], axis=1)
     flat = np.linalg.norm(panels.sides[:, 0] - panels.sides[:, 1], axis=1)
@@ -147,7 +147,7 @@ def test_at_rest_every_panel_is_its_own_outline(dome):
     layout = made.flat.layout
     panels = panel_mesh(made, Detail(20, 4.0, 4))
     inside = ~layout.cut[~layout.mesh.border]
-    points = panels.placed(bend_arms(made, pose, closed=inside), pose)
+    points = panels.at_pose(bend_arms(made, pose, closed=inside), pose)
     assert points == pytest.approx(panels.flat(np.zeros((len(layout.patches), 2))), abs=1e-12)
     starts = np.cumsum(panels.sizes) - panels.sizes
     faces = [panels.corners[s : s + n] for s, n in zip(starts, panels.sizes)]
@@ -182,7 +182,7 @@ def test_every_part_is_a_closed_body(dome):
     made, pose = dome
     for name, much in (("COARSE", 0.04), ("MEDIUM", 0.01), ("FINE", 0.005)):
         panels = panel_mesh(made, DETAILS[name])
-        solid = closed_body(panels, panels.placed(bend_arms(made, pose), pose))
+        solid = closed_body(panels, panels.at_pose(bend_arms(made, pose), pose))
         assert solid.body_count == len(made.flat.layout.patches)
         assert solid.volume == pytest.approx(made.area.sum() * made.params.thickness, rel=much)
 
@@ -192,7 +192,7 @@ def test_connectors_have_their_true_outlines(dome):
     found = connect(made, ConnectorParams(), 2e-5)
     assert len(found.tips) > 20
     panels = panel_mesh(made, DETAILS["FINE"], found.tips)
-    solid = closed_body(panels, panels.placed(bend_arms(made, pose), pose))
+    solid = closed_body(panels, panels.at_pose(bend_arms(made, pose), pose))
     assert solid.body_count == len(made.flat.layout.patches)
     flat = closed_body(panels, panels.flat(np.zeros((len(made.flat.layout.patches), 2))))
     area = sum(o.outer.area + sum(hole.area for hole in o.holes) for o in found.outlines)
@@ -232,7 +232,7 @@ def test_spirals_wound_too_far_for_their_settings_can_be_drawn(flat_grid):
     made = design.SpiralDesign(flat_grid(2, 1), SpiralParams(fillet=0.002), np.full((2, 4), 0.0015), np.full(2, 6.2))
     assert hub_edge_of_design(made).min() == 0.0
     panels, pose = panel_mesh(made, DETAILS["MEDIUM"]), flat_pose(made)
-    points = panels.placed(bend_arms(made, pose), pose)
+    points = panels.at_pose(bend_arms(made, pose), pose)
     apart = points[:, :2] - made.arms.centre[panels.vertex_quad]
     assert np.abs(apart).max() < 0.02 and np.abs(points[:, 2]).max() < 0.002
 

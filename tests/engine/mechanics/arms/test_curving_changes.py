@@ -25,7 +25,7 @@ def error(share: float, wider: np.ndarray, turned: np.ndarray, monkeypatch: pyte
     found = np.einsum("erks,eks->er", known.gradient_by_design, change)
 
     def gradients(t: float) -> np.ndarray:
-        there = assembly.redesigned(assembly.width + t * width, assembly.twist + t * turned)
+        there = assembly.with_spirals(assembly.width + t * width, assembly.twist + t * turned)
         there_model = ArmModel.from_assembly(there, VERO)
         return there_model.joint_gradients(there_model.start(POSE))
 

@@ -54,9 +54,9 @@ def test_derivatives_are_differences(clockwise: bool) -> None:
     beside = known.pairs, (known.sides + 1) % 4
 
     def stored(width: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        value = added_compliance(CutArms.from_assembly(known.redesigned(width, twist)), THICKNESS, VERO, slopes=False)[
-            0
-        ]
+        value = added_compliance(
+            CutArms.from_assembly(known.with_spirals(width, twist)), THICKNESS, VERO, slopes=False
+        )[0]
         return wrench @ value.reshape(30, 2, 6, 6) @ wrench
 
     for side in (0, 1):
@@ -129,7 +129,9 @@ def test_root_of_a_straight_arm_is_a_shorter_cantilever() -> None:
     width = np.full((2, 4), 0.0012)
     width[[0, 1], known.sides[0]] = 0.001
     found = added_compliance(
-        CutArms.from_assembly(known.reshaped(lever, known.axes).redesigned(width, np.zeros(2))), THICKNESS, VERO
+        CutArms.from_assembly(known.with_rest_geometry(lever, known.axes).with_spirals(width, np.zeros(2))),
+        THICKNESS,
+        VERO,
     )[0]
     short, long = 0.01 - ROOT_DISTANCE * 0.0012, 0.01 - ROOT_DISTANCE * 0.001
     w, h = 0.001, THICKNESS
@@ -153,7 +155,7 @@ def test_blended_end_is_that_of_the_drawn_arm(flat_grid: Callable[..., FlatPatch
     known = assembly_from_design(design)
     arms = CutArms.from_assembly(known)
     found = added_compliance(replace(arms, fillet=0.0 * arms.fillet, beside=arms.width), THICKNESS, VERO)[0]
-    pure = design.arms.unblended(design.arms.wind)
+    pure = design.arms.without_blends(design.arms.wind)
     drawn = design.arms
     t = np.broadcast_to((np.arange(4000) + 0.5) / 4000, (*drawn.radius.shape, 4000))
     total = [_beam_by_sums(one, t) for one in (drawn, pure)]
@@ -206,7 +208,7 @@ def test_no_arm_yields_less_than_nothing() -> None:
     known = replace(joints(400), cut=CutSettings(0.15, 0.001))
     lever = known.lever * rng.uniform(0.15, 1.0, (400, 2, 1))
     width = rng.uniform(0.0005, 0.003, known.width.shape)
-    found = arm_compliances(known.reshaped(lever, known.axes).redesigned(width, known.twist), VERO)
+    found = arm_compliances(known.with_rest_geometry(lever, known.axes).with_spirals(width, known.twist), VERO)
     unit = np.sqrt(np.einsum("esii->esi", found.table))
     assert np.linalg.eigvalsh(found.values / (unit[..., :, None] * unit[..., None, :])).min() > 1e-3
     assert (found.values != found.table).any()

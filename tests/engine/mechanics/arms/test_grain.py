@@ -89,12 +89,15 @@ def test_a_grain_that_makes_no_difference_makes_none(clockwise: bool) -> None:
 def test_sheets_without_a_grain_do_not_feel_the_setting() -> None:
     one, other = (ArmModel.from_assembly(joints(20, grain=angle), POM) for angle in (0.0, 0.7))
     assert np.array_equal(one.stiffness, other.stiffness) and np.array_equal(one.curving, other.curving)
-    assert one.varied(joints(20, seed=1)).stiffness.tobytes() == other.varied(joints(20, seed=1)).stiffness.tobytes()
+    assert (
+        one.with_rest_geometry(joints(20, seed=1)).stiffness.tobytes()
+        == other.with_rest_geometry(joints(20, seed=1)).stiffness.tobytes()
+    )
 
 
 def test_panels_and_their_grain_turn_together() -> None:
     known, turn = joints(20), Rotation.from_rotvec([0.0, 0.0, 1.1]).as_matrix()
-    turned = replace(known.reshaped(known.lever @ turn.T, turn @ known.axes), grain=known.grain + 1.1)
+    turned = replace(known.with_rest_geometry(known.lever @ turn.T, turn @ known.axes), grain=known.grain + 1.1)
     one, other = ArmModel.from_assembly(known, BIRCH), ArmModel.from_assembly(turned, BIRCH)
     assert other.stiffness == pytest.approx(one.stiffness, abs=1e-9 * np.abs(one.stiffness).max())
     assert other.curving == pytest.approx(one.curving, abs=1e-9 * np.abs(one.curving).max())
@@ -145,7 +148,7 @@ def test_derivatives_of_cut_arms(clockwise: bool) -> None:
     by = arm_compliances(known, BIRCH).by
 
     def values(width: np.ndarray, twist: np.ndarray) -> np.ndarray:
-        moved = known.redesigned(width, twist)
+        moved = known.with_spirals(width, twist)
         return np.einsum("ei,esij,ej->es", wrench, arm_compliances(moved, BIRCH).values, wrench)
 
     exact = np.einsum("ei,esnij,ej->esn", wrench, by, wrench)
@@ -176,10 +179,10 @@ def test_compliances_follow_the_rest_geometry() -> None:
     step = 1e-6 * rng.normal(size=known.lever.shape) * [1.0, 1.0, 0.0]
 
     def missed(share: float) -> float:
-        there = known.reshaped(known.lever + share * step, known.axes)
+        there = known.with_rest_geometry(known.lever + share * step, known.axes)
         exact = ArmModel.from_assembly(there, BIRCH, curving=False).compliance.values
         unit = np.sqrt(np.einsum("esii->esi", exact))
-        apart = model.varied(there).compliance.values - exact
+        apart = model.with_rest_geometry(there).compliance.values - exact
         return float(np.abs(apart / (unit[..., None] * unit[..., None, :])).max())
 
     assert rest_shapes(known, BIRCH).shape == (60, 4) and rest_shapes(known, POM).shape == (60, 3)

@@ -51,7 +51,7 @@ def mixed(count: int, clockwise: bool, rng: np.random.Generator) -> Assembly:
     kink = Rotation.from_rotvec(np.outer(rng.uniform(-0.4, 0.4, one.pairs.size), [0.0, 0.0, 1.0])).as_matrix()
     lever = kink.reshape(axes.shape) @ one.lever[..., None] * rng.uniform(0.9, 1.2, (*one.pairs.shape, 1, 1))
     bent = dataclasses.replace(one, axes=axes, lever=(axes @ lever)[..., 0])
-    return bent.redesigned(WIDTH * rng.uniform(0.5, 1.0, (count, 4)), rng.uniform(0.5, 2.5, count))
+    return bent.with_spirals(WIDTH * rng.uniform(0.5, 1.0, (count, 4)), rng.uniform(0.5, 2.5, count))
 
 
 def unrolled(chain: Assembly) -> Pose:
@@ -72,7 +72,7 @@ def test_forces_by_the_design_are_finite_differences(turn: float, clockwise: boo
     design = np.column_stack([chain.width, chain.twist])
 
     def forces(design: np.ndarray) -> np.ndarray:
-        model = ArmModel.from_assembly(chain.redesigned(design[:, :4], design[:, 4]), VERO, curving=False)
+        model = ArmModel.from_assembly(chain.with_spirals(design[:, :4], design[:, 4]), VERO, curving=False)
         return model.expand(model.start(pose)).gradient
 
     here = ArmModel.from_assembly(chain, VERO, curving=False)
@@ -107,7 +107,7 @@ def test_rigid_motion_and_rest_cost_nothing() -> None:
     model = ArmModel.from_assembly(row(4, twist=3.0), VERO)
     assert model.energy(model.start(straight(4))) == pytest.approx(0.0, abs=1e-25)
     bent = shaken(straight(4), 0.002, 0.3)
-    turned = bent.placed(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
+    turned = bent.transform(Rotation.from_rotvec([2.0, -1.0, 0.4]).as_matrix(), np.array([3.0, -1.0, 2.0]))
     assert model.energy(model.start(turned)) == pytest.approx(model.energy(model.start(bent)), rel=1e-10)
 
 
@@ -124,11 +124,11 @@ def test_a_spiral_outside_the_table_is_named() -> None:
     assembly = row(4)
     width = assembly.width.copy()
     width[2] = 0.0003
-    (found,) = ArmModel.from_assembly(assembly.redesigned(width, assembly.twist), VERO).beyond()
+    (found,) = ArmModel.from_assembly(assembly.with_spirals(width, assembly.twist), VERO).beyond()
     assert found.quantity == "width / thickness" and found.spirals.tolist() == [2]
     width[1] = np.nan
     with pytest.raises(FlexMapsError, match="not a number") as caught:
-        ArmModel.from_assembly(assembly.redesigned(width, assembly.twist), VERO)
+        ArmModel.from_assembly(assembly.with_spirals(width, assembly.twist), VERO)
     assert caught.value.faces == [1]
 
 

@@ -255,7 +255,7 @@ def test_derivatives_by_the_rest_geometry(clockwise: bool) -> None:
         lever[..., :2] += t * move
         c, s = np.cos(t * turn), np.sin(t * turn)
         axes[..., :2, :2] = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
-        return strained_arms(known.reshaped(lever, axes), BIRCH).values(loads)
+        return strained_arms(known.with_rest_geometry(lever, axes), BIRCH).values(loads)
 
     way = np.concatenate([move, turn[..., None]], axis=2)
     wanted = np.einsum("nsk,nsk->n", found, np.repeat(way, 2, axis=0))
@@ -280,7 +280,7 @@ def test_kinks_are_what_blends_turn_arms_by(checker: Simulation) -> None:
     """Against the tangents of the curves that are cut, with their blends and without them."""
     arms, known = checker.design.arms, checker.assembly
     at_joint = np.zeros((*arms.radius.shape, 1))
-    blended, pure = (centre_line(one, at_joint)[1][..., 0, :] for one in (arms, arms.unblended(arms.wind)))
+    blended, pure = (centre_line(one, at_joint)[1][..., 0, :] for one in (arms, arms.without_blends(arms.wind)))
     turned = np.linalg.norm(blended - pure, axis=-1)[known.pairs, known.sides]
     assert kink_sharpness(known) == pytest.approx((turned / known.radius).max(axis=1) * 0.004 / 0.0015, rel=1e-6)
     assert kink_sharpness(known).max() > KINK_LIMIT and not kink_sharpness(replace(known, cut=None)).any()

@@ -30,7 +30,7 @@ def random_arms(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 def bent(numbers: np.ndarray, motion: np.ndarray) -> BentBeams:
     both = numbers[:, 0:2], numbers[:, 2:4], numbers[:, 6:8]
     lines = ArmCurves.from_arms(np.zeros(len(numbers), complex), numbers[:, 4], numbers[:, 5], both, 0.15)
-    return TipBeams.from_lines(lines, FILLET, THICKNESS, PIECES).bent(motion)
+    return TipBeams.from_lines(lines, FILLET, THICKNESS, PIECES).bend(motion)
 
 
 def test_tips_move_as_asked_by_the_general_beam() -> None:
@@ -67,7 +67,7 @@ def test_what_places_do_follows_motions_and_numbers() -> None:
         return out + sum((np.conj(by) * x).real for x, by in pairs) + hub * field.beams.hub + half * wide
 
     pull = PointGradient(*(SplitVector.from_vectors(x) for x in vectors), station, hub, point, velocity, half)
-    for told, steps, which in zip(bent(numbers, motion).pulled(t, piece, pull), (MOTION_STEPS, STEPS), (1, 0)):
+    for told, steps, which in zip(bent(numbers, motion).vjp(t, piece, pull), (MOTION_STEPS, STEPS), (1, 0)):
         for k, step in enumerate(steps):
             ahead, behind = [numbers, motion], [numbers, motion]
             ahead[which], behind[which] = (

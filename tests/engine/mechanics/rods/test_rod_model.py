@@ -125,7 +125,7 @@ def test_forces_by_the_design_agree_with_finite_differences(net, amount, clockwi
     design = np.column_stack([rng.uniform(0.0012, 0.0018, (one.size, 4)), rng.uniform(0.5, 1.5, one.size)])
 
     def model(design: np.ndarray) -> RodModel:
-        return RodModel.from_assembly(one.redesigned(design[:, :4], design[:, 4]), material("vero"))
+        return RodModel.from_assembly(one.with_spirals(design[:, :4], design[:, 4]), material("vero"))
 
     def forces(design: np.ndarray) -> np.ndarray:
         varied = model(design)
@@ -147,7 +147,7 @@ def test_energy_and_state_go_along_with_rigid_motion(net):
     model = RodModel.with_parameters(one, _random_parameters(one.size, rng))
     pose = _shaken(pose, 0.5, rng)
     turn = Rotation.from_rotvec([2.0, -1.0, 0.7]).as_matrix()
-    before, after = model.start(pose), model.start(pose.placed(turn, np.array([0.3, -0.2, 1.0])))
+    before, after = model.start(pose), model.start(pose.transform(turn, np.array([0.3, -0.2, 1.0])))
     assert model.energy(after) == pytest.approx(model.energy(before), rel=1e-10)
     found, turned = model.expand(before).gradient, model.expand(after).gradient
     np.testing.assert_allclose(turned[:, :3], found[:, :3] @ turn.T, atol=1e-10 * np.abs(found).max())
@@ -162,7 +162,7 @@ def test_rest_has_no_energy_whatever_the_planes_of_the_patches(net):
     chain = _chain(15, rng)
     for one, pose in ((chain, _unrolled(chain)), net, _respun(*net, rng.uniform(-3, 3, 20))):
         model = RodModel.with_parameters(one, _random_parameters(one.size, rng))
-        here = model.expand(model.start(pose.placed(Rotation.from_rotvec([1.0, 2.0, 0.3]).as_matrix(), np.zeros(3))))
+        here = model.expand(model.start(pose.transform(Rotation.from_rotvec([1.0, 2.0, 0.3]).as_matrix(), np.zeros(3))))
         assert here.energy < 1e-25
         assert np.abs(here.gradient).max() < 1e-12
         np.testing.assert_allclose(here.hessian, here.convex, atol=1e-10 * np.abs(here.convex).max())

@@ -146,7 +146,7 @@ def test_the_smoothest_rotations_fit_better_than_carried_ones() -> None:
         r = rotation[:, 0]
         return float((np.abs(r[fb] - r[fa] * problem._turns) ** 2).sum())
 
-    assert misfit(problem.smoothest()) < 0.9 * misfit(problem.unfolded())
+    assert misfit(problem.smoothest()) < 0.9 * misfit(problem.propagate_rotations())
 
 
 def test_patches_side_by_side_lie_as_each_does_alone() -> None:

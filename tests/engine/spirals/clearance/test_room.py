@@ -74,7 +74,7 @@ def test_derivatives_agree_with_differences(case, by):
             exact = terms.by_design[:, 48:] @ t
         else:
             found = _difference(
-                lambda x: room.moved(_moved(flat, x)).terms(width, twist, below=WIDE), 1e-8, (0.0,), (p,)
+                lambda x: room.with_flat(_moved(flat, x)).terms(width, twist, below=WIDE), 1e-8, (0.0,), (p,)
             )
             exact = terms.by_flat @ p
         for kind, name in enumerate(("beside", "across", "round", "sharp", "wound")):
@@ -85,12 +85,12 @@ def test_derivatives_agree_with_differences(case, by):
 
 def test_what_is_closed_is_found_from_any_quad_that_has_a_part_in_it(case):
     room, _, width, twist = case
-    every = room.closed(width, twist)
+    every = room.quads_with_closed_gaps(width, twist)
     terms = room.terms(width, twist, below=0.0)
     part = np.unique(terms.arms[terms.value < 0.0] // 4)
     assert np.flatnonzero(every).tolist() == part.tolist()
     for quad in range(12):
-        one = room.closed(width, twist, np.arange(12) == quad)
+        one = room.quads_with_closed_gaps(width, twist, np.arange(12) == quad)
         assert one[quad] == every[quad]
         assert not (one & ~every).any()
 
@@ -105,7 +105,7 @@ def test_the_narrowest_places_alone_are_those_among_all(case, below):
             narrowest_per_pair(room.terms(width, twist, below=below, flat=True, least=least)) for least in (False, True)
         )
         assert alone.arms.tolist() == every.arms.tolist()
-        assert (room.closed(width, twist).sum() > 0) == bool((every.value < 0.0).any())
+        assert (room.quads_with_closed_gaps(width, twist).sum() > 0) == bool((every.value < 0.0).any())
         seen, apart = seen + len(every.value), max(apart, np.abs(alone.value - every.value).max(initial=0.0))
     assert seen > 10 and apart < 1e-7
 
@@ -165,9 +165,9 @@ def test_spirals_are_unwound_until_the_elastic_model_knows_them(flat_grid, clock
         )
         return [part.quantity for part in model.beyond()]
 
-    assert beyond(wound) and room.closed(width, wound).all()
+    assert beyond(wound) and room.quads_with_closed_gaps(width, wound).all()
     free = np.ones(12, dtype=bool)
     same, twist = open_gaps(room, np.full(12, 0.001), width, wound, free)
     assert (same == width).all() and not beyond(twist) and beyond(1.01 * twist)
-    assert not room.closed(width, twist).any()
+    assert not room.quads_with_closed_gaps(width, twist).any()
     assert (open_gaps(room.by_gaps, np.full(12, 0.001), width, wound, free)[1] == wound).all()

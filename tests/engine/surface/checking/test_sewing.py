@@ -103,7 +103,7 @@ def test_quads_with_vertices_of_their_own(name: str) -> None:
 def test_halves_that_are_not_merged(name: str, axis: int) -> None:
     mesh = quads(name)
     side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, axis] > mesh.vertices[:, axis].mean()
-    halves = joined(mesh.kept(side), mesh.kept(~side))
+    halves = joined(mesh.subset(side), mesh.subset(~side))
     assert "doubled-vertices" in codes(halves)
     assert euler(sew(halves)) == euler(mesh)
 
@@ -313,8 +313,8 @@ def test_a_body_through_itself_is_told_apart_from_bodies_through_each_other(name
 def test_a_half_that_faces_the_other_way_is_turned_over() -> None:
     mesh = quads("dome")
     side = mesh.vertices[mesh.corners.reshape(-1, 4)].mean(axis=1)[:, 0] < 0
-    other = mesh.kept(~side)
-    made = sew(joined(mesh.kept(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
+    other = mesh.subset(~side)
+    made = sew(joined(mesh.subset(side), replace(other, corners=other.corners.reshape(-1, 4)[:, ::-1].ravel())))
     assert euler(made) == euler(mesh) and "Merge by Distance" in made.cured[0][1]
     sides = sides_of(made)
     assert not len(inconsistent(sides, bodies(sides, len(made.sizes)))[0])

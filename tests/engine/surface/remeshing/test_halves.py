@@ -109,7 +109,7 @@ def test_bodies_beside_a_plane_get_mirrored_quads() -> None:
     one = triangles("vault")
     one = replace(one, vertices=one.vertices @ TURN.T + (2.0, 0.0, 0.0))
     plane = halves.Plane(np.zeros(3), X)
-    made = requad.requad(requad.joined([one, plane.mirrored(one)]), 160, NoTool(), symmetric=True).polygons
+    made = requad.requad(requad.concatenate_meshes([one, plane.mirror(one)]), 160, NoTool(), symmetric=True).polygons
     assert bodies(sides_of(made), len(made.sizes)).max() == 1
     assert image_distance(made, plane) < 1e-9
 

@@ -46,7 +46,7 @@ def halved(mesh: PolygonMesh) -> PolygonMesh:
 
 
 def both(*meshes: PolygonMesh) -> PolygonMesh:
-    return requad.joined(list(meshes))
+    return requad.concatenate_meshes(list(meshes))
 
 
 @pytest.fixture(autouse=True)
