@@ -45,7 +45,7 @@ class Watcher:
     def report(self, fraction: float, text: str) -> None:
         self.fractions.append(fraction)
         self.texts.append(text)
-        if self.cancels and text == continuation.HELD:
+        if self.cancels and text == continuation.MESSAGE:
             raise Cancelled
 
     def show(self, _: object) -> None:
@@ -80,11 +80,11 @@ def test_springs_bring_a_search_on_that_ends_far_from_its_target() -> None:
 
 def test_shapes_that_springs_hold_are_not_shown() -> None:
     watcher = fitted(cancels=False)[1]
-    assert continuation.HELD in watcher.texts and watcher.shown and continuation.HELD not in watcher.shown
+    assert continuation.MESSAGE in watcher.texts and watcher.shown and continuation.MESSAGE not in watcher.shown
 
 
 def test_progress_never_goes_back_and_moves_while_springs_hold_the_piece() -> None:
     watcher = fitted(cancels=False)[1]
     assert watcher.fractions == sorted(watcher.fractions)
-    held = [part for part, text in zip(watcher.fractions, watcher.texts, strict=True) if text == continuation.HELD]
+    held = [part for part, text in zip(watcher.fractions, watcher.texts, strict=True) if text == continuation.MESSAGE]
     assert held[0] < held[-1] < watcher.fractions[-1]
