@@ -16,7 +16,7 @@ from ..arrays import Bool, Float, Int
 from ..figures import format_figure
 from ..patches.layout import PatchLayout
 from ..patches.tracing.trace import middle_line
-from ..surface.checking.finding import counted
+from ..surface.checking.finding import with_count
 from ..surface.mesh import QuadMesh
 from .visible import VISIBLE_RMS_SHARE
 
@@ -53,7 +53,9 @@ class FarBody:
     @property
     def wrong(self) -> str:
         """Sentence about the fault."""
-        which = "The piece" if self.whole else f"One body of the piece, of {counted(len(self.quads), 'quad', 'quads')},"
+        which = (
+            "The piece" if self.whole else f"One body of the piece, of {with_count(len(self.quads), 'quad', 'quads')},"
+        )
         kind = "stays flat" if self.flat else "comes to rest far from its target"
         return f"{which} {kind}: the RMS distance is {format_figure(100.0 * self.rms)} % of {'its' if self.whole else 'its own'} size."
 
@@ -69,7 +71,7 @@ class FarBody:
             )
         if len(self.line):
             ways.append(
-                f"cut it along a line through its middle, {counted(len(self.line), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
+                f"cut it along a line through its middle, {with_count(len(self.line), 'edge', 'edges')} long (Cut there), so that it can curve both ways"
             )
         return f" To bring it nearer, {', or '.join(ways)}." if ways else ""
 

@@ -168,7 +168,7 @@ class Simulation:
             worst = int(np.argmax(self.torsion_change))
             quads = self.model.pairs[worst]
             text = (
-                f"The twist of two neighbours against each other differs by {np.degrees(self.twisted[worst]):.0f} degrees from that in the target: "
+                f"The twist of two neighbours against each other differs by {np.degrees(self.torsion_change[worst]):.0f} degrees from that in the target: "
                 "probably not the shape that the piece would take. Press Optimise again"
             )
             findings.append(Finding("knotted", "warning", text, tuple(quads[quads < len(self.target.quads)].tolist())))
@@ -181,7 +181,7 @@ class Simulation:
         findings += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
-            text = f"{counted(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing: delete them, or join them to the others"
+            text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing: delete them, or join them to the others"
             findings.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (
@@ -193,7 +193,7 @@ class Simulation:
         strained = np.flatnonzero(strain > OVERSTRAIN_SHARE)
         if len(strained):
             text = (
-                f"The arms of {counted(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
+                f"The arms of {with_count(len(strained), 'spiral', 'spirals')} are strained by up to {100.0 * strain.max():.0f} % of {self.material.bears}"
                 f"{self._strain_note}: they may break or stay bent. Press Optimise, take a thinner sheet, or make the piece larger"
             )
             findings.append(Finding("strained", "warning", text, tuple(strained.tolist())))
@@ -223,7 +223,7 @@ class Simulation:
             return []
         spirals = np.unique(assembly.pairs[doubtful])
         text = (
-            f"At {counted(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
+            f"At {with_count(int(doubtful.sum()), 'joint', 'joints')} unlike arms meet in a kink, where strains are less sure: the computed strain is {100.0 * share[doubtful].max():.0f} % "
             f"of {self.material.bears}, the true one can be {KINK_STRAIN_FACTOR:g} times as large. To be sure, smooth these spirals with the brush Twist and Shift, then simulate"
         )
         return [Finding("kinked", "warning", text, tuple(spirals[spirals < assembly.spirals].tolist()))]

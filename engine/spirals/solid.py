@@ -15,7 +15,7 @@ from ..arrays import Bool, Float, Int
 from ..errors import FlexMapsError
 from ..params import SpiralParams
 from ..patches.flattening.flatten import FlatPatches
-from ..surface.checking.finding import Finding, finding, named
+from ..surface.checking.finding import Finding, finding, list_faces
 from .clearance.slots import MIN_WIDTH_SHARE, SOLID_WIDTH_SHARE, width_range
 from .curves.spiral import LEFT, RIGHT, Arms, arms, centre_line, edge_points, same_width
 from .roots import SlotRoots, find_roots
@@ -73,7 +73,7 @@ def no_spiral(quads: Int[np.ndarray, " n"]) -> list[Finding]:
     """Return the warning about quads without a spiral, if any."""
     if not len(quads):
         return []
-    text = f"{named(quads, 'has', 'have')} no room for a spiral and {'gets a solid hub' if len(quads) == 1 else 'get solid hubs'}, which will not bend: make the piece larger, or use fewer quads"
+    text = f"{list_faces(quads, 'has', 'have')} no room for a spiral and {'gets a solid hub' if len(quads) == 1 else 'get solid hubs'}, which will not bend: make the piece larger, or use fewer quads"
     return [finding("no-spiral", text, quads, severity="warning")]
 
 

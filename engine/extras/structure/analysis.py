@@ -200,7 +200,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
     if one.borne.arms is not None and one.borne.arms.max() > OVERSTRAIN_SHARE:
         worst = tuple(np.flatnonzero(one.borne.arms > OVERSTRAIN_SHARE).tolist())
         text = (
-            f"{what} the arms of {counted(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
+            f"{what} the arms of {with_count(len(worst), 'spiral', 'spirals')} are strained to {100.0 * one.borne.arms.max():.0f} % of "
             f"{structure.simulation.material.bears}, give or take 15 %: they may break or stay bent. Hold the piece at more places, or lessen the load"
         )
         found.append(Finding("overstrained", "warning", text, worst))
@@ -209,7 +209,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         weak = np.flatnonzero(share > OVERLOADED)
         if len(weak):
             quads = np.unique(structure.simulation.assembly.pairs[weak])
-            text = f"{what} {counted(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears and may open: glue them, hold the piece at more places, or lessen the load"
+            text = f"{what} {with_count(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears and may open: glue them, hold the piece at more places, or lessen the load"
             found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
     return found
 

@@ -156,7 +156,7 @@ def remeshing_warning(faces: int) -> Finding:
     """Return the warning that the mesh was remeshed because so many faces were not quads."""
     return finding(
         "remeshed",
-        f"{counted(faces, 'face was not a quad', 'faces were not quads')}, so the whole mesh was remeshed",
+        f"{with_count(faces, 'face was not a quad', 'faces were not quads')}, so the whole mesh was remeshed",
         severity="warning",
     )
 
@@ -216,10 +216,10 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
     bad = ~finite[polygons.corners]
     faces, vertices = np.unique(face_of[bad]), np.unique(polygons.corners[bad])
     shown = ", ".join(str(v) for v in vertices[:5].tolist()) + (", ..." if len(vertices) > 5 else "")
-    what = counted(len(vertices), "vertex", "vertices")
+    what = with_count(len(vertices), "vertex", "vertices")
     return finding(
         "not-finite",
-        f"{what} ({shown}) of {named(faces)} lie nowhere, as their positions are not numbers: delete them",
+        f"{what} ({shown}) of {list_faces(faces)} lie nowhere, as their positions are not numbers: delete them",
         faces,
     )
 
@@ -240,11 +240,11 @@ def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[
     face, corner = sides.face[order], polygons.corners[order]
     twice = np.unique(face[1:][(face[1:] == face[:-1]) & (corner[1:] == corner[:-1])])
     if len(twice):
-        text = f"{named(twice, 'has', 'have')} the same vertex at two corners: merge vertices that lie in one place (Merge by Distance)"
+        text = f"{list_faces(twice, 'has', 'have')} the same vertex at two corners: merge vertices that lie in one place (Merge by Distance)"
         found.append(finding("repeated-vertex", text, twice))
     same = repeated_faces(polygons)
     if len(same):
-        text = f"{named(same, 'has', 'have')} the vertices of another face: delete one of the two"
+        text = f"{list_faces(same, 'has', 'have')} the vertices of another face: delete one of the two"
         found.append(finding("duplicate-faces", text, same))
     return found
 
@@ -256,7 +256,7 @@ def _folds(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     if not len(sharp) or (polygons.sizes != 4).any():
         return []
     faces = np.unique(sides.face[np.isin(sides.edge, sharp)])
-    text = f"{counted(len(sharp), 'edge turns', 'edges turn')} by more than {np.degrees(SHARP):.0f} degrees, up to {np.degrees(turned[sharp].max()):.0f}: spirals bend, but do not fold. Press Round the folds, or Propose layouts, which also cuts along them"
+    text = f"{with_count(len(sharp), 'edge turns', 'edges turn')} by more than {np.degrees(SHARP):.0f} degrees, up to {np.degrees(turned[sharp].max()):.0f}: spirals bend, but do not fold. Press Round the folds, or Propose layouts, which also cuts along them"
     return [finding("sharp-folds", text, faces, sharp, severity="warning")]
 
 
@@ -267,20 +267,20 @@ def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> l
     many = np.flatnonzero(uses > 2)
     if len(many):
         faces = np.unique(sides.face[uses[sides.edge] > 2])
-        text = f"{counted(len(many), 'edge has', 'edges have')} three or more faces, at {named(faces)}: delete the walls inside, or split these edges into separate surfaces"
+        text = f"{with_count(len(many), 'edge has', 'edges have')} three or more faces, at {list_faces(faces)}: delete the walls inside, or split these edges into separate surfaces"
         found.append(finding("non-manifold-edge", text, faces, many))
         return found  # fans and sides are not defined at such edges
     split = split_vertices(polygons, sides)
     if len(split):
         faces = np.unique(sides.face[np.isin(polygons.corners, split)])
-        text = f"{counted(len(split), 'vertex joins', 'vertices join')} faces that share no edge there, at {named(faces)}: split these vertices (V in Edit Mode)"
+        text = f"{with_count(len(split), 'vertex joins', 'vertices join')} faces that share no edge there, at {list_faces(faces)}: split these vertices (V in Edit Mode)"
         found.append(finding("non-manifold-vertex", text, faces))
     turned, one_sided, edges = inconsistent(sides, body)
     if len(one_sided):
         faces = np.flatnonzero(np.isin(body, one_sided))
-        text = f"The body of {named(faces)} has only one side, like a Moebius strip: cut it open along a row of edges (V in Edit Mode)"
+        text = f"The body of {list_faces(faces)} has only one side, like a Moebius strip: cut it open along a row of edges (V in Edit Mode)"
         found.append(finding("non-orientable", text, faces, edges))
     if len(turned):
-        text = f"{named(turned, 'looks', 'look')} to the other side than the neighbours: turn the normals (Recalculate Outside, Shift+N in Edit Mode)"
+        text = f"{list_faces(turned, 'looks', 'look')} to the other side than the neighbours: turn the normals (Recalculate Outside, Shift+N in Edit Mode)"
         found.append(finding("inconsistent-orientation", text, turned, edges))
     return found

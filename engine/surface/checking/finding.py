@@ -79,7 +79,7 @@ def with_count(n: int, one: str, many: str) -> str:
     return f"{n} {one if n == 1 else many}"
 
 
-def named(faces: Any, one: str = "", many: str = "") -> str:
+def list_faces(faces: Any, one: str = "", many: str = "") -> str:
     """Return for example "3 faces (4, 7, 12)" or "3 faces (4, 7, 12) have"; long lists are cut short.
 
     Parameters
@@ -90,4 +90,4 @@ def named(faces: Any, one: str = "", many: str = "") -> str:
     faces = np.asarray(faces)
     shown = ", ".join(str(f) for f in faces[:5].tolist())
     verb = one if len(faces) == 1 else many
-    return f"{counted(len(faces), 'face', 'faces')} ({shown}{', ...' if len(faces) > 5 else ''}) {verb}".rstrip()
+    return f"{with_count(len(faces), 'face', 'faces')} ({shown}{', ...' if len(faces) > 5 else ''}) {verb}".rstrip()

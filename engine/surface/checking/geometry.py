@@ -71,13 +71,13 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     short = np.flatnonzero(lengths <= 1e-6 * middle)
     if len(short):
         faces = np.unique(sides.face[np.isin(sides.edge, short)])
-        text = f"{counted(len(short), 'edge has', 'edges have')} no length, at {named(faces)}: merge their ends (Merge by Distance)"
+        text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge their ends (Merge by Distance)"
         found.append(finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= 1e-6 * middle**2)
     bows = flat[_corner_areas(polygons, sides)[flat] > 1e-6 * middle**2]  # the two halves of a crossed quad cancel out
     flat = np.setdiff1d(flat, bows)
     if len(flat):
-        found.append(finding("zero-area", f"{named(flat, 'has', 'have')} no area: dissolve them", flat))
+        found.append(finding("zero-area", f"{list_faces(flat, 'has', 'have')} no area: dissolve them", flat))
     quads = np.setdiff1d(np.flatnonzero(polygons.sizes == 4), flat)
     found += _quad_faults(polygons, quads, area_vectors, bows, middle)
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T
@@ -86,7 +86,7 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     on = np.einsum("di,di->d", unit[f], unit[g]) < FOLDED
     if on.any():
         faces = np.unique([f[on], g[on]])
-        text = f"{named(faces, 'is', 'are')} folded back upon a neighbour, so that both lie in one place: delete one of the two, or open the fold"
+        text = f"{list_faces(faces, 'is', 'are')} folded back upon a neighbour, so that both lie in one place: delete one of the two, or open the fold"
         found.append(finding("folded", text, faces, sides.edge[one[on]]))
     return found
 
@@ -128,7 +128,7 @@ def sizes(polygons: PolygonMesh, sides: Sides, body: np.ndarray, edge: float | N
     small = np.flatnonzero((side < SMALL * (1 - 1e-6)) & (areas > 1e-6 * middle**2))
     if len(small):
         least = float(side[small].min())
-        text = f"{named(small, 'is', 'are')} under {SMALL * 1e3:g} mm wide (the smallest {least * 1e3:.3g} mm), too small for a spiral that bends easily: make the piece larger, or use fewer quads"
+        text = f"{list_faces(small, 'is', 'are')} under {SMALL * 1e3:g} mm wide (the smallest {least * 1e3:.3g} mm), too small for a spiral that bends easily: make the piece larger, or use fewer quads"
         times = round(STEP * float(np.ceil(SMALL / least / STEP)), 2)
         found.append(replace(finding("small-quads", text, small, severity="warning"), larger=times))
     return found + _inside_out(polygons, sides, body, area_vectors)
@@ -168,21 +168,21 @@ def _quad_faults(
     found = []
     crossed, concave = np.union1d(quads[inward > 1], bows), np.setdiff1d(quads[inward == 1], bows)
     if len(crossed):
-        text = f"{named(crossed, 'has', 'have')} sides that cross: move the corners, or {REMESH}"
+        text = f"{list_faces(crossed, 'has', 'have')} sides that cross: move the corners, or {REMESH}"
         found.append(finding("crossed", text, crossed))
     if len(concave):
-        text = f"{named(concave, 'has', 'have')} a corner that points inwards, which leaves little room for a spiral: press Squarer quads, or use more quads"
+        text = f"{list_faces(concave, 'has', 'have')} a corner that points inwards, which leaves little room for a spiral: press Squarer quads, or use more quads"
         found.append(finding("concave", text, concave, severity="warning"))
     slim = np.setdiff1d(quads[(breadth(p) < THIN * middle) & (inward < 2)], bows)
     if len(slim):
-        text = f"{named(slim, 'is', 'are')} too narrow for a spiral, or pointed like a needle: press Squarer quads, or {REMESH}"
+        text = f"{list_faces(slim, 'is', 'are')} too narrow for a spiral, or pointed like a needle: press Squarer quads, or {REMESH}"
         found.append(finding("thin", text, slim, severity="warning"))
     unit = normals / np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[..., None]
     bend = np.arccos(np.clip(np.einsum("qki,qki->qk", unit, np.roll(unit, -1, axis=1)), -1, 1)).max(axis=1)
     warped = np.setdiff1d(quads[(bend > WARP) & (inward == 0)], bows)
     if len(warped):
         worst = np.degrees(bend[inward == 0].max())
-        text = f"{named(warped, 'is', 'are')} far from flat, with up to {worst:.0f} degrees between corners, while a spiral is cut flat: press Squarer quads, or use more quads"
+        text = f"{list_faces(warped, 'is', 'are')} far from flat, with up to {worst:.0f} degrees between corners, while a spiral is cut flat: press Squarer quads, or use more quads"
         found.append(finding("warped", text, warped, severity="warning"))
     return found
 
@@ -199,7 +199,7 @@ def _size_ratio(polygons: PolygonMesh, sides: Sides, lengths: np.ndarray) -> Fin
     # list faces farther from the median size than an even spread at the allowed ratio
     middle = np.median(size)
     off = np.flatnonzero((size > middle * np.sqrt(limit)) | (size < middle / np.sqrt(limit)))
-    text = f"Faces differ too much in size: the largest have edges {ratio:.3g} times as long as the smallest, see {named(off)}"
+    text = f"Faces differ too much in size: the largest have edges {ratio:.3g} times as long as the smallest, see {list_faces(off)}"
     if severe:
         text += f"; beyond {RATIO_ERROR:g} times no panels can be made: {REMESH}"
     else:
@@ -220,5 +220,5 @@ def _inside_out(polygons: PolygonMesh, sides: Sides, body: np.ndarray, area_vect
     faces = np.flatnonzero((closed & (volume < 0))[body])
     if not len(faces):
         return []
-    text = f"{named(faces, 'looks', 'look')} into the body, so that the engraved side comes inside: turn the normals (Recalculate Outside, Shift+N in Edit Mode) unless that is meant"
+    text = f"{list_faces(faces, 'looks', 'look')} into the body, so that the engraved side comes inside: turn the normals (Recalculate Outside, Shift+N in Edit Mode) unless that is meant"
     return [finding("inside-out", text, faces, severity="warning")]

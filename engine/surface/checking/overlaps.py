@@ -67,13 +67,11 @@ def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> lis
     found = []
     twice, own = lying[several[lying]], lying[~several[lying]]
     if len(twice):
-        text = (
-            f"{named(twice, 'lies', 'lie')} on faces of another shell, as if it were there twice: delete one of the two"
-        )
+        text = f"{list_faces(twice, 'lies', 'lie')} on faces of another shell, as if it were there twice: delete one of the two"
         found.append(finding("doubled-faces", text, twice))
     if len(own):
         spot = _spot(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
-        text = f"The surface cuts itself: {named(own)} lie on each other, at {spot}: delete one of each two, or move them apart"
+        text = f"The surface cuts itself: {list_faces(own)} lie on each other, at {spot}: delete one of each two, or move them apart"
         found.append(finding("cuts-itself", text, own, severity="warning"))
     return found
 
@@ -86,12 +84,12 @@ def _open_seams(mesh: PolygonMesh, sides: Sides) -> list[Finding]:
     if joinable(mesh, label) is not None:
         on = np.flatnonzero(np.bincount(label, minlength=len(label))[label] > 1)
         faces = np.unique(sides.face[np.isin(mesh.corners, on)])
-        text = f"{counted(len(on), 'vertex of the border lies', 'vertices of the border lie')} in one place with others, the first at {_spot(mesh.vertices[on[0]])}, so that the surface is open there: merge them (Merge by Distance)"
+        text = f"{with_count(len(on), 'vertex of the border lies', 'vertices of the border lie')} in one place with others, the first at {_spot(mesh.vertices[on[0]])}, so that the surface is open there: merge them (Merge by Distance)"
         found.append(finding("doubled-vertices", text, faces))
     at = t_junctions(mesh, sides)
     if len(at.vertex):
         faces = np.unique(sides.face[at.side])
-        many = counted(len(at.vertex), "T-junction: a vertex lies", "T-junctions: vertices lie")
+        many = with_count(len(at.vertex), "T-junction: a vertex lies", "T-junctions: vertices lie")
         text = f"{many} inside the edge of a neighbour, the first at {_spot(mesh.vertices[at.vertex[0]])}, so that the surface is open there: use Quad remesh, or give the neighbour that vertex too (Knife)"
         found.append(finding("t-junction", text, faces, np.unique(sides.edge[at.side])))
     return found
@@ -122,7 +120,7 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     if not len(faces):
         return []
     gap = 1e3 * float(np.median(np.linalg.norm(middle[a] - middle[b], axis=1)))
-    text = f"{named(faces, 'is', 'are')} both skins of a thin closed shell, {gap:.2g} mm apart, and each would get panels of its own: delete the inner skin and the rim"
+    text = f"{list_faces(faces, 'is', 'are')} both skins of a thin closed shell, {gap:.2g} mm apart, and each would get panels of its own: delete the inner skin and the rim"
     return [finding("double-skin", text, faces, severity="warning")]
 
 
@@ -133,11 +131,11 @@ def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[F
     found = []
     if not apart.all():
         faces, spot = np.unique(pairs[~apart]), _spot(points[~apart][0])
-        text = f"The surface cuts itself: {named(faces)} go through others, at {spot}, which sheets cannot: move these parts away from each other"
+        text = f"The surface cuts itself: {list_faces(faces)} go through others, at {spot}, which sheets cannot: move these parts away from each other"
         found.append(finding("cuts-itself", text, faces, severity="warning"))
     if apart.any():
         faces, spot = np.unique(pairs[apart]), _spot(points[apart][0])
-        text = f"Bodies go through each other: {named(faces)}, at {spot}. Each body is made by itself; to put them together, move them apart, or join them with the modifier Boolean"
+        text = f"Bodies go through each other: {list_faces(faces)}, at {spot}. Each body is made by itself; to put them together, move them apart, or join them with the modifier Boolean"
         found.append(finding("bodies-cross", text, faces, severity="warning"))
     return found
 

@@ -28,12 +28,12 @@ def parts_of(triangles: PolygonMesh, tool: Tool, progress: Progress) -> tuple[li
         groups = [np.flatnonzero(group_of == k) for k in np.unique(group_of)]
         if len(groups) < len(whole):
             found.append(
-                said(
+                make_warning(
                     "bodies-joined",
                     f"{len(whole)} bodies went through each other and became {len(groups)}; to keep them apart, move them away from each other",
                 )
             )
-        whole = [joined([whole[k] for k in group]) for group in groups]
+        whole = [concatenate_meshes([whole[k] for k in group]) for group in groups]
     parts = []
     for part in whole:
         clean = is_clean(part)

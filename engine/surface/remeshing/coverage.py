@@ -54,6 +54,6 @@ def warn_of_gaps(
     faces = np.unique(cKDTree(middles).query(far)[1]) + first
     text = (
         f"The quads lie up to {away.max():.2g} of their edges away from the surface and have {ratio:.0%} of its area, so that "
-        f"parts are lost near {counted(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
+        f"parts are lost near {with_count(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
     )
     return [finding("surface-missed", text, faces, severity="warning")]

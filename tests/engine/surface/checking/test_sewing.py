@@ -192,7 +192,7 @@ def test_a_shell_that_is_there_twice(name: str) -> None:
     twice = joined(mesh, mesh)
     found = next(one for one in overlaps(twice) if one.code == "doubled-faces")
     assert f"{2 * len(mesh.sizes)} faces (" in found.message and "lie on faces of another shell" in found.message
-    made = sewn(twice)
+    made = sew(twice)
     assert len(made.sizes) == len(mesh.sizes) and euler(made) == euler(mesh)
 
 
