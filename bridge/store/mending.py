@@ -13,7 +13,7 @@ import numpy as np
 from ...engine.errors import FlexMapsError
 from ...engine.surface.checking import check
 from ...engine.surface.checking.folds import SHARP
-from ...engine.surface.checking.sewing import doubled
+from ...engine.surface.checking.sewing import border_twins
 from ...engine.surface.checking.topology import sides_of
 from . import keys, mesh, notes, objects
 from .i18n import translate
