@@ -14,7 +14,7 @@ HEAD = 84  # bytes: 80 of any text and the number of triangles
 
 
 def parse_stl(data: bytes, name: str) -> RawMesh:
-    """Parse STL, text or binary; merge corners at exactly equal positions (``welded`` merges those that noise separates)."""
+    """Parse STL, text or binary; merge corners at exactly equal positions (``weld`` merges those that noise separates)."""
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
     end = HEAD + RECORD.itemsize * count
     text = data.removeprefix(BYTE_ORDER_MARK).lstrip()
