@@ -29,7 +29,7 @@ LEVEL = 0.25  # edge lengths above the lowest vertex within which vertices are h
 
 def _size(obj: bpy.types.Object) -> tuple[float, float, float]:
     """Return the size in millimetres along the object's own axes, without modifiers and shape keys."""
-    unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, obj.dimensions
+    unit, mesh, lengths = MILLIMETRES * bpy.context.scene.unit_settings.scale_length, obj.data, objects.extents(obj)
     if obj.type == "MESH" and mesh.shape_keys is not None and len(mesh.vertices):
         lengths = np.ptp(column(mesh.vertices, "co"), axis=0) * np.abs(obj.scale)
     return tuple(unit * float(length) for length in lengths)

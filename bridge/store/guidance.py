@@ -124,7 +124,7 @@ def _describe_progress(obj: bpy.types.Object, scene: bpy.types.Scene, known: dic
         )
     if known["layout"].kind == states.DONE:
         return panels(notes.read(mesh)["layout"].get("patches", 1))
-    count, size = len(mesh.polygons), 1e3 * max(obj.dimensions) * scene.unit_settings.scale_length
+    count, size = len(mesh.polygons), 1e3 * max(objects.extents(obj)) * scene.unit_settings.scale_length
     wide = interface("{:.3g} m wide", size / 1e3) if size >= 1e3 else interface("{:.0f} mm wide", size)
     if objects.changed_by_modifiers(obj):
         return interface("Modifiers are to be applied")

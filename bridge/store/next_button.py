@@ -156,7 +156,7 @@ def _better_size(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:
     edge, wanted = scale * (float(areas.sum()) / obj.flexmaps.remesh.quads) ** 0.5, obj.flexmaps.remesh.edge * 1e-3
     if SIZES[0] * wanted <= edge <= SIZES[1] * wanted or edge <= 0:
         return 0.0
-    size = 1e3 * unit * max(obj.dimensions) * wanted / edge
+    size = 1e3 * unit * max(objects.extents(obj)) * wanted / edge
     return float(f"{size:.2g}")
 
 
@@ -166,7 +166,7 @@ def _before_layout(
     """Return what a mesh of quads still needs before it is cut; None if it is ready."""
     edge, wanted = objects.quad_edge(obj, scene), obj.flexmaps.remesh.edge * 1e-3
     if not SIZES[0] * wanted <= edge <= SIZES[1] * wanted and edge > 0 and not any(obj.lock_scale):
-        size = max(obj.dimensions) * scene.unit_settings.scale_length * wanted / edge * 1e3
+        size = max(objects.extents(obj)) * scene.unit_settings.scale_length * wanted / edge * 1e3
         tooltip = translate("Scales the object to {:.0f} mm, which gives spirals of {:.3g} mm", size, wanted * 1e3)
         return Act("flexmaps.set_size", _label(interface("Scale to {:.0f} mm", size)), tooltip, "piece")
     wrong = [notice for notice in all_notices if notice.kind == STOPS and notice.key.startswith("checks/")]

@@ -11,6 +11,9 @@ from . import modifiers
 from .i18n import translate
 
 SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
+_LOOSE: dict[
+    int, tuple[tuple[int, ...], bool]
+] = {}  # Blender's id of a mesh -> its numbers of parts, whether vertices are loose
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
 
 
@@ -63,6 +66,30 @@ def find(uid: int) -> bpy.types.Object:
         if obj.session_uid == uid and obj.users:
             return obj
     raise FlexMapsError("The object was deleted meanwhile; nothing was changed")
+
+
+def extents(obj: bpy.types.Object) -> tuple[float, ...]:
+    """Return the size along the object's own axes as ``Object.dimensions``, but without points that belong to no face."""
+    mesh = obj.data
+    whole = tuple(obj.dimensions)
+    if obj.type != "MESH" or not len(mesh.polygons) or modifiers.changing(obj) or not _has_loose(mesh):
+        return whole
+    from .columns import column
+
+    points = column(mesh.vertices, "co")[column(mesh.loops, "vertex_index")]
+    lengths = points.max(axis=0) - points.min(axis=0)
+    return tuple(float(x * abs(s)) for x, s in zip(lengths, obj.matrix_world.to_scale(), strict=True))
+
+
+def _has_loose(mesh: bpy.types.Mesh) -> bool:
+    """Return whether vertices belong to no face; kept per mesh, as the answer changes only with the numbers of its parts."""
+    parts = len(mesh.vertices), len(mesh.edges), len(mesh.loops)
+    if _LOOSE.get(mesh.session_uid, (None, False))[0] != parts:
+        from .columns import column
+
+        used = set(column(mesh.loops, "vertex_index").tolist())
+        _LOOSE[mesh.session_uid] = parts, len(used) < len(mesh.vertices)
+    return _LOOSE[mesh.session_uid][1]
 
 
 def quad_edge(obj: bpy.types.Object, scene: bpy.types.Scene) -> float:

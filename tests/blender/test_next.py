@@ -348,3 +348,19 @@ def test_quads_that_are_too_small_are_made_larger_or_fewer(add: Any, larger: flo
     assert [cure.name for cure in notice.cures] == offered
     if larger < 2.0:
         assert notice.cures[0].properties == {"times": larger}
+
+
+@pytest.mark.parametrize("quads", [True, False])
+def test_points_of_no_face_have_no_part_in_the_size(add: Any, quads: bool) -> None:
+    piece = add(shapes.dome(8))
+    if not quads:
+        piece.modifiers.new("Triangles", "TRIANGULATE")
+        bpy.ops.object.convert(target="MESH")
+    bpy.context.view_layer.update()
+    before, size = seen(piece).act, tuple(piece.flexmaps_size)
+    piece.data.vertices.add(1)
+    piece.data.vertices[-1].co = (0.0, 0.0, 50.0)
+    piece.data.update()
+    bpy.context.view_layer.update()
+    assert max(piece.dimensions) > 40.0
+    assert seen(piece).act == before and tuple(piece.flexmaps_size) == pytest.approx(size, rel=1e-5)
