@@ -37,7 +37,7 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
                     f"'{source.name}' has no faces: give a curve a bevel or an extrusion under Object Data, Geometry, or add faces"
                 )
             bpy.ops.object.convert(target="MESH", keep_original=self.keep)
-        if context.object != source:
+        if self.keep:  # else Blender may have removed the source, as it does with metaballs
             source.hide_set(True)
         modifiers.note(context.object.data, without)
         return without

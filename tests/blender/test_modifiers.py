@@ -177,3 +177,9 @@ def test_a_shell_whose_skins_are_divided_by_folds_stays_as_it_is() -> None:
     with pytest.raises(RuntimeError, match="could not be mended"):
         bpy.ops.flexmaps.mend(what="skins")
     assert len(box.data.polygons) == count
+
+
+def test_a_metaball_becomes_a_mesh() -> None:
+    bpy.ops.object.metaball_add(type="BALL")
+    press("to_mesh")
+    assert bpy.context.object.type == "MESH" and len(bpy.context.object.data.polygons)
