@@ -18,9 +18,11 @@ from .firmness import RequirementWithoutSprings
 from .inverse import DesignPoint
 from .optimisers import SearchRecord
 from .other_weights import with_problem
+from .remedies import WANTED_PERCENT
 from .search import Search, StageResult
 
-# Distance from the target, in percent of the size, beyond which a search goes on with springs. Five that ended at 1 to 2 % gained nothing
+# Distance from the target, in percent of the size, beyond which a search goes on with springs; ``WANTED_PERCENT`` where the piece was about
+# to snap. Five others that ended at 1 to 2 % gained nothing
 FAR_PERCENT = 2.0
 # Stiffnesses of the springs, the stiffest first, as shares of the mean stiffness of joints between two hubs in translation
 SHARES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -42,7 +44,8 @@ def continue_far(search: Search, progress: Progress) -> None:
     progress : reports progress and raises Cancelled
     """
     here, work, ended = search.best, search.task.work, search.trace.ended
-    if not search.task.params.codesign or here.point.arms is None or here.percent <= FAR_PERCENT:
+    far = WANTED_PERCENT if search.snapping else FAR_PERCENT
+    if not search.task.params.codesign or here.point.arms is None or here.percent <= far:
         return
     work.extend(TIME_WITH_SPRINGS * (work.limit or 0.0))
     released = _release_from_springs(search, here, _without_shape(progress.part(0.0, 0.7)))
@@ -69,13 +72,15 @@ def _release_from_springs(search: Search, here: StageResult, progress: Progress)
         point = with_problem(point, replace(point.problem, firmness=firmness))  # ``weighed`` takes it away
         start = stage.begun(StageResult(design, point, np.inf), within.part(0.0, 0.3))
         result = stage.together(start, within.part(0.3, 1.0))
-        if result.percent > HOPEFUL * here.percent or task.work.over:
+        if result.percent > HOPEFUL * here.percent:
             return None
         design, like, pose = result.design, result.point, result.point.equilibrium.pose
         alone = task.point(design, here.point.problem, pose, within)
         free = StageResult(design, alone.weighed(alone.mismatch.value), search.farthest)
         if free.sound and free.percent <= SUCCESS * here.percent:
             return search.hold(design, free.point)
+        if task.work.over:
+            break
     return None
 
 

@@ -10,17 +10,33 @@ Point = TypeVar("Point")
 WEIGHT_DEPENDENT = frozenset(("terms", "costs", "value", "gradient", "barrier", "goals", "_narrow"))
 
 
-def with_problem(point: Point, problem: Any) -> Point:
+def with_problem(point: Point, problem: Any, **changes: Any) -> Point:
     """Return a point in another problem, with all cached values that are equal there.
 
     Parameters
     ----------
     point : a ``DesignPoint``
     problem : the point's problem with other weights, multipliers, or another required stability
+    changes : other fields of the point that change with the weights
     """
     source: Any = point
-    copy: Point = replace(source, problem=problem)
+    copy: Point = replace(source, problem=problem, **changes)
     changed = WEIGHT_DEPENDENT if problem.firmness is source.problem.firmness else WEIGHT_DEPENDENT | {"_modes"}
     kept = source.__dict__.keys() - copy.__dict__.keys() - changed
     copy.__dict__.update({name: source.__dict__[name] for name in kept})
     return copy
+
+
+def with_lies(point: Point, lies: float) -> Point:
+    """Return a point whose mismatch weighs curvature against position by ``lies``.
+
+    Parameters
+    ----------
+    point : a ``DesignPoint``
+    lies : see ``objective.Target``
+    """
+    source: Any = point
+    if source.problem.target.lies == lies:
+        return point
+    problem = replace(source.problem, target=replace(source.problem.target, lies=lies))
+    return with_problem(point, problem, mismatch=problem.target.compare(source.equilibrium.pose.centres))

@@ -21,7 +21,7 @@ from . import codesign
 from .codesign_problem import FlatPoint
 from .inverse import DesignPoint
 from .optimisers import EXACT_MISMATCH, Accepted, SearchRecord, gauss_newton
-from .other_weights import with_problem
+from .other_weights import with_lies, with_problem
 from .remedies import WANTED_PERCENT
 from .task import Task
 from .terms import LENIENT, STRICT
@@ -31,6 +31,9 @@ Stage = Callable[["StageResult", Progress], "StageResult"]
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
 # converge first, and surfaces end farther from their target after the same work
 FIRST_STOP = 0.45
+# Largest match of curvature against position in the first steps with the flat shapes of a piece that is about to snap far from its target.
+# Positions hold such a piece between two shapes, curvature leads it out
+BENDING_LIES = 0.1
 # Largest number of steps with the flat shapes before a few of the spirals alone, and their stopping share. Steps of the spirals cost a
 # third, and lead flat shapes away from their limits, whose barriers are then set anew. After four rounds of six steps in a row, a hyperbolic
 # paraboloid of 196 spirals was 0.14 mm from its target; with these, 0.07 mm after the same time
@@ -91,6 +94,11 @@ class StageResult:
         """Return this result at the start of a stage that keeps away from snapping."""
         return replace(self, point=self.point.firmed())
 
+    def compared(self, lies: float) -> StageResult:
+        """Return this result at the start of stages that weigh curvature against position by ``lies``, see ``objective.Target``."""
+        point = with_lies(self.point, lies)
+        return self if point is self.point else replace(self, point=point.weighed(point.mismatch.value))
+
     @property
     def percent(self) -> float:
         """RMS distance from the target, in percent of its size."""
@@ -119,6 +127,7 @@ class Search:
 
     accepted : called with every better point; farthest : largest allowed RMS distance from the target, in distances of neighbours
     first : the flat patches before earlier runs moved them; held : results of all stages, in their order
+    snapping : whether the piece was about to snap far from its target after the first stage
     """
 
     task: Task
@@ -127,6 +136,7 @@ class Search:
     farthest: float
     first: FlatPatches
     held: list[StageResult] = field(default_factory=list)
+    snapping: bool = False
 
     @property
     def best(self) -> StageResult:
@@ -169,7 +179,16 @@ class Search:
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
         """Repeat ``together`` while it pays; return the best result."""
+        if here.percent > WANTED_PERCENT and here.firmed().point.barrier is not None:
+            here = self._bend(here, progress)
         return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)
+
+    def _bend(self, here: StageResult, progress: Progress) -> StageResult:
+        """Take ``together`` once with a mismatch that is mostly of curvature, for a piece that is about to snap far from its target."""
+        self.snapping, lies, work = True, self.task.params.lies, self.task.work
+        found = self._repeat(self.together, here.compared(min(lies, BENDING_LIES)), 1, CYCLE_GAIN, progress)
+        work.begin(work.share, rated=work.rated)  # the rates of another objective say nothing about the next steps
+        return found.compared(lies)
 
     def relieve(self, here: StageResult, progress: Progress) -> None:
         """Append results with less strain to ``held`` where arms are visibly overstrained."""
@@ -180,8 +199,9 @@ class Search:
     def hold(self, design: SpiralDesign, point: DesignPoint) -> StageResult:
         """Append a point in this design's flat shapes to ``held``, and return it."""
         width, twist = point.spirals
-        self.held.append(StageResult(replace(design, width=width, twist=twist), point, self.farthest))
-        return self.held[-1]
+        found = StageResult(replace(design, width=width, twist=twist), point, self.farthest)
+        self.held.append(replace(found, point=with_lies(point, self.task.params.lies)))
+        return found
 
     def _repeat(self, step: Stage, here: StageResult, most: int, gain: float, progress: Progress) -> StageResult:
         """Repeat a stage, at most ``most`` times, while it lowers the objective by the share ``gain``; return the best result.

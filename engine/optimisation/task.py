@@ -98,7 +98,9 @@ class Task:
         progress : reports progress and raises Cancelled
         """
         space = like.space.including(design)
-        problem = replace(self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness)
+        problem = replace(
+            self.problem(design, progress, space), bearing=like.bearing, firmness=like.firmness, target=like.target
+        )
         return problem.at(space.coordinates(design.width, design.twist), start, progress, MAX_NEWTON_ITERATIONS)
 
     def aim(self, assembly: Assembly, free: bool) -> Target:

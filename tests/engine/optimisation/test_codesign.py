@@ -21,6 +21,7 @@ from flexmaps.engine.optimisation.inverse import InverseProblem
 from flexmaps.engine.optimisation.objective import Target
 from flexmaps.engine.optimisation.open_slots import SlotRequirement
 from flexmaps.engine.optimisation.optimisers import SearchRecord, gauss_newton
+from flexmaps.engine.optimisation.other_weights import with_lies
 from flexmaps.engine.optimisation.terms import StrainLimit, StrainTerm
 from flexmaps.engine.params import ChooseParams, LayoutParams, OptimiseParams, Settings, SimulateParams
 from flexmaps.engine.patches.flattening.flatten import flatten, flips, overlapping, seam_mismatch, with_energies
@@ -151,6 +152,18 @@ def test_a_point_with_other_weights_is_the_one_that_is_evaluated_anew() -> None:
     assert found.problem.flat.weight != whole.flat.weight and found.value != here.value
     assert found.value == pytest.approx(again.value, rel=1e-6)
     np.testing.assert_allclose(found.gradient, again.gradient, atol=1e-5 * np.abs(again.gradient).max())
+
+
+def test_a_point_compared_otherwise_is_the_one_that_is_evaluated_anew() -> None:
+    whole, pose = problem(share=0.3, opening=0.0006)
+    here = whole.at(anywhere(whole), pose)
+    here.prepare(SILENT)
+    found = with_lies(here, 0.9 * here.problem.target.lies)
+    again = found.problem.at(here.x, here.equilibrium.pose)
+    assert found.value != here.value and found.distance == here.distance
+    assert found.value == pytest.approx(again.value, rel=1e-6)
+    np.testing.assert_allclose(found.gradient, again.gradient, atol=1e-5 * np.abs(again.gradient).max())
+    assert with_lies(here, here.problem.target.lies) is here
 
 
 @pytest.mark.parametrize("feet", ["", "clamped"])
