@@ -139,7 +139,7 @@ def test_the_button_asks_for_as_many_quads_as_the_warning(add: Any) -> None:
         one for one in guidance.read_guidance(obj, bpy.context.scene).notices if one.key == "checks/surface-missed"
     )
     wanted = [cure.properties["quads"] for cure in notice.cures if cure.idname == "flexmaps.quad_remesh"]
-    assert f"remesh with {wanted[-1]} quads" in notice.sentence
+    assert f"{wanted[-1]} quads" in notice.sentence
 
 
 @pytest.mark.parametrize("size", [1e-3, 1e3])
