@@ -67,12 +67,12 @@ def _brush(column: Any, context: bpy.types.Context) -> None:
 
 def _search(body: Any, history: Any) -> None:
     """Draw how the distance falls while an optimisation runs."""
-    seconds, rmse = history[-1]
+    seconds, distance = history[-1]
     row = body.box().row()
-    row.template_icon(icon_value=plot.icon([r for _, r in history]), scale=PLOT)
+    row.template_icon(icon_value=plot.icon([away for _, away in history]), scale=PLOT)
     column = row.column(align=True)
     column.separator(factor=2.0)  # centres the text beside the plot
-    for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * rmse:.3g} mm")):
+    for text in (tr("Step {}", len(history) - 1), f"{seconds:.1f} s", tr("Distance {}", f"{1e3 * distance:.3g} mm")):
         column.label(text=text, translate=False)
 
 

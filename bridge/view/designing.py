@@ -28,7 +28,7 @@ LIFT = 0.012  # height of the arms above the faces, in edges; too small flickers
 class Designing(LiveShape):
     """The picture after a step.
 
-    history : (seconds, RMSE in metres) of this step and all before it
+    history : (seconds, RMS distance from the target in metres) of this step and all before it
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Designing(LiveShape):
         self._wind = -look.twist if params.clockwise else look.twist
         self._highest = params.twist_max
         high = f"{np.degrees(params.twist_max):.3g}\N{DEGREE SIGN}"
-        title = f"Twist of the spirals; step {look.step}, RMSE {1e3 * look.rmse:.3g} mm"
+        title = f"Twist of the spirals; step {look.step}, {1e3 * look.distance:.3g} mm from the target"
         self.legend = Legend(title, "0\N{DEGREE SIGN}", high, PALE)
 
     @property
@@ -68,7 +68,7 @@ def searching(settings: ObjectSettings) -> Callable[[Result, Progress], Result]:
         began, history = time.perf_counter(), list[tuple[float, float]]()
 
         def seen(look: OptimisationStep) -> LiveShape:
-            history.append((time.perf_counter() - began, look.rmse))
+            history.append((time.perf_counter() - began, look.distance))
             return Designing(look, start.mesh.quads, settings.spiral, tuple(history)).prepared(unit)
 
         return job.run_stages(start, once, ("optimise",), progress.showing(seen))

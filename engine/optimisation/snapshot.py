@@ -20,24 +20,24 @@ class OptimisationStep:
     """Snapshot of an optimisation after a step, for display.
 
     vertices : (V, 3) metres, the target's vertices moved with the hubs; width : (F, 4) metres; twist : (F,) radians
-    rmse : metres, of the compared coordinates; step : number of steps so far
+    distance : metres, RMS distance of the spirals' centres from the target; step : number of steps so far
     """
 
     vertices: Float[np.ndarray, "vertices 3"]
     width: Float[np.ndarray, "quads 4"]
     twist: Float[np.ndarray, " quads"]
-    rmse: float
+    distance: float
     step: int
 
     @classmethod
     def from_point(cls, point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> Self:
         """Return the snapshot of a point after some steps, its pose aligned with the target where nothing holds the piece."""
         vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
-        return cls(vertices, *point.spirals, point.mismatch.rmse, step)
+        return cls(vertices, *point.spirals, point.problem.target.unit * point.distance, step)
 
     @classmethod
     def from_simulation(cls, given: Simulation, task: Task) -> Self:
         """Return the snapshot of the given design, before the first step."""
         aim = task.aim(given.assembly, not given.loads.fixed.any())
-        rmse = aim.compare(given.equilibrium.pose.centres).rmse
-        return cls(given.vertices, given.design.width, given.design.twist, rmse, 0)
+        distance = aim.unit * aim.distance(given.equilibrium.pose)
+        return cls(given.vertices, given.design.width, given.design.twist, distance, 0)

@@ -62,7 +62,7 @@ def test_arms_are_drawn_where_they_are() -> None:
         assert area[0].sum() * unit**2 == pytest.approx(4 * 0.5 * EDGE * width[0], rel=1e-4)
     light = shape.colours.sum(axis=1)
     assert light[1] < light[0]  # the more wound, the darker
-    assert "RMSE 1.2 mm" in shape.legend.title and "step 3" in shape.legend.title
+    assert "1.2 mm from the target" in shape.legend.title and "step 3" in shape.legend.title
 
 
 def test_arms_lie_on_warped_quads() -> None:

@@ -57,7 +57,7 @@ def test_given_design_is_shown_before_limits_and_other_starts_are_computed(monke
     assert looks[0].width == pytest.approx(design.width, rel=1e-6)
     at_rest = simulate(design, mesh, VERO, SimulateParams())
     assert looks[0].vertices == pytest.approx(at_rest.vertices, abs=1e-6 * mesh.diagonal)
-    assert 1e3 * looks[0].rmse == pytest.approx(at_rest.match["laplacian_rmse_mm"], rel=0.05)  # turned otherwise
+    assert looks[0].distance == pytest.approx(0.01 * at_rest.match["rms_percent"] * at_rest.target.diagonal, rel=1e-3)
     assert events.index("shown") < events.index("limits")
     assert "Starting shapes" in events[events.index("shown") :]
 
