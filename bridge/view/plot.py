@@ -1,4 +1,4 @@
-"""The improvement of the match step by step, as an icon that the sidebar enlarges: panels can show no other pictures."""
+"""The distance from the target step by step, as an icon that the sidebar enlarges: panels can show no other pictures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SIZE = 192  # pixels of the icon
 _kept: dict[str, Any] = {}  # Blender's preview collection, its icon, and the values that the icon shows
 
 
-def icon(rmse: Sequence[float]) -> int:
+def icon(distances: Sequence[float]) -> int:
     """Return the number of an icon that plots these values, first to last; 0 without a window, where there are no icons."""
     import bpy.utils.previews
 
@@ -22,9 +22,9 @@ def icon(rmse: Sequence[float]) -> int:
         _kept["previews"] = bpy.utils.previews.new()
         _kept["icon"] = _kept["previews"].new("history")
         _kept["icon"].image_size = (SIZE, SIZE)
-    if tuple(rmse) != _kept.get("values"):
-        _kept["values"] = tuple(rmse)
-        pixels = np.round(255 * picture(rmse)).astype(np.uint8)
+    if tuple(distances) != _kept.get("values"):
+        _kept["values"] = tuple(distances)
+        pixels = np.round(255 * picture(distances)).astype(np.uint8)
         _kept["icon"].image_pixels.foreach_set(pixels.view(np.int32).ravel())
     return int(_kept["icon"].icon_id)
 
@@ -37,7 +37,7 @@ def unregister() -> None:
         _kept.clear()
 
 
-def picture(rmse: Sequence[float]) -> np.ndarray:
+def picture(distances: Sequence[float]) -> np.ndarray:
     """Return (SIZE, SIZE, 4) premultiplied sRGB with alpha, bottom row first, as Blender's icons need it."""
-    drawn = plots.sparkline(rmse, SIZE / raster.SCALE)
+    drawn = plots.sparkline(distances, SIZE / raster.SCALE)
     return np.ascontiguousarray(raster.pixels(drawn, {}, paper=None)[::-1])

@@ -192,7 +192,7 @@ def optimise():
     before = blocks()["spirals"], blocks()["equilibrium"]["laplacian_rmse_mm"]
 
     def seen():
-        FOUND["rmse_on_the_way"] = [1e3 * r for _, r in BEGUN[-1].shown.history]
+        FOUND["distance_on_the_way"] = [1e3 * away for _, away in BEGUN[-1].shown.history]
         yield from picture("optimising")
 
     yield from press_and_stop("optimise", lambda running: len(getattr(running.shown, "history", ())) > 3, seen)
