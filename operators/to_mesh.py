@@ -34,7 +34,7 @@ class ToMesh(AtOnce, NewObject, bpy.types.Operator):
         with modifiers.surface_only(source):
             if not _has_faces(source, context):
                 raise FlexMapsError(
-                    f"'{source.name}' has no faces: give a curve a bevel or an extrusion under Object Data, Geometry, or add faces"
+                    f"'{source.name}' has no faces: give a curve a bevel or extrude it (Object Data, Geometry), or add faces to a mesh"
                 )
             bpy.ops.object.convert(target="MESH", keep_original=self.keep)
         if self.keep:  # else Blender may have removed the source, as it does with metaballs

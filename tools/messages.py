@@ -143,6 +143,7 @@ def _of_lines() -> Found:
         yield "", text, "what changed since an earlier version"
     for text in (
         *(words for _, words in cures.MENDS.values()),
+        *cures.ONE.values(),
         *(words for words, _ in finding_words.WORDS.values()),
         *(words for _, one, more in finding_words.SAID.values() for words in (one, more)),
         *guidance.CHANGED.values(),

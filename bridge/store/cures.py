@@ -35,6 +35,12 @@ MENDS = {
     "non-manifold-edge": ("walls", "Split edges"),
     "non-orientable": ("one-sided", "Cut it open"),
 }
+# labels for one face in place of several
+ONE = {
+    "Dissolve {} faces": "Dissolve {} face",
+    "Delete {} faces": "Delete {} face",
+    "Turn {} faces": "Turn {} face",
+}
 # shares of the present number of quads to remesh to, in this order, where spirals lack room; fewer quads are larger
 FEWER = (0.6, 0.3)
 MORE = (2, 4)  # factors on the number of quads where a remesh found none
@@ -88,7 +94,7 @@ def mend(code: str, count: int) -> Cure | None:
     if code not in MENDS:
         return None
     what, words = MENDS[code]
-    return Cure(interface(words, count), "flexmaps.mend", {"what": what})
+    return Cure(interface(ONE.get(words, words) if count == 1 else words, count), "flexmaps.mend", {"what": what})
 
 
 def round_folds(percent: float | None = None, edge: float | None = None) -> Cure:

@@ -172,13 +172,20 @@ def sentence(finding: dict[str, Any], block: dict[str, Any]) -> str:
     """Return a finding of a simulation as a sentence."""
     if finding["code"] != "strained":
         return finding["message"]
-    broken = (
-        "On their surface, the arms of {} spirals are strained by up to {:.0f} % of what the material bears, give or take 15 %: "
-        "they may break or stay bent."
-    )
+    count = len(finding["faces"])
     if block.get("lasts") == "years":
-        broken = "The arms of {} spirals are strained by up to {:.0f} % of what the material bears for years: they sag or crack."
-    return translate(broken, len(finding["faces"]), 100 * block.get("strain_share_max", 0.0))
+        broken = (
+            "The arms of {} spiral are strained by up to {:.0f} % of what the material bears for years: they sag or crack."
+            if count == 1
+            else "The arms of {} spirals are strained by up to {:.0f} % of what the material bears for years: they sag or crack."
+        )
+    else:
+        broken = (
+            "On their surface, the arms of {} spiral are strained by up to {:.0f} % of what the material bears, give or take 15 %: they may break or stay bent."
+            if count == 1
+            else "On their surface, the arms of {} spirals are strained by up to {:.0f} % of what the material bears, give or take 15 %: they may break or stay bent."
+        )
+    return translate(broken, count, 100 * block.get("strain_share_max", 0.0))
 
 
 def by_code(findings: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

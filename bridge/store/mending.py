@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from .surface import ObjectSurface
 
 SHORT = 1e-6  # of the median edge: shorter counts as no length, as in the check
-# Smallest share of a shell that its two skins make up, and of the outer skin that the inner one does, where one of them is
-# deleted: less means that folds divide the skins, and one part would be left of them
+# Smallest area of both skins, as a share of their shell's, and of the inner skin, as a share of the outer one's, at which the
+# inner one is deleted. Less means that folds divide a skin, and only one part of it would be kept
 SKINS, INNER = 0.7, 0.5
 TOUCHING = 2.0  # merge distance, times SHORT; above 1 so that all edges vanish that the check names
 
@@ -152,7 +152,7 @@ def _delete_inner_skins(place: _Place) -> None:
 
 
 def _reached(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:
-    """Take the faces out of ``left`` that are reached from a first one over edges that turn by at most ``turn`` radians."""
+    """Move the faces out of ``left`` that can be reached from a first one over edges that turn by at most ``turn`` radians."""
     found, ahead = {first}, [first]
     left.discard(first)
     while ahead:

@@ -18,7 +18,7 @@ from .i18n import translate
 
 NAME = "flexmaps_left_out"  # on a mesh: the sentence about modifiers that were left out where its surface was read
 
-# types that do not change the surface
+# Types that do not change the surface
 HARMLESS = {
     "COLLISION",
     "DATA_TRANSFER",
@@ -32,7 +32,7 @@ HARMLESS = {
     "VERTEX_WEIGHT_PROXIMITY",
     "WEIGHTED_NORMAL",
 }
-# nodes with an output of geometry that pass the surface on as it is
+# Nodes with an output of geometry that pass the surface on as it is
 PASSING = {
     "GeometryNodeSetMaterial",
     "GeometryNodeSetMaterialIndex",
@@ -42,12 +42,12 @@ PASSING = {
     "NodeReroute",
 }
 DIVIDING = {"EDGE_SPLIT", "TRIANGULATE"}  # types that divide or open faces where they lie
-# Rounding of Blender's single precision, as a share: a flat surface with a thickness is not thinner than this share of it
+# Largest extent across a flat surface with *Solidify*, in thicknesses; above 1 as Blender rounds to single precision
 FLAT = 1.001
 
 
 def changing(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """Return the modifiers that change the mesh, those that are left out among them."""
+    """Return the modifiers that change the mesh, including those that are left out."""
     return [m for m in obj.modifiers if m.show_viewport and m.type not in HARMLESS and not _only_shades(m)]
 
 
@@ -55,7 +55,7 @@ def left_out(obj: bpy.types.Object) -> list[bpy.types.Modifier]:
     """Return the modifiers that are left out where the surface of an object is read."""
     found: list[bpy.types.Modifier] = []
     last = True  # whether no later modifier changes the surface
-    voxels = False
+    voxels = False  # whether a later modifier remeshes, which needs a closed body
     for modifier in reversed(changing(obj)):
         thickens = modifier.type == "SOLIDIFY" and not voxels and not _gives_body(obj, modifier)
         if thickens or (last and modifier.type in DIVIDING):
@@ -73,7 +73,9 @@ def sentence(obj: bpy.types.Object) -> str:
 def _sentence(modifier: bpy.types.Modifier) -> str:
     if modifier.type == "SOLIDIFY":
         return translate("The modifier '{}' is left out: panels have the thickness of the sheet", modifier.name)
-    return translate("The modifier '{}' is left out: it divides faces, and leaves the shape as it is", modifier.name)
+    return translate(
+        "The modifier '{}' is left out: it splits faces or edges, but does not change the shape", modifier.name
+    )
 
 
 def note(mesh: bpy.types.Mesh, text: str) -> None:

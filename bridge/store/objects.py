@@ -11,9 +11,8 @@ from . import modifiers
 from .i18n import translate
 
 SAMPLED = 64  # edges sampled evenly for the quad size, exact enough to notice a factor of 2; more slows redraws
-_LOOSE: dict[
-    int, tuple[tuple[int, ...], bool]
-] = {}  # Blender's id of a mesh -> its numbers of parts, whether vertices are loose
+# Blender's id of a mesh -> its numbers of parts, whether vertices are loose
+_LOOSE: dict[int, tuple[tuple[int, ...], bool]] = {}
 CONVERTIBLE = {"CURVE", "SURFACE", "FONT", "META"}  # types of objects that Blender can convert to meshes
 
 

@@ -31,7 +31,7 @@ Stage = Callable[["StageResult", Progress], "StageResult"]
 # Share of the objective by which a step of the spirals alone must lower it; else the flat shapes move too. With less, the spirals
 # converge first, and surfaces end farther from their target after the same work
 FIRST_STOP = 0.45
-# Largest match of curvature against position in the first steps with the flat shapes of a piece that is about to snap far from its target.
+# Largest weight of position against curvature in the first steps with the flat shapes of a piece that is about to snap far from its target.
 # Positions hold such a piece between two shapes, curvature leads it out
 BENDING_LIES = 0.1
 # Largest number of steps with the flat shapes before a few of the spirals alone, and their stopping share. Steps of the spirals cost a
@@ -178,7 +178,7 @@ class Search:
         return self.improved(here, replace(params, stop=max(params.stop, FIRST_STOP)), progress)
 
     def cycled(self, here: StageResult, progress: Progress) -> StageResult:
-        """Repeat ``together`` while it pays; return the best result."""
+        """Repeat ``together`` while it pays, after ``_bend`` if the piece is about to snap far from its target; return the best result."""
         if here.percent > WANTED_PERCENT and here.firmed().point.barrier is not None:
             here = self._bend(here, progress)
         return self._repeat(self.together, here, MAX_CYCLES, CYCLE_GAIN, progress)

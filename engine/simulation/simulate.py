@@ -181,7 +181,7 @@ class Simulation:
         findings += joined_alike(far)  # alike bodies, such as the eyes of a head, share one sentence
         alone = np.setdiff1d(np.arange(self.assembly.size), self.assembly.pairs)
         if len(alone):
-            text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and bend nothing: delete them, or join them to the others"
+            text = f"{with_count(len(alone), 'quad is', 'quads are')} joined to no other quad and {'bends' if len(alone) == 1 else 'bend'} nothing: delete such quads, or join them to the others"
             findings.append(Finding("joined-to-nothing", "warning", text, tuple(alone.tolist())))
         for part in self.model.beyond():
             text = (

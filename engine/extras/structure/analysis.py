@@ -209,7 +209,7 @@ def _findings(one: Outcome, structure: Structure) -> list[Finding]:
         weak = np.flatnonzero(share > OVERLOADED)
         if len(weak):
             quads = np.unique(structure.simulation.assembly.pairs[weak])
-            text = f"{what} {with_count(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears and may open: glue them, hold the piece at more places, or lessen the load"
+            text = f"{what} {with_count(len(weak), 'connector is', 'connectors are')} loaded to {100.0 * share.max():.0f} % of what a neck bears and may open: use glue, hold the piece at more places, or lessen the load"
             found.append(Finding("joints-overloaded", "warning", text, tuple(quads.tolist())))
     return found
 

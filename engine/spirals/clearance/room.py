@@ -6,9 +6,9 @@ stay within the range of the stiffness table. Each condition has a clearance (ca
 (closed). A gap has clearance 1 at about twice its least width; the clearance of a twist is its distance from the limit in
 radians.
 
-    room = ClearanceModel.from_flat(flat, params)                      # once per flat patches; ``with_flat`` when their points move
-    terms = room.terms(width, twist)                  # clearances below SUPPORT with their Jacobian
-    room.quads_with_closed_gaps(trial_width, trial_twist, quads)      # quads whose steps must be shorter
+    room = ClearanceModel.from_flat(flat, params)                 # once per flat patches; ``with_flat`` when their points move
+    terms = room.terms(width, twist)                              # clearances below SUPPORT with their Jacobian
+    room.quads_with_closed_gaps(trial_width, trial_twist, quads)  # quads whose steps must be shorter
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ def _find(polygons: PolygonMesh, edge: float | None) -> list[Finding]:
         bad = (polygons.corners < 0) | (polygons.corners >= len(polygons.vertices))
         faces = np.unique(face_of[bad]) if len(bad) == len(face_of) else ()
         text = (
-            f"{list_faces(faces)} refer to vertices that are not there"
+            f"{list_faces(faces, 'refers', 'refer')} to vertices that are not there"
             if len(faces)
             else "Faces and corners do not fit together"
         )
@@ -216,12 +216,10 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
     bad = ~finite[polygons.corners]
     faces, vertices = np.unique(face_of[bad]), np.unique(polygons.corners[bad])
     shown = ", ".join(str(v) for v in vertices[:5].tolist()) + (", ..." if len(vertices) > 5 else "")
+    one = len(vertices) == 1
     what = with_count(len(vertices), "vertex", "vertices")
-    return finding(
-        "not-finite",
-        f"{what} ({shown}) of {list_faces(faces)} lie nowhere, as their positions are not numbers: delete them",
-        faces,
-    )
+    why = "has a position that is not a number: delete it" if one else "have positions that are not numbers: delete them"
+    return finding("not-finite", f"{what} ({shown}) of {list_faces(faces)} {why}", faces)
 
 
 def _face_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> list[Finding]:
@@ -267,13 +265,13 @@ def _topology_faults(polygons: PolygonMesh, sides: Sides, body: np.ndarray) -> l
     many = np.flatnonzero(uses > 2)
     if len(many):
         faces = np.unique(sides.face[uses[sides.edge] > 2])
-        text = f"{with_count(len(many), 'edge has', 'edges have')} three or more faces, at {list_faces(faces)}: delete the walls inside, or split these edges into separate surfaces"
+        text = f"{with_count(len(many), 'edge has', 'edges have')} three or more faces, at {list_faces(faces)}: delete the walls inside, or split the surface there"
         found.append(finding("non-manifold-edge", text, faces, many))
         return found  # fans and sides are not defined at such edges
     split = split_vertices(polygons, sides)
     if len(split):
         faces = np.unique(sides.face[np.isin(polygons.corners, split)])
-        text = f"{with_count(len(split), 'vertex joins', 'vertices join')} faces that share no edge there, at {list_faces(faces)}: split these vertices (V in Edit Mode)"
+        text = f"{with_count(len(split), 'vertex joins', 'vertices join')} faces that share no edge there, at {list_faces(faces)}: split the surface there (V in Edit Mode)"
         found.append(finding("non-manifold-vertex", text, faces))
     turned, one_sided, edges = inconsistent(sides, body)
     if len(one_sided):

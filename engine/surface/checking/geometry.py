@@ -52,7 +52,7 @@ def far_out(polygons: PolygonMesh, face_of: np.ndarray) -> list[Finding]:
     far = used[away > FAR * typical] if typical > 0 else used[:0]
     if len(far):
         faces = np.unique(face_of[np.isin(polygons.corners, far)])
-        text = f"{with_count(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {list_faces(faces)}: move them back or delete them"
+        text = f"{with_count(len(far), 'vertex lies', 'vertices lie')} more than {FAR:g} times as far out as the others, at {list_faces(faces)}: move or delete {'it' if len(far) == 1 else 'them'}"
         return [finding("far-vertices", text, faces)]
     edge = float(np.median(lengths_of(polygons, sides_of(polygons))))
     if 0 < edge * ROUNDED < np.abs(p).max() * np.finfo(float).eps:
@@ -71,13 +71,14 @@ def degenerate(polygons: PolygonMesh, sides: Sides) -> list[Finding]:
     short = np.flatnonzero(lengths <= 1e-6 * middle)
     if len(short):
         faces = np.unique(sides.face[np.isin(sides.edge, short)])
-        text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge their ends (Merge by Distance)"
+        text = f"{with_count(len(short), 'edge has', 'edges have')} no length, at {list_faces(faces)}: merge both ends (Merge by Distance)"
         found.append(finding("zero-edge", text, faces, short))
     flat = np.flatnonzero(areas <= 1e-6 * middle**2)
     bows = flat[_corner_areas(polygons, sides)[flat] > 1e-6 * middle**2]  # the two halves of a crossed quad cancel out
     flat = np.setdiff1d(flat, bows)
     if len(flat):
-        found.append(finding("zero-area", f"{list_faces(flat, 'has', 'have')} no area: dissolve them", flat))
+        text = f"{list_faces(flat, 'has', 'have')} no area: dissolve {'it' if len(flat) == 1 else 'them'}"
+        found.append(finding("zero-area", text, flat))
     quads = np.setdiff1d(np.flatnonzero(polygons.sizes == 4), flat)
     found += _quad_faults(polygons, quads, area_vectors, bows, middle)
     one, two = sides.pairs[sides.forward[sides.pairs[:, 0]] != sides.forward[sides.pairs[:, 1]]].T

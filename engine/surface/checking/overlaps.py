@@ -67,7 +67,7 @@ def _coincident_faces(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> lis
     found = []
     twice, own = lying[several[lying]], lying[~several[lying]]
     if len(twice):
-        text = f"{list_faces(twice, 'lies', 'lie')} on faces of another shell, as if it were there twice: delete one of the two"
+        text = f"{list_faces(twice, 'lies', 'lie')} on faces of another shell, as of a shell that is there twice: delete one of the two"
         found.append(finding("doubled-faces", text, twice))
     if len(own):
         spot = _spot(mesh.vertices[pieces[int(own[0])]].mean(axis=0))
@@ -120,7 +120,7 @@ def _double_skin(mesh: PolygonMesh, sides: Sides, body: Int[np.ndarray, " faces"
     if not len(faces):
         return []
     gap = 1e3 * float(np.median(np.linalg.norm(middle[a] - middle[b], axis=1)))
-    text = f"{list_faces(faces, 'is', 'are')} both skins of a thin closed shell, {gap:.2g} mm apart, and each would get panels of its own: delete the inner skin and the rim"
+    text = f"{list_faces(faces)} form the two skins of a thin closed shell, {gap:.2g} mm apart, and each skin would get panels of its own: delete the inner skin and the rim (Keep the outer skin)"
     return [finding("double-skin", text, faces, severity="warning")]
 
 
@@ -131,7 +131,7 @@ def _intersections(mesh: PolygonMesh, body: Int[np.ndarray, " faces"]) -> list[F
     found = []
     if not apart.all():
         faces, spot = np.unique(pairs[~apart]), _spot(points[~apart][0])
-        text = f"The surface cuts itself: {list_faces(faces)} go through others, at {spot}, which sheets cannot: move these parts away from each other"
+        text = f"The surface cuts itself: {list_faces(faces)} go through others, at {spot}, which sheets cannot do: move these parts apart"
         found.append(finding("cuts-itself", text, faces, severity="warning"))
     if apart.any():
         faces, spot = np.unique(pairs[apart]), _spot(points[apart][0])

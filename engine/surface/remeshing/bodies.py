@@ -96,7 +96,7 @@ def without_crumbs(
     if left > crumbs * (1.0 + 1e-9):
         raise FlexMapsError(
             f"{which}. To keep them, ask for {enough} quads (--remesh {enough}); to leave them out, allow that (Left out at most, "
-            f"--crumbs {np.ceil(100 * left) / 100:g}); if corners only lie in one place, merge them (Merge by Distance)",
+            f"--crumbs {np.ceil(100 * left) / 100:g}); if they should be one body, merge their vertices (Merge by Distance)",
             quads=enough,
         )
     return large, [

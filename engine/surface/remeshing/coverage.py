@@ -53,7 +53,7 @@ def warn_of_gaps(
     middles = quads.vertices[quads.corners.reshape(-1, 4)].mean(axis=1)
     faces = np.unique(cKDTree(middles).query(far)[1]) + first
     text = (
-        f"The quads lie up to {away.max():.2g} of their edges away from the surface and have {ratio:.0%} of its area, so that "
+        f"The quads lie up to {away.max():.2g} edge lengths away from the surface and have {100.0 * ratio:.0f} % of its area, so that "
         f"parts are lost near {with_count(len(faces), 'face', 'faces')}: remesh to {finer(count)} quads"
     )
     return [finding("surface-missed", text, faces, severity="warning")]
