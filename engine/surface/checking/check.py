@@ -216,9 +216,10 @@ def _not_finite(polygons: PolygonMesh, finite: np.ndarray, face_of: np.ndarray) 
     bad = ~finite[polygons.corners]
     faces, vertices = np.unique(face_of[bad]), np.unique(polygons.corners[bad])
     shown = ", ".join(str(v) for v in vertices[:5].tolist()) + (", ..." if len(vertices) > 5 else "")
-    one = len(vertices) == 1
     what = with_count(len(vertices), "vertex", "vertices")
-    why = "has a position that is not a number: delete it" if one else "have positions that are not numbers: delete them"
+    why = "have positions that are not numbers: delete them"
+    if len(vertices) == 1:
+        why = "has a position that is not a number: delete it"
     return finding("not-finite", f"{what} ({shown}) of {list_faces(faces)} {why}", faces)
 
 
