@@ -69,7 +69,7 @@ def test_arms_lie_on_warped_quads() -> None:
     """Everywhere as high above the triangles that are drawn as on a flat quad."""
     vertices = np.array([[0, 0, 0.2], [1, 0, -0.15], [1.2, 1, 0.25], [0, 1, -0.2]]) * EDGE
     quads = np.array([[0, 1, 2, 3]])
-    look = engine.OptimisationStep(vertices, np.array([0.001]), np.array([4.0]), 0.001, 0)
+    look = engine.OptimisationStep(vertices, np.full((1, 4), 0.001), np.array([4.0]), 0.001, 0)
     shape = designing.Designing(look, quads, SpiralParams(), ((0.0, 0.001),))
     triangles = shape.drawn(1.0)[0].reshape(-1, 3, 3).astype(float)
     corners, normal = shape.frame(1.0)
