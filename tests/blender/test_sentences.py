@@ -93,3 +93,13 @@ def test_what_a_mesh_or_layout_foretells_is_answered_by_a_near_shape(add: Any) -
     assert kinds({"rms_percent": 0.7}, breaking)[:2] == before
     assert kinds({"rms_percent": 0.7}) == [finding_words.INFORMATION, finding_words.WORSE]
     assert notices._downgrade_predictions(piece, {"equilibrium": {"rms_percent": 0.7}}, [small])[0].cures == small.cures
+
+
+def test_one_face_and_one_spiral_stand_in_the_singular() -> None:
+    for code in cures.MENDS:
+        one, two = cures.mend(code, 1), cures.mend(code, 2)
+        assert one is not None and two is not None and "1 faces" not in one.label and "2 face " not in f"{two.label} "
+    for lasts in ("days", "years"):
+        block = {"lasts": lasts, "strain_share_max": 1.2}
+        first, second = (equilibrium.sentence({"code": "strained", "faces": [*range(n)]}, block) for n in (1, 2))
+        assert "1 spiral " in first and "2 spirals " in second

@@ -113,6 +113,7 @@ def test_not_finite(value):
     result = found(polygons(vertices, faces))
     assert set(result) == {"not-finite"}
     assert result["not-finite"].faces == (0, 1, 3, 4)
+    assert "1 vertex (" in result["not-finite"].message and "has a position" in result["not-finite"].message
     vertices, faces = grid()
     loose = polygons([*vertices, [value, 0, 0]], faces)
     assert set(found(loose)) == {"loose-vertices"}
