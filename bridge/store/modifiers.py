@@ -90,7 +90,7 @@ def note(mesh: bpy.types.Mesh, text: str) -> None:
         notes.put_text(mesh, NAME, {"text": text})
 
 
-def noted(mesh: bpy.types.Mesh) -> str:
+def read_note(mesh: bpy.types.Mesh) -> str:
     """Return what was left out where the surface of a mesh was read; "" where nothing was."""
     return str(notes.get_text(mesh, NAME).get("text", ""))
 

@@ -210,7 +210,7 @@ def _few_quads(obj: bpy.types.Object) -> list[Notice]:
 
 def _left_out(obj: bpy.types.Object) -> list[Notice]:
     """Report modifiers that were left out where the surface was read, or are going to be."""
-    text = modifiers.sentence(obj) or modifiers.noted(obj.data)
+    text = modifiers.sentence(obj) or modifiers.read_note(obj.data)
     return [Notice("left-out", interface("Modifier left out"), text, INFORMATION)] if text else []
 
 

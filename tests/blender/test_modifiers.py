@@ -115,7 +115,7 @@ def test_new_quads_and_the_job_tell_what_was_left_out(bowl: Any) -> None:
     bowl.flexmaps.remesh.quads = 60
     press("quad_remesh")
     made = bpy.context.object
-    assert "Solidify" in modifiers.noted(made.data)
+    assert "Solidify" in modifiers.read_note(made.data)
     assert "double-skin" not in {
         one.key.partition("/")[2] for one in guidance.read_guidance(made, bpy.context.scene).notices
     }
@@ -128,7 +128,7 @@ def test_a_text_is_turned_into_a_mesh_without_its_thickness() -> None:
     press("to_mesh")
     made = bpy.context.object
     assert made.type == "MESH" and made.dimensions.z == pytest.approx(0.0, abs=1e-6)
-    assert "Solidify" in modifiers.noted(made.data)
+    assert "Solidify" in modifiers.read_note(made.data)
 
 
 def test_what_has_no_faces_as_a_mesh_is_refused() -> None:
