@@ -116,7 +116,7 @@ def test_what_cannot_be_believed_is_not_told(flat_grid):
     made, found = hung(flat_grid, 0.8)
     for converged, locked in ((False, False), (True, True)):
         equilibrium = SimpleNamespace(pose=found.equilibrium.pose, converged=converged)
-        doubtful = SimpleNamespace(model=found.model, material=POM, equilibrium=equilibrium, locked=locked)
+        doubtful = SimpleNamespace(model=found.model, material=POM, equilibrium=equilibrium, is_locked=locked)
         assert assembly_check.check_assembly(made, None, doubtful).seams[0].force is None
 
 
@@ -126,7 +126,7 @@ def test_hard_seams_are_named(flat_grid):
         model=found.model,
         equilibrium=found.equilibrium,
         material=SimpleNamespace(strength=1e-6 * POM.youngs),
-        locked=False,
+        is_locked=False,
     )
     checked = assembly_check.check_assembly(made, None, weak)
     assert checked.seams[0].hard == ("load",)

@@ -57,7 +57,7 @@ def test_its_panel_is_one_sound_piece_with_more_material_there(needle: FlatPatch
     quad = shapely.Polygon(needle.corners[5 * SIZE + 5])
     assert panel.contains(shapely.Point(needle.corners[5 * SIZE + 5].mean(axis=0)))
     assert panel.intersection(quad).area > 0.3 * quad.area
-    assert any("without room for a spiral" in warning for warning in make_sheets(made, SheetParams()).warnings)
+    assert any("no room for a spiral" in warning for warning in make_sheets(made, SheetParams()).warnings)
 
 
 def test_it_is_known_again_by_its_widths_alone(needle: FlatPatches) -> None:
