@@ -144,11 +144,16 @@ def _delete_inner_skins(place: _Place) -> None:
         rest, skins = set(shell), []
         while rest:
             skins.append(_reached(next(iter(rest)), rest, SHARP))
-        areas = sorted((sum(face.calc_area() for face in skin) for skin in skins), reverse=True)
+        skins.sort(key=_area, reverse=True)
+        areas = [_area(skin) for skin in skins]
         if len(areas) > 1 and areas[0] + areas[1] >= SKINS * sum(areas) and areas[1] >= INNER * areas[0]:
-            outer = max(skins, key=lambda skin: sum(face.calc_area() for face in skin))
-            gone += [face for face in shell if face not in outer]
+            gone += [face for face in shell if face not in skins[0]]
     bmesh.ops.delete(place.bm, geom=gone, context="FACES")
+
+
+def _area(faces: set[bmesh.types.BMFace]) -> float:
+    """Return the area of some faces."""
+    return sum(face.calc_area() for face in faces)
 
 
 def _reached(first: bmesh.types.BMFace, left: set[bmesh.types.BMFace], turn: float) -> set[bmesh.types.BMFace]:

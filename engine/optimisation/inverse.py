@@ -246,6 +246,11 @@ class DesignPoint:
         return self.problem.target.distance(self.equilibrium.pose)
 
     @property
+    def metres_away(self) -> float:
+        """RMS distance of the hubs from the target, metres."""
+        return self.problem.target.unit * self.distance
+
+    @property
     def spirals(self) -> tuple[np.ndarray, np.ndarray]:
         """Widths (n, 4), metres, and twists (n,), radians."""
         return self.problem.space.design(self.x)

@@ -123,8 +123,8 @@ class _GaussNewtonProblem:
 
     def within(self, point: DesignPoint) -> Progress:
         """Return the progress at the present step, which shows the number of steps of the whole search and the point's distance."""
-        done, away = self.step_number / self.params.iterations, 1e3 * point.problem.target.unit * point.distance
-        return self.progress.at(done, f"Step {len(self.trace.rows)}, {away:.3g} mm from the target")
+        done = self.step_number / self.params.iterations
+        return self.progress.at(done, f"Step {len(self.trace.rows)}, {1e3 * point.metres_away:.3g} mm from the target")
 
     def watch(self, point: DesignPoint, history: list[Iteration]) -> None:
         pass  # the progress of every equilibrium already raises Cancelled

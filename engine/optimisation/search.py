@@ -102,8 +102,7 @@ class StageResult:
     @property
     def percent(self) -> float:
         """RMS distance from the target, in percent of its size."""
-        away = self.point.problem.target.unit * self.point.distance
-        return 100.0 * away / self.design.flat.layout.mesh.diagonal
+        return 100.0 * self.point.metres_away / self.design.flat.layout.mesh.diagonal
 
     @property
     def strained(self) -> bool:

@@ -33,7 +33,7 @@ class OptimisationStep:
     def from_point(cls, point: DesignPoint, design: SpiralDesign, target: QuadMesh, step: int) -> Self:
         """Return the snapshot of a point after some steps, its pose aligned with the target where nothing holds the piece."""
         vertices = move_vertices(design, point.problem.target.laid(point.equilibrium.pose), target)
-        return cls(vertices, *point.spirals, point.problem.target.unit * point.distance, step)
+        return cls(vertices, *point.spirals, point.metres_away, step)
 
     @classmethod
     def from_simulation(cls, given: Simulation, task: Task) -> Self:
