@@ -9,16 +9,11 @@ for an idle machine; on a busy one, compare the processor seconds.
 
 from __future__ import annotations
 
-import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from flexmaps import api
-from flexmaps.engine.errors import FlexMapsError
 from harness import Bench, processor
 from rows import Row, at_least, at_most, note, row
 
@@ -60,9 +55,12 @@ def tried(piece: Any, count: int, **where: Any) -> tuple[float, Any]:
 
 def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
     """Explore with one worker and with several; return the seconds and the speed-up."""
+    from distributed import LocalCluster
+
     seconds, found = [], []
     for count in (1, workers):
-        with cluster(count) as address:
+        with LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None) as cluster:
+            address = cluster.scheduler_address
             # load the program on all workers before measuring
             tried(piece, 2 * count, scheduler=address)
             took, made = tried(piece, PART, scheduler=address)
@@ -71,35 +69,3 @@ def on_cluster(piece: Any, workers: int, name: str) -> Iterator[Row]:
         yield note(name, f"seconds on a cluster of {count}", round(took, 1))
     yield row(name, "the same candidates", "", found[0] == found[1], found[0] == found[1])
     yield at_least(name, f"speed of {workers} workers over one", SHARE * workers, seconds[0] / seconds[1])
-
-
-@contextmanager
-def cluster(workers: int) -> Iterator[str]:
-    """Start a scheduler and single-threaded workers on this machine; yield the scheduler's address."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address = f"tcp://127.0.0.1:{port}"
-    words: list[tuple[str, ...]] = [("scheduler", "--host", "127.0.0.1", "--port", str(port))]
-    words += [("worker", address, "--no-nanny", "--nthreads", "1", "--name", str(k)) for k in range(workers)]
-    processes = []
-    try:
-        for kind, *rest in words:
-            command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *rest, "--no-dashboard"]
-            processes.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-            time.sleep(3.0 if kind == "scheduler" else 0.0)
-        from flexmaps.engine.cluster import Cluster
-
-        ends = time.monotonic() + 60.0
-        while True:
-            with Cluster(address) as made:
-                if made.count >= workers:
-                    break
-            if time.monotonic() > ends:
-                raise FlexMapsError("the cluster's workers did not start")
-            time.sleep(0.5)
-        yield address
-    finally:
-        for process in processes:
-            process.kill()
-            process.wait()

@@ -1,14 +1,11 @@
 """Benchmark of scan registration: share of random starting poses from which the scan is aligned with the surface.
 
-python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--tables] [--json FILE]
+python3 tools/dev.py bench make [--starts N] [--only PATTERNS] [--anywhere] [--json FILE]
 
 Each synthetic scan covers three fifths of a surface, with noise, a table below and outliers, rotated by up to 30 degrees, or with
 ``--anywhere`` by any angle. The error is the RMS distance between the surface and the aligned noise-free points; the pose itself is not
 compared, since symmetric surfaces have several right ones. Surfaces take turns, so that an interrupted run covers all of them; it is
 resumed from the starts in the file.
-
-``--tables`` measures instead whether the surroundings are separated from the piece: a table under it, a table a little lower, a table
-with a wall behind, all with the scan's noise, and no surroundings.
 """
 
 from __future__ import annotations
@@ -27,13 +24,11 @@ from flexmaps.engine.surface import shapes
 from flexmaps.engine.surface.checking.check import as_quad_mesh
 from flexmaps.engine.surface.mesh import QuadMesh
 from harness import Bench
-from rows import Row, at_least, at_most, note, row
+from rows import Row, at_least, note, row
 from scipy.spatial.transform import Rotation
 
 WANTED, NEAR = 0.99, 0.001  # share of starts that end within this share of the size
 DEGREES, SHOWN, NOISE = 30.0, 0.6, 0.001  # a start's largest turn, share of the surface, noise as a share of the size
-DENSE = 24  # points of a scan to every spiral
-LOWER = 0.02  # share of the size by which a table stands lower, or a wall away
 # at least one surface of each family of the zoo, with those that can slide along themselves (gable, accordion, barrel, dome)
 MADE = (
     "cube", "torus", "dome", "saddle", "vault", "hypar", "barrel", "three_holes", "coil", "elbow", "gable", "accordion", "vase",
@@ -44,21 +39,14 @@ MADE = (
 
 def main(arguments: list[str]) -> int:
     """Measure, print the table, write the starts; return 0 whatever the figures."""
-    bench = Bench(
-        "make", arguments, 26, only="*", starts=(1000, "starts over all surfaces"), anywhere=(False, "rotated by any angle"),
-        tables=(False, "whether tables and walls are told from the piece"),
-    )  # fmt: skip
-    names = [name for name in MADE if bench.asked(name)]
-    if bench.options.tables:
-        for name in names:
-            bench.table.add(*told_apart(name))
-    else:
-        bench.table.add(*laid_back(names, bench.options))
+    anywhere = (False, "rotated by any angle")
+    bench = Bench("make", arguments, 26, only="*", starts=(1000, "starts over all surfaces"), anywhere=anywhere)
+    bench.table.add(*measure_starts([name for name in MADE if bench.asked(name)], bench.options))
     bench.table.finish(None)  # the file holds the starts
     return 0
 
 
-def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
+def measure_starts(names: list[str], options: argparse.Namespace) -> list[Row]:
     """Return the share of successful starts, for each surface and in all."""
     known = json.loads(options.json.read_text()) if options.json and options.json.is_file() else {}
     starts = [(name, seed) for seed in range(-(-options.starts // max(1, len(names)))) for name in names]
@@ -84,30 +72,6 @@ def laid_back(names: list[str], options: argparse.Namespace) -> list[Row]:
         rows.append(note("all", "processor seconds, median", float(np.median(seconds))))
         rows.append(note("all", "starts", len(starts)))
         rows.append(at_least("all", "starts that end right", WANTED, float(np.mean(ends <= NEAR))))
-    return rows
-
-
-def told_apart(name: str) -> list[Row]:
-    """Return RMS and largest distance of the spirals (percent of the size) for scans with and without tables and walls."""
-    mesh, rows = _mesh(name), []
-    for beside in ("table", "lower table", "table and wall", "nothing"):
-        random = np.random.default_rng(0)
-        true, size = _shown(mesh, max(8000, DENSE * len(mesh.quads)), random)
-        low, middle = true.min(axis=0), true.mean(axis=0)
-        table, wall = middle + 0.6 * size * (random.random((2, 1500, 3)) - 0.5)
-        table[:, 2], wall[:, 0] = low[2] - (LOWER * size if beside == "lower table" else 0.0), low[0] - LOWER * size
-        parts = [true, table, wall][: {"nothing": 1, "table and wall": 3}.get(beside, 2)]
-        clean = np.concatenate(parts)
-        scan = np.concatenate(
-            [clean + NOISE * size * random.normal(size=clean.shape), middle + size * (random.random((200, 3)) - 0.5)]
-        )
-        try:
-            found = compare(mesh, Scan(scan, unit="m", anywhere=False))
-            rms, most = 100 * found.rms / size, 100 * found.highest / size
-        except FlexMapsError:
-            rms = most = float("inf")
-        rows.append(at_most(name, f"{beside}: RMS %", 100 * NEAR, rms))
-        rows.append(at_most(name, f"{beside}: largest %", 300 * NEAR, most))
     return rows
 
 

@@ -318,6 +318,8 @@ def said(record: dict[str, Any]) -> str:
     words += [text[:120] for text in record.get("left_out", [])]
     if record.get("alone", 0) > record.get("alone_own_e", 0):
         words.append(f"{record['alone']} patches of one quad")
+    if record.get("uncuttable"):
+        words.append(f"{record['uncuttable']} panels cannot be cut")
     if record.get("worse"):
         words.append("worse than it began")
     if record.get("farther"):

@@ -34,7 +34,7 @@ USAGE = """FlexMaps: from a quad mesh to flat sheets that spring into its shape.
   python3 tools/dev.py lock                     renew the checksums of all downloaded packages
   python3 tools/dev.py gallery [NAME ...]       make the objects and pictures of docs/gallery.md (half an hour)
   python3 tools/dev.py site                     build the documentation in docs/site, check its links and code
-  python3 tools/dev.py bench NAME               measure: layout, fem, ...
+  python3 tools/dev.py bench NAME               measure: far, zoo, ...
   python3 tools/dev.py database build|fit|report|validate
                                                 simulate spirals and fit the stiffness table (hours; it resumes)
   python3 tools/dev.py lint [--fix]             ruff and mypy only; --fix formats the sources first

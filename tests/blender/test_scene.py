@@ -211,8 +211,10 @@ def test_bezier_curves_are_arcs() -> None:
 def test_pictures_show_something_and_leave_the_scene_alone(result: job.Result, tmp_path: Path) -> None:
     obj = scene.show(result)
     scenes, objects = len(bpy.data.scenes), {o.name for o in bpy.data.objects}
+    folder = tmp_path / "{blend_name} a{b {{x}}"  # Blender reads braces as templates
+    folder.mkdir()
     for draw in (picture.layout, picture.panels, picture.shape):
-        path = tmp_path / f"{draw.__name__}.png"
+        path = folder / f"{draw.__name__}.png"
         draw(obj, path, size=(320, 180), samples=1)
         image = bpy.data.images.load(str(path))
         assert tuple(image.size) == (320, 180)

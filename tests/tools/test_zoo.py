@@ -71,6 +71,7 @@ def test_the_summary_finds_what_is_amiss_and_how_the_cost_grows(zoo: ModuleType)
         "unknown": record(90, left_out=["Not simulated"]),
         "plain": record(90, busy={"simulate": 1.0}),
         "worse": record(90, worse=True),
+        "broken": record(90, uncuttable=2),
         "flat": record(90, rms_percent=4.0, strain=0.0),
         "told": record(90, rms_percent=4.0, strain=0.0, findings=["stays-flat"]),
         "foreign/cmc1": record(240, patches=12.0),
@@ -78,13 +79,14 @@ def test_the_summary_finds_what_is_amiss_and_how_the_cost_grows(zoo: ModuleType)
     del records["unknown"]["rmse_mm"]
     del records["plain"]["rmse_mm_before"]
     found = {row["row"]: row for row in zoo.summary.rows(records)}
-    assert found["surfaces"]["measured"] == "17, 1 refused"
+    assert found["surfaces"]["measured"] == "18, 1 refused"
     assert found["wrongly refused or wrongly taken"]["ok"]
     assert found["without sheets"]["measured"] == "1: late"
     assert found["not optimised or not simulated"]["measured"] == "1: unknown"
-    assert found["with sheets, %"]["measured"] == pytest.approx(100 * 15 / 16, abs=0.01)
+    assert found["with sheets, %"]["measured"] == pytest.approx(100 * 16 / 17, abs=0.01)
     assert found["stay flat without a word"]["measured"] == "1: flat"
     assert found["worse than they began"]["measured"] == "1: worse"
+    assert found["panels that cannot be cut"]["measured"] == "1: broken"
     assert found["patches of one quad for no reason of its own"]["measured"] == "1: shattered"
     assert found["median quads a patch"]["ok"] is False
     assert found["patches"]["ok"]

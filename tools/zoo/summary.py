@@ -62,6 +62,7 @@ def rows(records: Records) -> list[Row]:
         named("patches of one quad for no reason of its own", lambda r: r.get("alone", 0) > r.get("alone_own_e", 0)),
         at_least("zoo", "median quads a patch", 40.0, float(np.median(sizes))),
         at_least("zoo", "median over surfaces of that", 40.0, _median(made, "median")),
+        named("panels that cannot be cut", lambda r: r.get("uncuttable", 0)),
         named("figures that are not finite", lambda r: r.get("not_finite")),
         *_by_name(records),
         *_times(whole),

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from flexmaps.engine.errors import FlexMapsError
 from flexmaps.engine.materials import OVERSTRAIN_SHARE
 from flexmaps.engine.params import ObjectSettings, Settings
 from flexmaps.engine.progress import Progress
 from flexmaps.engine.runs import job, report
+from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
 
@@ -25,6 +27,8 @@ EDGE = 0.02  # metres, the median quad edge of every surface
 NESTING = 1.0  # seconds
 WORSE = 1.005  # the same figure of two simulations differs by less than this from rounding
 PHYSICS = ("not-optimised", "not-simulated")
+TRUE = 1e-6  # metres, tolerance of polylines for arcs
+MOST = 0.98  # width of the test's cutter over the smallest slot, and over the thinnest arm
 
 
 class Clock:
@@ -147,6 +151,8 @@ def described(result: job.Result, settings: Settings) -> dict[str, Any]:
         "sheets": full.get("sheets", {}).get("sheets", 0),
         "memory_mb": memory(),
     }
+    if result.design is not None:
+        record["uncuttable"] = count_uncuttable(result.design)
     if result.optimisation is not None:
         record |= _optimised(result, full["optimise"])
     if result.simulation is not None:
@@ -179,6 +185,17 @@ def _optimised(result: job.Result, block: dict[str, Any]) -> dict[str, Any]:
         "steps": block["iterations"],
         "ended_by": block.get("ended", "finished" if block["finished"] else "stopped"),
     }
+
+
+def count_uncuttable(design: SpiralDesign) -> int:
+    """Count the panels that touch themselves, or whose slots close or arms break for a cutter a little thinner than these."""
+    slot, arm = design.params.slot_min, float(design.width.min())
+    count = 0
+    for outline in design.outlines():
+        panel = shapely.Polygon(outline.outer.sampled(TRUE), [hole.sampled(TRUE) for hole in outline.holes])
+        whole = panel.is_valid and len(panel.buffer(0.5 * MOST * slot).interiors) == len(outline.holes)
+        count += not (whole and panel.buffer(-0.5 * MOST * arm).geom_type == "Polygon")
+    return count
 
 
 def not_finite(value: Any, path: str = "") -> list[str]:

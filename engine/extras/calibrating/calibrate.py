@@ -31,7 +31,7 @@ from .coupons import KINDS, STRIP_CLAMP, STRIP_END, Coupons
 # own error
 READING = 0.02
 RULER = 2e-5  # error of a caliper reading, metres
-# Error of the formulas as a share of the modulus, measured against solids (``bench workshop``). Strip and spirals
+# Error of the formulas as a share of the modulus, measured against solids. Strip and spirals
 # contradict each other only if they differ by more than this and their measurement errors together
 MODEL = 0.02
 SURE = 3.0  # combined standard errors beyond which two values contradict each other

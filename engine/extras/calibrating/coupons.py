@@ -19,7 +19,7 @@ FILE = "calibration.json"
 GRAVITY = 9.80665  # m/s^2, standard
 KINDS = ("dovetail", "key", "tab")
 # Dimensions of the strip in thicknesses: so slender that shear contributes less than 0.1 % of its sag, and so narrow
-# that it bends as a beam, not as a plate (within 1 % of finite elements, see ``bench workshop``). The intended sag is a
+# that it bends as a beam, not as a plate (within 1 % of finite elements). The intended sag is a
 # tenth of its length
 STRIP_LENGTH, STRIP_WIDTH, STRIP_CLAMP, STRIP_END, STRIP_SAG = 50.0, 7.0, 15.0, 3.0, 0.1
 

@@ -39,7 +39,7 @@ SHARPEST, BLUNTEST = 0.0005, 0.03  # limits of the final reach as shares of the 
 # share of the size beyond which points do not belong to the piece; a badly built piece, bent by 4 %, still belongs
 BACKGROUND = 0.05
 # A plane is removed as a table or wall if it holds at least these shares of the background points and of all points;
-# 200 outliers in a cube around the piece never form such a plane, see ``bench make --tables``
+# 200 outliers in a cube around the piece never form such a plane
 FLAT, WORTH = 0.2, 0.005
 # Maximum distance of a plane's points from it as a share of the size. With 0.03 much of a dome was removed as planes
 # and the rest was fitted to a torus; with 0.01 scans of 7 other objects are rejected. None of 8 surfaces lost points to
