@@ -38,8 +38,8 @@ BENIGN = {"cubesphere", "quad_dome", "dome", "torus", "vault", "saddle", "strip"
 SECONDS = {"bunny": 1.5, "three_holes": 1.5, "spot": 1.5}  # required processor seconds, by mesh
 SEEDS = 5  # perturbed starts per surface
 NOISE = 0.05  # standard deviation of perturbations, as a share of an edge, and in radians
-SIZES = {150: None, 600: None, 2400: 0.5, 10_000: 6.0, 20_000: None}  # required seconds by approximate number of spirals
-LARGEST = 20_000
+LARGEST = 20_000  # spirals of the largest dome
+SIZES = {150: None, 600: None, 2400: 0.5, 10_000: 6.0, LARGEST: None}  # required seconds by number of spirals
 GROWTH = 1.4  # largest exponent of the seconds by the number of spirals
 MEGABYTES = 4000.0  # largest memory for so many spirals
 
