@@ -23,16 +23,15 @@ from flexmaps.engine.fabrication.nesting import nest as nesting
 from flexmaps.engine.fabrication.nesting import packing
 from flexmaps.engine.fabrication.sheets import CutSheets
 from flexmaps.engine.fabrication.writers import export
-from flexmaps.engine.params import ConnectorParams, LayoutParams, RegulariseParams, SheetParams, SpiralParams
+from flexmaps.engine.params import ConnectorParams, LayoutParams, Settings, SheetParams, SpiralParams
 from flexmaps.engine.patches.merging import merge
 from flexmaps.engine.patches.splitting import split
 from flexmaps.engine.patches.tracing import trace
+from flexmaps.engine.runs import job
 from flexmaps.engine.spirals import fabricable
 from flexmaps.engine.spirals.design import SpiralDesign
 from flexmaps.engine.surface import curvature
-from flexmaps.engine.surface.checking import check
 from flexmaps.engine.surface.mesh import PolygonMesh
-from flexmaps.engine.surface.remeshing import regularise
 from harness import EDGE, Bench, surfaces
 from rows import Row, at_most, note, row
 
@@ -60,8 +59,7 @@ def measure(name: str, polygons: PolygonMesh, params: SheetParams) -> list[Row]:
     """Return all rows of one mesh, with quads of 20 mm and sheets of 600 x 400 x 2 mm."""
     layout_params = LayoutParams()
     started = time.process_time()
-    mesh = regularise.regularise(check.as_quad_mesh(check.scale_to_metres(polygons, edge=EDGE)), RegulariseParams())
-    mesh = mesh.moved(mesh.vertices * (EDGE / mesh.median_edge))
+    mesh = job.run(polygons, Settings(), edge=EDGE, stop_after="regularise").mesh
     merged = merge.merge(trace.trace(mesh, layout_params), layout_params)
     flat = split.split(merged, layout_params, params)
     spirals = fabricable.design_from_curvature(flat, SpiralParams(thickness=0.002), curvature.rms_curvature(mesh))

@@ -1,10 +1,10 @@
-"""Benchmark of the sheets' files: travel, labels and segments, faults of the drawings, and the size of solids.
+"""Benchmark of the sheets' files: travel, labels and segments, and faults of the drawings.
 
 python3 tools/dev.py bench files [--thorough] [--meshes DIR] [--json FILE] [--only PATTERNS]
 
-It measures small sheets of every kind (``sheet_kinds.py``) and those of the demo; ``--thorough`` adds larger meshes and the seconds of a
-slicer. FreeCAD, LibreCAD and Inkscape read the files in the tests of the tier ``files``. Travel is compared with vpype's ``linesort`` of the same curves if ``vpype`` is installed
-(``pip install vpype`` in any environment; FLEXMAPS_VPYPE is its path).
+It measures small sheets of every kind (``sheet_kinds.py``) and those of the demo; ``--thorough`` adds larger meshes. FreeCAD, LibreCAD
+and Inkscape read the files in the tests of the tier ``files``. Travel is compared with vpype's ``linesort`` of the same curves if
+``vpype`` is installed (``pip install vpype`` in any environment; FLEXMAPS_VPYPE is its path).
 """
 
 from __future__ import annotations
@@ -15,18 +15,14 @@ import shutil
 import subprocess
 import tempfile
 import time
-import zlib
-from base64 import b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import browser
 import numpy as np
-from flexmaps import api
 from flexmaps.engine.fabrication.panels.toolpath import SheetCuts
 from flexmaps.engine.fabrication.sheets import CutSheets
-from flexmaps.engine.fabrication.writers import export, panel_solids
+from flexmaps.engine.fabrication.writers import export
 from flexmaps.engine.params import Settings, with_values
 from flexmaps.engine.progress import SILENT
 from flexmaps.engine.runs import job
@@ -38,27 +34,21 @@ from rows import Row, at_least, at_most, note, row
 from sheet_kinds import KINDS
 
 QUICK, MESHES = ("made:demo",), ("made:demo", "vault", "cubesphere", "three_holes")
-FORMER = 4e-6  # metres, former tolerance of the edges of solids, before it was made coarser
-SMALLER = 0.55  # required size and seconds of solids, as a share of those with the former tolerance
 TRAVEL = 1.1  # largest travel over that of vpype's linesort
 PASSES = ("engraved", "inner", "outer")  # in the order of cutting
 
 
 def main(arguments: list[str]) -> int:
     """Measure every mesh, print the table and write the rows; return 0 whatever the figures."""
-    thorough = (False, "larger meshes too, and a slicer's seconds")
+    thorough = (False, "larger meshes too")
     bench = Bench("files", arguments, 36, only="", meshes=True, thorough=thorough)
     options = bench.options
     options.only = options.only or ",".join(MESHES if options.thorough else QUICK)
     with tempfile.TemporaryDirectory() as place:
-        for number, (name, kind) in enumerate(KINDS.items()):
+        for name, kind in KINDS.items():
             folder = _folder(place, name)
-            made = kind(folder)
-            bench.table.add(*sheet_rows(name, made, folder, options.thorough))
-            if number == 0 and not options.thorough:  # triangulating a large sheet takes seconds
-                bench.table.add(*solid_rows(name, made, folder, thorough=False))
+            bench.table.add(*sheet_rows(name, kind(folder), folder, options.thorough))
         bench.each(mesh_rows, surfaces(options.meshes), place, options.thorough)
-        bench.table.add(*printed_rows(Path(place)))
     return bench.finish()
 
 
@@ -74,8 +64,7 @@ def mesh_rows(name: str, polygons: PolygonMesh, place: str, thorough: bool) -> l
     sheets = job.run(check.scale_to_metres(polygons, edge=EDGE), quick, stop_after="sheets").sheets
     assert sheets is not None
     folder = _folder(place, name)
-    rows = [*travel_rows(name, sheets, folder), *sheet_rows(name, sheets, folder, thorough)]
-    return [*rows, *solid_rows(name, sheets, folder, thorough=True)] if thorough else rows
+    return [*travel_rows(name, sheets, folder), *sheet_rows(name, sheets, folder, thorough)]
 
 
 # -- what the project's files say ----------------------------------------------------------------------------------------
@@ -137,60 +126,6 @@ def _drawing_faults(path: Path, made: CutSheets) -> int:
         data = re.findall(r' d="(M[^"]*)Z"', path.read_text(encoding="utf-8"))
         return sum(re.findall(r"-?[\d.e-]+ -?[\d.e-]+", one)[0] == one.rpartition("L")[2] for one in data)
     return 0
-
-
-def solid_rows(name: str, made: CutSheets, folder: Path, *, thorough: bool) -> list[Row]:
-    """Compare size and slicing time of the first sheet's solids with those at the former tolerance."""
-    new, old = folder / "new.stl", folder / "old.stl"
-    panels = made.on_sheet(0)
-    for path, tolerance in ((new, panel_solids.TOLERANCE), (old, FORMER)):
-        panel_solids.stl([panel_solids.extrude_panel(p, made.thickness, tolerance) for p in panels], path)
-    found = [at_most(name, "STL, share of the former size", SMALLER, new.stat().st_size / old.stat().st_size)]
-    slicer = shutil.which("prusa-slicer")
-    if thorough and slicer:
-        seconds = [_sliced(slicer, path) for path in (new, old)]
-        found.append(at_most(name, "slicing, share of the former seconds", SMALLER, seconds[0] / seconds[1]))
-    return found
-
-
-def _sliced(slicer: str, path: Path) -> float:
-    """Return the processor seconds of slicing a file for a bed as large as the sheet."""
-    import resource
-
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    words = ["-g", "--bed-shape", "0x0,1000x0,1000x1000,0x1000", "--dont-arrange", "--max-print-height", "100"]
-    subprocess.run([slicer, *words, "-o", str(path.with_suffix(".gcode")), str(path)], check=True, capture_output=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-# -- share page ------------------------------------------------------------------------------------------------------
-
-
-def printed_rows(folder: Path) -> list[Row]:
-    """Check the printout of the share page by a browser."""
-    if browser.found() is None:
-        return [note("share page", "printed", "no browser")]
-    piece = api.simulate(api.spirals(api.load("shape:strip", edge=20, settings={"sheet.nesting": "FAST"})))
-    path = api.share(piece, folder / "share.html")
-    with browser.Browser() as page:
-        page.open(path)
-        page.settle()
-        data = b64decode(page.call("Page.printToPDF")["data"])
-    drawn = b"".join(_inflated(one) for one in re.findall(rb"stream\r?\n(.*?)\r?\nendstream", data, re.DOTALL))
-    lines, words = (len(re.findall(pattern, drawn)) for pattern in (rb"\s[lc]\n", rb"\sT[jJ]\s"))
-    return [
-        at_least("share page", "lines in its print, one a quad", len(piece.mesh.quads), lines),
-        at_least("share page", "words in its print", 1, words),
-    ]
-
-
-def _inflated(data: bytes) -> bytes:
-    """Inflate a stream of a PDF file; return b"" if it is compressed in another way."""
-    try:
-        return zlib.decompressobj().decompress(data)
-    except zlib.error:
-        return b""
 
 
 # -- travel ------------------------------------------------------------------------------------------------------------

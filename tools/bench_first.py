@@ -1,31 +1,31 @@
 """Benchmark for newcomers: objects made with Blender, from the object to its sheets by *Next* alone, with the default settings.
 
-python3 tools/dev.py bench first [--thorough] [--only NAME ...] [--quads N] [--cure] [--json FILE]
+python3 tools/dev.py bench first [--thorough] [--only PATTERNS] [--quads N] [--cure] [--json FILE]
 
-A row per object: presses, processor seconds with child processes, wall seconds, sheets, spirals, RMS, strain, number of open
-findings, findings without a cure, and faults found by independent checks that no finding mentions. By default it takes a few objects
-with few quads; ``--thorough`` takes all objects with the default number of quads and with 1,500.
+Faults that no finding mentions are found by independent checks (``findings_apart.py``). By default it takes a few objects with few quads;
+``--thorough`` takes all objects with the default number of quads and with 1,500.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import tempfile
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import bpy
 import flexmaps
+import numpy as np
 from findings_apart import unsaid
 from flexmaps import api
+from harness import Bench
+from rows import Row, at_least, at_most, note
 
 USUAL, MANY, FEW = 500, 1500, 100  # quads: the default, the former default, and few enough for rows that take seconds
 LARGER = 2.0  # largest factor by which *Next* offers to enlarge a piece
 PRESSES, SECONDS, RMS = 14, 60.0, 1.0  # required: most presses, most processor seconds, largest RMS distance in percent
+SHEETS, FAR, LEFT, YEARS = "sheets", "RMS, %", "warnings left", "times larger to last for years"  # names of rows
 
 
 def _primitive(name: str, **options: Any) -> Callable[[], None]:
@@ -141,89 +141,66 @@ OBJECTS: dict[str, Callable[[], None]] = {
 
 
 def main(arguments: list[str]) -> int:
-    """Take every object to its sheets and print a row for each; return 1 if one has failed."""
-    parser = argparse.ArgumentParser(prog="dev.py bench first")
-    parser.add_argument("--thorough", action="store_true", help="all objects, at the default count and at 1,500 quads")
-    parser.add_argument("--only", nargs="+", choices=OBJECTS, help="these alone")
-    parser.add_argument("--quads", type=int, help="so many instead")
-    parser.add_argument("--cure", action="store_true", help="press the first cure once before files are written")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
-    options = parser.parse_args(arguments)
-    flexmaps.register()
-    names = options.only or (OBJECTS if options.thorough else QUICK)
+    """Take every object to its sheets, print the table and write the rows; return 1 if one has failed."""
+    bench = Bench(
+        "first", arguments, 36, only="",
+        thorough=(False, "all objects, at the default count and at 1,500 quads"), quads=(0, "so many instead"),
+        cure=(False, "press the first cure once before files are written"),
+    )  # fmt: skip
+    options = bench.options
+    options.only = options.only or ("*" if options.thorough else ",".join(QUICK))
     counts = [options.quads] if options.quads else [USUAL, MANY] if options.thorough else [FEW]
-    rows = []
-    for name in names:
+    flexmaps.register()
+    for name, add in bench.cases(OBJECTS.items()):
         for quads in counts:
-            rows.append(taken(name, quads, options.cure))
-            print(_line(rows[-1]), flush=True)
-            if options.json:
-                options.json.write_text(json.dumps(rows, indent=1))
-    _summary(rows)
-    return int(any(row["sheets"] is None for row in rows))
+            bench.measure(rows_of_object, f"{name} {quads}", add, quads, options.cure)
+    rows = bench.table.rows
+    bench.finish(*sum_up(rows))
+    return int(any(one["row"] == SHEETS and not one["ok"] for one in rows))
 
 
-def taken(name: str, quads: int, cure: bool) -> dict[str, Any]:
-    """Take one object to its sheets and return its row."""
+def rows_of_object(name: str, add: Callable[[], None], quads: int, cure: bool) -> Iterator[Row]:
+    """Take one object to its sheets and return its rows."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    OBJECTS[name]()
-    obj = bpy.context.object
-    source = obj
-    obj.flexmaps.remesh.quads = quads
+    add()
+    source = bpy.context.object
+    source.flexmaps.remesh.quads = quads
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        obj.flexmaps.export.folder = folder
-        presses = list(api.presses(obj, cures=int(cure), most=PRESSES))
+        source.flexmaps.export.folder = folder
+        presses = list(api.presses(source, cures=int(cure), most=PRESSES))
     last = presses[-1]
-    open_ones = [finding for finding in last["findings"] if finding["kind"] != "information"]
-    return {
-        "object": name,
-        "quads": last["figures"]["quads"],
-        "presses": len(presses),
-        "pressed": [press["pressed"] for press in presses],
-        "errors": [press["error"] for press in presses if press["error"]],
-        "seconds": round(sum(press["seconds"] for press in presses), 1),
-        "wall": round(time.perf_counter() - began, 1),
-        **{key: last["figures"][key] for key in ("sheets", "rms_percent", "strain_share")},
-        "left": [finding["words"] for finding in open_ones],
-        "without_cure": [finding["words"] for finding in open_ones if not finding["cures"]],
-        "unsaid": unsaid(bpy.context.object, source, last),
-        "larger_for_years": _larger_for_years(last["findings"]),
-        "status": last["status"]["text"],
-    }
-
-
-def _larger_for_years(findings: list[dict[str, Any]]) -> float | None:
-    """Return the factor by which a piece must be enlarged to last for years, from its finding; None without such a finding."""
+    findings, figures = last["findings"], last["figures"]
+    left = [finding for finding in findings if finding["kind"] != "information"]
+    without_cure = [finding["words"] for finding in left if not finding["cures"]]
+    missed = unsaid(bpy.context.object, source, last)
+    yield at_least(name, SHEETS, 1, figures["sheets"] or 0, {"status": last["status"]["text"]})
+    yield note(name, "quads", figures["quads"])
+    errors = {"errors": [press["error"] for press in presses if press["error"]]}
+    yield note(name, "presses", len(presses), {"pressed": [press["pressed"] for press in presses]} | errors)
+    wall = {"wall": round(time.perf_counter() - began, 1)}
+    yield at_most(name, "processor seconds", SECONDS, sum(press["seconds"] for press in presses), wall)
+    if figures["rms_percent"] is not None:
+        yield note(name, "strain, share of the limit", figures["strain_share"])
+        yield at_most(name, FAR, RMS, figures["rms_percent"])
+    yield note(name, LEFT, len(left), {"left": [finding["words"] for finding in left]})
+    yield at_most(name, "warnings without a cure", 0, len(without_cure), {"words": without_cure})
+    yield at_most(name, "told by no finding", 0, len(missed), {"faults": missed})
     for finding in findings:
         if finding["key"] == "equilibrium/years":
             told = re.search(r"([\d.e+]+) times larger|lasts for years too", finding["text"])
             assert told is not None, finding["text"]
-            return float(told[1] or 1.0)
-    return None
+            yield note(name, YEARS, float(told[1] or 1.0))
 
 
-def _line(row: dict[str, Any]) -> str:
-    rms, strain = row["rms_percent"], row["strain_share"]
-    shape = "flat" if rms is None else f"RMS {rms:.2f} %, strain {100 * (strain or 0):.0f} %"
-    left = f"; left: {', '.join(row['left'])}" if row["left"] else ""
-    left += f"; UNSAID: {', '.join(row['unsaid'])}" if row["unsaid"] else ""
-    sheets = f"{row['sheets']} sheets" if row["sheets"] else f"STUCK ({row['status']})"
-    return f"{row['object']:>18} {row['quads']:5d} quads {row['presses']:2d} presses {row['seconds']:6.1f} s ({row['wall']:.0f} s wall)  {sheets}, {shape}{left}"
+def sum_up(rows: list[Row]) -> Iterator[Row]:
+    """Return the rows over all objects; the required numbers hold for 25 of them."""
 
+    def count(name: str, limit: float) -> int:
+        return sum(one["measured"] <= limit for one in rows if one["row"] == name)
 
-def _summary(rows: list[dict[str, Any]]) -> None:
-    """Print a summary beside the required values, which hold for 25 objects."""
-    there = [row for row in rows if row["sheets"]]
-    near = sum(row["rms_percent"] is None or row["rms_percent"] <= RMS for row in there)
-    print(f"to sheets {len(there)} of {len(rows)} (asked: all)")
-    print(f"no warning at all on {sum(not row['left'] for row in there)} (asked: 18 of 25)")
-    print(f"a warning without a cure on {sum(bool(row['without_cure']) for row in rows)} (asked: 0)")
-    print(f"something that is told by no finding on {sum(bool(row['unsaid']) for row in rows)} (asked: 0)")
-    print(f"RMS <= {RMS:g} % on {near} (asked: 22 of 25)")
-    curved = [row["larger_for_years"] for row in there if row["larger_for_years"] is not None]
-    lasting = [sum(times <= most for times in curved) for most in (1.0, LARGER)]
-    print(
-        f"lasts for years: {lasting[0]} of {len(curved)} as they are, {lasting[1]} when up to {LARGER:g} times as large (asked for that default: 18)"
-    )
-    print(f"over {SECONDS:g} s of processor: {sum(row['seconds'] > SECONDS for row in rows)} (asked: 0)")
+    yield note("all", "objects", count(SHEETS, np.inf))
+    yield note("all", "no warning at all (asked: 18 of 25)", count(LEFT, 0))
+    yield note("all", f"RMS over {RMS:g} % (asked: 3 of 25)", count(FAR, np.inf) - count(FAR, RMS))
+    lasting = f"{count(YEARS, 1.0)}, {count(YEARS, LARGER)} when up to {LARGER:g} times as large"
+    yield note("all", "last for years (asked: 18 then)", lasting)
