@@ -20,8 +20,14 @@ __all__ = ["Bool", "Columns", "Complex", "Float", "Int", "Num", "Shaped"]
 
 
 class Columns:
-    """Base of dataclasses whose fields are arrays with equally many rows, one for each item."""
+    """Base of dataclasses of arrays, or of others like it, with equally many rows, one for each item."""
 
-    def subset(self, rows: np.ndarray) -> Self:
-        """Return some rows of all fields; ``rows`` holds their numbers or a mask."""
-        return type(self)(*(getattr(self, column.name)[rows] for column in fields(self)))  # type: ignore[arg-type]
+    def subset(self, rows: np.ndarray | slice) -> Self:
+        """Return some rows of all arrays; ``rows`` holds their numbers or is a mask or slice. Other values are kept."""
+
+        def select(value: Any) -> Any:
+            if isinstance(value, Columns):
+                return value.subset(rows)
+            return value[rows] if hasattr(value, "dtype") else value
+
+        return type(self)(*(select(getattr(self, column.name)) for column in fields(self)))  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Complex, Float, Int
+from ..arrays import Columns, Complex, Float, Int
 from ..spirals.rim import Rim
 from .vectors import skew
 
@@ -27,7 +27,7 @@ NECK_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class RimBeams:
+class RimBeams(Columns):
     """Arms of N nodes as lines of S pieces, in the flat frame.
 
     lever : metres, from every piece to the arm's tip; tangent : unit vectors, outwards; length : metres, of every piece
@@ -59,10 +59,6 @@ class RimBeams:
         length, width, bore : of the pieces, metres
         """
         return cls(_to_space(tip[:, None] - place), _to_space(way), length, np.broadcast_to(width, length.shape), bore)
-
-    def part(self, some: np.ndarray) -> RimBeams:
-        """Select arms."""
-        return RimBeams(*(getattr(self, name)[some] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +118,7 @@ class RimJoints:
     def without_strips(self) -> RimJoints:
         """The ties only."""
         none = {name: getattr(self, name)[:0] for name in ("pairs", "strip_lever", "strip_axes")}
-        return replace(self, **none, strips=self.strips.part(np.arange(0)))
+        return replace(self, **none, strips=self.strips.subset(np.arange(0)))
 
     def part(self, hubs: Int[np.ndarray, " some"]) -> RimJoints:
         """Select the nodes of some hubs, renumbered in this order, and the strips between them."""
@@ -135,7 +131,7 @@ class RimJoints:
         return replace(
             self, hub=number[self.hub[kept]], side=self.side[kept], lever=self.lever[kept], axes=self.axes[kept],
             pairs=node[self.pairs[strips]], strip_lever=self.strip_lever[strips], strip_axes=self.strip_axes[strips],
-            necks=self.necks.part(kept), strips=self.strips.part(both),
+            necks=self.necks.subset(kept), strips=self.strips.subset(both),
         )  # fmt: skip
 
     def indices_of_hubs(self, hubs: np.ndarray) -> tuple[Int[np.ndarray, " nodes"], Int[np.ndarray, " strips"]]:

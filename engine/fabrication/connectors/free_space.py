@@ -250,7 +250,7 @@ class FreeSpace:
         rows = np.array([j for j in which if j not in self._openings], dtype=int)
         if not len(rows):
             return
-        through = self.through.rows(rows)
+        through = self.through.subset(rows)
         reach = np.array([max(self._shifts(j)) + 2.0 * self.sizes(j)[0].length for j in rows.tolist()])
         back, ahead = (np.minimum(reach, half.along(half.end)) for half in (through.own, through.other))
         steps = int(np.ceil(reach.max() / _SIGHT_STEP))

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...arrays import Bool, Complex, Float, Int
+from ...arrays import Bool, Columns, Complex, Float, Int
 from ...spirals.curves.arcs import Curve, fit_biarcs
 from ...spirals.curves.spiral import LEFT, RIGHT, Arms, centre_line, edge_points, widening, width_at
 from ...spirals.design import SpiralDesign
@@ -47,7 +47,7 @@ def _interpolate_rows(x: np.ndarray, known: np.ndarray, values: np.ndarray) -> n
 
 
 @dataclass(frozen=True, eq=False)
-class Widening:
+class Widening(Columns):
     """Added width of arms at their tips.
 
     left, right : metres added to each edge up to tau ``full``
@@ -67,13 +67,9 @@ class Widening:
         extra = 2.0 * np.where(side == LEFT, self.left[:, None], self.right[:, None])
         return widening(extra, self.full[:, None], self.over[:, None], tau)
 
-    def rows(self, which: np.ndarray) -> Widening:
-        """Return the widening in the given rows."""
-        return Widening(self.left[which], self.right[which], self.full[which], self.over[which])
-
 
 @dataclass(frozen=True, eq=False)
-class Halves:
+class Halves(Columns):
     """One arm at each of n joints.
 
     arm : 4 quad + side
@@ -107,11 +103,6 @@ class Halves:
         patch = design.flat.layout.patch_of[quad]
         return Halves(4 * quad + side, patch, single, p[:, 0], -d[:, 0] / speed, t, length, speed, ARM_SHARE * end)
 
-    def rows(self, which: np.ndarray) -> Halves:
-        """Return the arms in the given rows."""
-        rest = {n: getattr(self, n)[which] for n in self.__dataclass_fields__ if n != "arms"}
-        return Halves(arms=self.arms.subset(which), **rest)
-
     def local(self, points: Complex[np.ndarray, "arms ..."]) -> Complex[np.ndarray, "arms ..."]:
         """Transform points from the patches' frames to the arms' frames."""
         shape = (-1, *(1,) * (points.ndim - 1))
@@ -141,7 +132,7 @@ class Halves:
 
 
 @dataclass(frozen=True, eq=False)
-class Throughs:
+class Throughs(Columns):
     """The whole arms through n joints, seen from one of their two halves."""
 
     own: Halves
@@ -151,10 +142,6 @@ class Throughs:
     def from_other_side(self) -> Throughs:
         """The same arms with ``own`` and ``other`` exchanged."""
         return Throughs(self.other, self.own)
-
-    def rows(self, which: np.ndarray) -> Throughs:
-        """Return the arms in the given rows."""
-        return Throughs(self.own.rows(which), self.other.rows(which))
 
     @property
     def scale(self) -> Float[np.ndarray, " arms"]:
@@ -201,7 +188,7 @@ class Throughs:
         if len(rows):
             scale = self.scale[rows, None]
             beyond = None if wider is None else (wider[0][:, rows], -wider[1][:, rows] / scale)
-            far = self.other.rows(rows).edge(np.maximum(-tau[rows] * scale, 0.0), -side, beyond)
+            far = self.other.subset(rows).edge(np.maximum(-tau[rows] * scale, 0.0), -side, beyond)
             inside = tau[rows] >= 0.0
             made[0][:, rows] = np.where(inside, made[0][:, rows], -far[0])
             made[1][:, rows] = np.where(inside, made[1][:, rows], far[1])
@@ -212,8 +199,8 @@ class Throughs:
         scale = self.scale
 
         def evaluate(which: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            extra, slope = wide.rows(which).at(-t / scale[which, None], side[which, None])
-            p, d = self.other.rows(which).edge(t, -side[which, None], (extra, -slope / scale[which, None]))
+            extra, slope = wide.subset(which).at(-t / scale[which, None], side[which, None])
+            p, d = self.other.subset(which).edge(t, -side[which, None], (extra, -slope / scale[which, None]))
             return pairs(-p), pairs(-d)
 
         ends = np.stack([np.zeros(len(tau)), -tau * scale], axis=1)

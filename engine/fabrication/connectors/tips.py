@@ -102,7 +102,7 @@ class Tip:
         """The arm without its tip, a shapely polygon in the patch's frame."""
         import shapely
 
-        own = self.through.own.rows(np.array([self.row]))
+        own = self.through.own.subset(np.array([self.row]))
         t = np.linspace(max(self.over, 0.0), float(own.end[0]) / ARM_SHARE, _SAMPLES)[None]
         ring = np.concatenate([own.edge(t, LEFT)[0], own.edge(t[:, ::-1], RIGHT)[0]], axis=1)
         return shapely.Polygon(pairs(own.in_patch_frames(ring)[0]))
@@ -120,7 +120,7 @@ def ends_of(tips: Sequence[Tip], tolerance: float) -> list[Curve]:
         rows = np.array([tips[k].row for k in these] * 2)
         wide = Widening(*(np.concatenate([getattr(tips[k].wide, n) for k in these] * 2) for n in _WIDENING))
         begin, side = np.array([tips[k].begin for k in these] * 2), np.repeat([RIGHT, LEFT], len(these))
-        drawn = through.rows(rows).beyond(begin, side, wide, tolerance)
+        drawn = through.subset(rows).beyond(begin, side, wide, tolerance)
         for k, right, left in zip(these, drawn, drawn[len(these) :], strict=False):
             back, (nodes, bulge) = left.reversed(), made[k]
             nodes = np.concatenate([complexes(right.points[:-1]), nodes[:-1], complexes(back.points)])
@@ -174,7 +174,7 @@ def make_tips(
     ``shift`` and ``aside`` in metres, seen from these arms.
     """
     found: list[Tip | None] = [None] * len(rows)
-    through = base.rows(rows)
+    through = base.subset(rows)
     size = {n: np.array([getattr(a.size, n) for a in tries]) for n in Size.__dataclass_fields__}
     back, role = np.array([a.back for a in tries]), np.array(roles)
     point, way, width = through.centre(through.tau(-shift[:, None])[:, 0])
@@ -188,12 +188,12 @@ def make_tips(
     over = np.maximum(np.minimum(over, through.own.end), 0.0)
     wide = Widening(0.5 * extra + aside, 0.5 * extra - aside, full, over)
     good = ~((over < least) | (begin >= full) | (-begin * through.scale > through.other.end))
-    good[good] = ~through.rows(good).folds(begin[good], full[good], wide.rows(good))
+    good[good] = ~through.subset(good).folds(begin[good], full[good], wide.subset(good))
     k = np.flatnonzero(good)
     if not len(k):
         return found
     shapes = [_end(str(role[i]), tries[i].size, tries[i].back) for i in k.tolist()]
-    through, wide, point, way, aside = through.rows(k), wide.rows(k), point[k], way[k], aside[k]
+    through, wide, point, way, aside = through.subset(k), wide.subset(k), point[k], way[k], aside[k]
     begin, wide = _round_shoulders(shapes, through, wide, (edge_ends - shift)[k], size["rounding"][k], point, way)
     tau = begin[:, None] + (wide.over - begin)[:, None] * np.linspace(0.0, 1.0, _SAMPLES)
     (left, right), (left_way, right_way) = through.edges(tau, wide)
@@ -217,7 +217,7 @@ def make_tips(
     polygons = _polygons(rings)
     for i, curve, polygon in zip(keep.tolist(), across[0], polygons, strict=True):
         if polygon is not None:
-            found[k[i]] = Tip(base, int(rows[k[i]]), wide.rows(np.array([i])), float(begin[i]), curve, polygon)
+            found[k[i]] = Tip(base, int(rows[k[i]]), wide.subset(np.array([i])), float(begin[i]), curve, polygon)
     return found
 
 

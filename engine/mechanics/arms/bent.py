@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import Bool, Float, Int
+from ...arrays import Bool, Columns, Float, Int
 from ...materials import Material
 from ...progress import SILENT, Progress
 from ...spirals.curves.spiral import centre_line, opposite_sides, width_at
@@ -33,7 +33,7 @@ _MAX_TURN = 0.5  # radians by which a joint turns at most in one iteration
 
 
 @dataclass(frozen=True, eq=False)
-class BentArms:
+class BentArms(Columns):
     """The deformation of A = 4 F arms; arm 4 f + k is arm k of quad f. Stations run from the hub, 0, to the tip, S.
 
     The arms of the rim's nodes follow, four per node, see ``mechanics.rim_bodies``. A point P of the flat arm, in the frame of
@@ -80,10 +80,6 @@ class BentArms:
         # within the hub the arm is rigid
         chord = np.where((t >= self.hub[arm])[:, None], flat - self.flat[arm, 0], chord)
         return self.place[arm, piece] + matvec(turn, chord), turn @ half
-
-    def first(self, count: int) -> BentArms:
-        """Return the first ``count`` arms."""
-        return BentArms(*(getattr(self, name)[:count] for name in self.__dataclass_fields__))
 
     @property
     def tips(self) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Float
+from ...arrays import Columns, Float
 from ...errors import FlexMapsError
 from ...materials import Material
 from ..assembly import Assembly
@@ -19,7 +19,7 @@ from .stiffness import table_tip_compliance
 
 
 @dataclass(frozen=True, eq=False)
-class ArmCompliances:
+class ArmCompliances(Columns):
     """Compliances of both arms of m joints as they are cut, in the arms' own axes, SI.
 
     values : (m, 2, 6, 6) table's compliance plus the cut's correction; table : without the correction
@@ -53,10 +53,6 @@ class ArmCompliances:
             table = table + change[:, 3].reshape(shape[:2])[..., None, None] * self.table_by_grain
         added = np.einsum("nkij,nk->nij", by_shapes, change).reshape(shape)
         return replace(self, table=table, values=self.values + (table - self.table) + added)
-
-    def part(self, joints: np.ndarray) -> ArmCompliances:
-        """Select joints."""
-        return self.each(lambda _, known: known[joints])
 
     def each(self, made: Callable[[str, np.ndarray], np.ndarray]) -> ArmCompliances:
         """Apply a function of name and value to every member that is not None."""

@@ -18,11 +18,11 @@ the arm's section and the linear wrench K e.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Complex, Float
+from ...arrays import Columns, Complex, Float
 from ...materials import Material
 from ...progress import SILENT, Progress
 from ...spirals.curves.spiral import arm_widths, curve_points
@@ -51,7 +51,7 @@ _INTEGRATION = _integration_matrix() / _WEIGHTS
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedArms:
+class CurvedArms(Columns):
     """Both arms of m joints, each array (m, 2, ...): radius, width (m); twist (rad); compliance (6, 6) of the tip.
 
     begin : share of the radius at which the arm begins to bend; slope, joint, share : of its blended end, as in
@@ -94,24 +94,6 @@ class CurvedArms:
         radial, centre = assembly.radial, middle[:, None] - lever
         rest = (assembly.to_grain, assembly.thickness, material, side)
         return cls(*shape, compliance, radial, centre, to_joint, *rest)
-
-    def part(self, joints: slice) -> CurvedArms:
-        """Select joints."""
-        names = (
-            "radius",
-            "width",
-            "twist",
-            "begin",
-            "slope",
-            "joint",
-            "share",
-            "compliance",
-            "radial",
-            "centre",
-            "to_joint",
-            "grain",
-        )
-        return replace(self, **{name: getattr(self, name)[joints] for name in names})
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +177,7 @@ def second_order_strains(
     for start in range(0, len(out), BATCH):
         progress(start / len(out), "Second order of the strains")
         part = slice(start, start + BATCH)
-        some, apart = arms.part(part), 0.125 * (lever[part, 1] - lever[part, 0])
+        some, apart = arms.subset(part), 0.125 * (lever[part, 1] - lever[part, 0])
         found = Stations.from_arms(some).bilinear(_wrench_and_turn(some, at_joint[part])).reshape(-1, 6, 36)
         out[part] = (some.to_joint @ found).reshape(-1, 6, 6, 6)
         for k in range(3):

@@ -198,7 +198,7 @@ def _curving_nearby(
     model: ArmModel, joints: np.ndarray, alone: Assembly, there: Assembly
 ) -> Float[np.ndarray, "k 6 6 6"]:
     """Return D of some joints after a small change of their assembly from ``alone`` to ``there``; compliances follow to first order."""
-    compliance, values = model.compliance.part(joints), 0.0
+    compliance, values = model.compliance.subset(joints), 0.0
     if there.lever is alone.lever and there.axes is alone.axes:
         numbers = _cut_numbers(there) - _cut_numbers(alone)
         values = (numbers[..., None, None] * model.compliance_by[joints]).sum(axis=2)

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from ...arrays import Complex, Float
+from ...arrays import Columns, Complex, Float
 from ...materials import Material
 from ...spirals.clearance.table_range import SCALE_RANGE
 from ...spirals.curves.blends import MATE_LEAN, MATE_WIND, OWN_LEAN, OWN_WIDTH, OWN_WIND, RADIUS, blend_joints
@@ -63,7 +63,7 @@ BATCH = 500  # arms at a time, few enough to stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
-class CutArms:
+class CutArms(Columns):
     """N arms as they are cut, in their own axes: along the radius to the tip, and to the side to which they wind
     inwards.
 
@@ -112,10 +112,6 @@ class CutArms:
         fillet = cut.fillet - TABLE_FILLET * known[1], np.full(len(radius), -TABLE_FILLET)
         return cls(*known, *fillet, end.slope, end.width, end.share, slope_by, joint_by, share_by, grain)
 
-    def part(self, arms: slice) -> CutArms:
-        """Select arms."""
-        return CutArms(*(getattr(self, name)[arms] for name in self.__dataclass_fields__))
-
     @property
     def roots(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Roots of the table's arms and of these arms, as shares of the radius."""
@@ -157,7 +153,7 @@ def added_compliance_by_shape(
     rows = list(range(1 + count))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
-        some = arms.part(part)
+        some = arms.subset(part)
         root = [0, 1, *rows[1 + SHAPE_GRAIN :]]
         lines: list[tuple[float, list[int], _Line]] = [(-1.0, root, _root_line(some, False))]
         if _any_blend(some):
@@ -185,7 +181,7 @@ def added_compliance(
     value, by = np.zeros((n, 6, 6)), np.zeros((n, N_CUT_PARAMETERS, 6, 6))
     for start in range(0, n, BATCH):
         part = slice(start, start + BATCH)
-        some = arms.part(part)
+        some = arms.subset(part)
         lines = [(-1.0, _ROOT_ROWS[kept], _root_line(some))]
         if _any_blend(some):
             lines += zip((1.0, -1.0), (_BLEND_ROWS[kept], _BLEND_ROWS[kept]), _blend_lines(some), strict=True)

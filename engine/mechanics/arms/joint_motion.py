@@ -6,19 +6,19 @@ measured in the frame half way between both (corotational).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...arrays import Float
+from ...arrays import Columns, Float
 from ..assembly import Pose
 from ..vectors import matvec, rotation_vector
 from .stacked import EYE, cross, dot, joints_first, joints_last, outer, skew
 
 
 @dataclass(frozen=True, eq=False)
-class JointMotion:
+class JointMotion(Columns):
     """Motion of m joints, and the frame in which it is measured.
 
     middle : (m, 3, 3) the frame half way between both hubs; turn : (m, 3) rad in its axes
@@ -37,10 +37,6 @@ class JointMotion:
     def vector(self) -> Float[np.ndarray, "joints 6"]:
         """(m, 6): shift, then turn."""
         return np.concatenate([self.shift, self.turn], axis=1)
-
-    def part(self, joints: slice) -> JointMotion:
-        """Select joints."""
-        return JointMotion(*(getattr(self, one.name)[joints] for one in fields(self)))
 
 
 def joint_motion(

@@ -199,7 +199,7 @@ class ArmModel:
         return replace(
             self,
             assembly=assembly,
-            compliance=self.compliance.part(joints),
+            compliance=self.compliance.subset(joints),
             curving_at_joint=None if self.curving_at_joint is None else self.curving_at_joint[joints],
             **{name: getattr(self, name)[joints] for name in ("at_joint", "lever", "rest", "stiffness", "offset")},
         )
@@ -324,7 +324,7 @@ class ArmModel:
         hessian, convex = np.empty((m, 12, 12)), np.empty((m, 12, 12))
         for start in range(0, m, BATCH):
             part = slice(start, start + BATCH)
-            motion = state.motion.part(part)
+            motion = state.motion.subset(part)
             per_joint[part], gradient[part], hessian[part], convex[part] = _expand_joints(
                 motion,
                 self.stiffness[part],

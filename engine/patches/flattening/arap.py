@@ -70,7 +70,7 @@ class PatchProblem:
         self.mesh, self.quads, self.corners, self.tick = mesh, quads, corners, tick
         self.sizes = np.array(sizes or [len(quads)])
         self.patch_of = np.repeat(np.arange(len(self.sizes)), self.sizes)
-        self.tri = corner_triangles(mesh).pick(quads)
+        self.tri = corner_triangles(mesh).subset(quads)
         self._towards = self.tri.along.conj(), self.tri.against.conj()
         self._around = corners[:, NEXT], corners[:, PREVIOUS]
         self.count = int(corners.max()) + 1

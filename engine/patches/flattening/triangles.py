@@ -12,13 +12,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ...arrays import Complex, Float
+from ...arrays import Columns, Complex, Float
 from ...surface.mesh import QuadMesh
 from ..loops import NEXT, PREVIOUS
 
 
 @dataclass(frozen=True, eq=False)
-class CornerTriangles:
+class CornerTriangles(Columns):
     """The four corner triangles of every quad, each laid into the plane without distortion.
 
     along, against : 1/m: a = along * d[k] + against * d[k-1] with d[k] the flat side k as a complex number
@@ -40,18 +40,6 @@ class CornerTriangles:
     def whole(self) -> Float[np.ndarray, " quads"]:
         """Sum of the four triangles' areas of every quad, square metres, never 0."""
         return np.maximum(self.area.sum(axis=1), 1e-300)
-
-    def pick(self, quads: np.ndarray) -> CornerTriangles:
-        """Return the triangles of some quads."""
-        return CornerTriangles(
-            self.along[quads],
-            self.against[quads],
-            self.along_bar[quads],
-            self.against_bar[quads],
-            self.area[quads],
-            self.flat[quads],
-            self.stiffness[quads],
-        )
 
 
 @lru_cache(maxsize=4)
